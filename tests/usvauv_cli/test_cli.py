@@ -22,7 +22,6 @@ from usvauv.env.record.metrics import COLUMNS
 from usvauv.env.storage.files import locked
 
 COMMAND = [sys.executable, "-c", "from usvauv.cli.app import main; main()"]
-SIZES = "12x9", "³²⁰x³²⁰", "３２０x３２０", "-640x480", "640x480x2", f"{5000 * '9'}x480", "640x+480", "6_40x480"
 SHORT = ["--set", "mission.duration=12"]
 SEE = "(set USVAUV_TRACEBACK=1 to see where it comes from)"
 LOADING = "loading torch and Taichi …\n"  # first line of every command
@@ -500,13 +499,11 @@ class TestResultsThatAreThere:
 @pytest.mark.parametrize(
     ("arguments", "parts"),
     [
-        (["simulate", "extrem"], ["extrem", "paper-ideal"]),
         (["simulate", "--policy", "straight:9"], ["straight:9", "2.2"]),
-        (["eval", "--policy", "nowhere:Best"], ["nowhere:Best", "No module named 'nowhere'"]),
         (["simulate", "--policy", "json:Best"], ["json:Best", "json/__init__.py", "no class or function 'Best'"]),
         (["simulate", "--policy", "hold:0,0"], ["hold:0,0", "MODULE:CLASS", "straight"]),
-        (["simulate", "--usv", "hold:999,0"], ["hold:999,0", "area"]),
-        *((["simulate", "--size", wrong], ["--size", "expected WIDTHxHEIGHT"]) for wrong in SIZES),
+        (["simulate", "--size", "³²⁰x³²⁰"], ["--size", "expected WIDTHxHEIGHT"]),
+        (["simulate", "--size", f"{5000 * '9'}x480"], ["--size", "expected WIDTHxHEIGHT"]),
         (["simulate", "--out", "missing/a.mp4"], ["missing/a.mp4", "does not exist"]),
         (["simulate", "--at", "3"], ["--at 3", "usvauv-extreme.mp4", "BEGIN:END"]),
         (["simulate", "--at", "3:b"], ["--at '3:b'", "120:180"]),
@@ -514,19 +511,13 @@ class TestResultsThatAreThere:
         (["simulate", "--follow", "boat", "--set", "boat.count=2"], ["--follow 'boat'", "usv:1 to usv:2"]),
         (["replay", "a.nc", "--out", "a.geojson", "--follow", "usv"], ["--follow usv", "a.geojson", "whole area"]),
         (["replay", "missing.nc"], ["missing.nc"]),
-        (["simulate", "--arch", "abacus"], ["abacus", "cuda"]),
         (["eval", "--policy", "."], ["holds no best.safetensors"]),
         (["eval", "--out", "."], ["--out", "folder"]),
-        (["eval", "--score", "luck"], ["--score 'luck'", "arps"]),
-        (["eval", "--against", "nobody"], ["--against 'nobody'", "clear, fim, tour, straight"]),
         (["eval", "--resume"], ["metrics.csv.partial", "nothing to resume"]),
         (["eval", "--resume", "--report", "r"], ["--report", "--resume"]),
         (["train", "--worlds", "0"], ["--worlds 0", "at least 1"]),
-        (["train", "--algorithm", "ppo"], ["ppo", "sac"]),
         (["train", "--resume", "--out", "nothing"], ["nothing"]),
-        (["plan", "--auv", "9,9,9", "--json", "a.txt"], ["--json a.txt: the ending must be .json"]),
         (["export", "sac-ideal", "--onnx", "a.pt"], ["--onnx a.pt: the ending must be .onnx"]),
-        (["train-targets", "--out", "a.pt"], ["--out a.pt: the ending must be .json"]),
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(tmp_path, run_usvauv, arguments, parts):

@@ -38,25 +38,12 @@ class TestSentences:
                 Geographic(36900.5, "02", 50.025, -8.87083333333, 301.5),
             ),
             (
-                signed("PTSAG,#00012,101500.500,03,06,2019,02,5001.5000,S,00852.2500,E,F,0301.5,2,0299.0"),
-                Geographic(36900.5, "02", -50.025, 8.87083333333, 299),
-            ),
-            (
                 "+++AT:103:USBLLONG,1458.79,1457.31,3,1.0,2.0,-30.0,12.5,-7.25,-31.0,0.01,0.02,1.5,20500,-25,190,0.03",
                 Relative(1457.31, "3", 12.5, -7.25, 31, said=1458.79),
-            ),
-            # Three of four hydrophones make a position; the ship itself.
-            (
-                signed("PTSAG,#00012,101500.500,03,06,2019,02,5001.5000,N,00852.2500,E,7,0301.5,1,9999.0"),
-                Geographic(36900.5, "02", 50.025, 8.87083333333, 301.5),
             ),
             (
                 signed("PTSAG,#00012,101500.500,03,06,2019,00,5001.5000,N,00852.2500,E,F,0005.8,1,9999.0"),
                 Geographic(36900.5, "00", 50.025, 8.87083333333, 5.8, True),
-            ),
-            (
-                signed("PSONLLD,170004.53,Ωmega $ 😀,A,28.5,-87.5,95.1,,,,"),
-                Geographic(61204.53, "Ωmega $ 😀", 28.5, -87.5, 95.1),
             ),
             (
                 signed("INGGA,123519,4807.038,N,01131.000,E,1,08,0.9,545.4,M,46.9,M,,"),
@@ -88,19 +75,15 @@ class TestSentences:
         [
             ("PSONLLD,153005.253,24,V,50.02495,8.873323,425.3,,,,,,,,", "status 'V'"),
             ("PSONLLD,153005.253,24,A,0.0,0.0,425.3,,,,,,,,", "latitude and longitude 0"),
-            ("PSIMSSB,000001.00,B01,V,,C,N,F,3.0,4.0,9.0,0.1,N,,", "status 'V'"),
             ("PSIMSSB,000001.00,B01,A,NRy,C,N,F,13.2,-1.9,0.4,2.2,T,0.008,", "error code 'NRy'"),
-            ("PSIMSSB,000001.00,B01,V,NRy,C,N,M,,,,,T,0.002245,", "error code 'NRy'"),
             ("PSIMSSB,000001.00,B01,A,,C,N,P,3.0,4.0,9.0,0.1,N,,", "predicted"),
             ("PTSAG,#00012,101500.500,03,06,2019,02,5001.5,N,00852.25,W,0,0301.5,1,9999.0", "position validity '0'"),
-            ("PTSAG,#00012,101500.500,03,06,2019,02,5001.5,N,00852.25,W,3,0301.5,1,9999.0", "position validity '3'"),
             ("PTSAG,#00012,101500.500,03,06,2019,02,5001.5,N,00852.25,W,F,0301.5,0,9999.0", "depth validity '0'"),
             ("PTSAG,#00012,101500.500,03,06,2019,02,5001.5,N,00852.25,W,F,0301.5,2,9999.0", "depth 9999"),
             ("PTSAG,#00012,101500.500,03,06,2019,-4,5001.5,N,00852.25,W,F,0301.5,1,9999.0", "unknown transponder"),
             ("+AT:103:USBLLONG,8,7,3,1,2,-30,12,-7,-31,0,0,1,20500,-25,90,0.03", "integrity below 100"),
             ("+AT:103:USBLLONG,8,7,3,1,2,-30,12,-7,-31,0,0,1,20500,-25,190,-1", "accuracy below 0"),
             ("GPGGA,123519,4807.038,N,01131.000,E,0,08,0.9,545.4,M,46.9,M,,", "position of quality '0'"),
-            ("GPGGA,123519,4807.038,N,01131.000,E,6,08,0.9,545.4,M,46.9,M,,", "position of quality '6'"),
         ],
     )
     def test_what_is_no_good_fix_by_its_makers_fields(self, body, reason):
@@ -115,9 +98,7 @@ class TestSentences:
             (signed("PSONLLD,153005.253,24,A,50.02495,,425.3,,,,,,,,"), "a field is missing"),
             (signed("PSONLLD,153005.253,24,A,nan,8.8,425.3,,,,,,,,"), "a field is missing"),
             (signed("PSIMSSB,000001.00,B01,A,,U,E,F,3.0,4.0,9.0,0.1,N,,"), "coordinates U, orientation E"),
-            ("USBLLONG,1,2,3", "a field is missing"),
             ("+AT:103:USBLLONG,8,7,3,1,2,-30,12,-7,-31", "a field is missing"),  # cut, perhaps in a number
-            ("$PSIMSSB,085405.61,B42,A,,C,H,M,134.5,114.5,12", "a field is missing"),
             (signed("PSIMSSB,250001.00,B01,A,,C,N,F,3.0,4.0,9.0,0.1,N,,"), "a field is missing"),
             (signed("HEHDT,400.0,T"), "heading 400: allowed is 0 to 360"),
             (signed("PSONLLD,153005.253,24,A,95.0,8.8,425.3,,,,,,,,"), "latitude 95, longitude 8.8: allowed are ±90"),

@@ -191,13 +191,6 @@ class TestVectorEnv:
         np.testing.assert_array_equal(observation, kept)
         assert data_equivalence(info, kept_info, exact=True)
 
-    @pytest.mark.parametrize(("move", "match"), [(np.zeros((3, 2)), "shape"), (np.full((3, 2, 2), np.nan), "finite")])
-    def test_bad_actions(self, short, move, match):
-        envs = vector_env(short)
-        envs.reset(seed=1)
-        with pytest.raises(ValueError, match=match):
-            envs.step(move)
-
     def test_actions_are_clipped(self, short):
         polar = Scenario.load("extreme", ["auv.action=polar"])
         a, b = vector_env(polar), vector_env(polar)

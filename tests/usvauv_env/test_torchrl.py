@@ -37,12 +37,6 @@ def step(env, data, move):
     return data["next"], step_mdp(data)
 
 
-def scripted(moves):
-    """A policy that gives these moves one after another."""
-    rest = iter(moves)
-    return lambda tensordict: tensordict.set(ACTION, next(rest))
-
-
 def mask_of(data, *worlds):
     mask = torch.zeros(data.batch_size[0], 1, dtype=torch.bool)
     mask[list(worlds)] = True
@@ -74,21 +68,6 @@ class TestAgreement:
                     assert torch.equal(got[name], truncated[:, :1])
                     assert got[name].all() == (number == STEPS)
                 assert not got["terminated"].any()
-
-    def test_rollout_resets_what_is_over(self, short):
-        moves = actions(2 * STEPS)
-        world, env = World(short, 3, seed=7), DataCollectionTorchRLEnv(short, 3, seed=7)
-        data = env.rollout(2 * STEPS, scripted(moves), break_when_any_done=False)
-        assert data.batch_size == (3, 2 * STEPS)
-        for number, move in enumerate(moves):
-            if number % STEPS == 0:
-                world.reset()
-            assert torch.equal(data[OBSERVATION][:, number], world.observation)
-            observation, reward, *_ = world.step(move)
-            assert torch.equal(data["next", *OBSERVATION][:, number], observation)
-            assert torch.equal(data["next", *REWARD][:, number, :, 0], reward)
-        ended = [number % STEPS == STEPS - 1 for number in range(2 * STEPS)]
-        assert data["next", "done"][..., 0].tolist() == [ended] * 3
 
 
 class TestPartialReset:
