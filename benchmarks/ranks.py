@@ -25,7 +25,7 @@ from benchmarks.machine import describe
 from usvauv.env import Scenario
 from usvauv.policies import TrainingConfig
 from usvauv.policies.algorithms import ALGORITHMS, Batch, Sizes
-from usvauv.policies.frames import ACTION_SIZE, FRAMES
+from usvauv.policies.frames import FRAMES
 from usvauv.policies.training.ranks import VARIABLES, Ranks, joined
 
 ROUNDS, WARM_UP = 200, 20
@@ -50,7 +50,8 @@ def measure(rank: int, count: int, port: int, config: TrainingConfig, results: A
     torch.set_num_threads(1)
     scenario = Scenario.load("extreme")
     with joined("cpu") as ranks:
-        sizes = Sizes(1 if config.shared else scenario.auv.count, FRAMES[config.frame](scenario).features, ACTION_SIZE)
+        frame = FRAMES[config.frame](scenario)
+        sizes = Sizes(1 if config.shared else scenario.auv.count, frame.features, frame.actions)
         generator = torch.Generator().manual_seed(0)
         learner = ALGORITHMS[config.algorithm](sizes, config, generator)
 

@@ -39,7 +39,7 @@ from usvauv.env.storage import text_files
 from usvauv.env.storage.files import OutputError, atomic_write, inside, sync, writing
 from usvauv.policies.algorithms import ALGORITHMS, Sizes
 from usvauv.policies.config import TrainingConfig
-from usvauv.policies.frames import ACTION_SIZE, FRAMES
+from usvauv.policies.frames import FRAMES
 from usvauv.policies.learned import LearnedPolicy, Standardizer
 from usvauv.policies.policy import PolicyError
 
@@ -217,7 +217,8 @@ def load_policy(
     content, tensors = read(path, POLICY, device)
     own, config = _scenario_and_config(content, path)
     with FRAMES.calling(config.frame):
-        sizes = Sizes(1 if config.shared else own.auv.count, FRAMES[config.frame](own).features, ACTION_SIZE)
+        frame = FRAMES[config.frame](own)
+        sizes = Sizes(1 if config.shared else own.auv.count, frame.features, frame.actions)
     with ALGORITHMS.calling(config.algorithm):
         actor = ALGORITHMS[config.algorithm].make_actor(sizes, config, torch.Generator(device))
     try:

@@ -37,7 +37,7 @@ class _Graph(nn.Module):
 
 
 def export(policy: LearnedPolicy, path: Path) -> None:
-    """Write a learned policy as ONNX: input "observation" (N, K, O), output "action" (N, K, 2), float32, any N.
+    """Write a learned policy as ONNX: input "observation" (N, K, O), output "action" (N, K, A), float32, any N.
 
     The graph is a trace of `policy.act`, from the world's observation to its action. The file has metadata, each value
     JSON: "observation" and "action" list index, quantity, unit, low and high of every number of an AUV; "policy" gives
@@ -76,7 +76,7 @@ def _program(policy: LearnedPolicy) -> torch.onnx.ONNXProgram:
         node.metadata_props.clear()
     model.producer_name, model.graph.name = "usvauv", policy.name
     model.doc_string = (
-        f"Policy {policy.name} for the scenario {scenario.name} of usvauv: observation (N, K, O) in, action (N, K, 2)"
+        f"Policy {policy.name} for the scenario {scenario.name} of usvauv: observation (N, K, O) in, action (N, K, A)"
         " out; K AUVs, see the metadata."
     )
     about = {

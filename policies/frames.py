@@ -20,7 +20,6 @@ from usvauv.kernels.registry import Registry
 from usvauv.policies.guidance import TINY, SpeedToFly, clear_of_others, command, crab, rotate, unit, unrotate
 from usvauv.policies.policy import PolicyError
 
-ACTION_SIZE = 2
 BORDER_MARGIN = 4.0  # m, more than a step at full speed
 PRICE, PRICE_GAIN = 80.0, 4.0  # W and 1: prices from a watt and a half to some kilowatts, for all speeds in any current
 RELATIVE = ("others", "target")  # terms that `TargetFrame` replaces by features of its own
@@ -34,11 +33,13 @@ class Frame:
     Attributes:
         any_team: whether the number of features is the same for any number of AUVs.
         features: F, number of features of one AUV.
+        actions: number of actions of the network for one AUV.
         start: name of the policy that the network's action 0 stands for, near which it begins; empty without one.
     """
 
     any_team: ClassVar[bool] = False
     features: int
+    actions: int = 2
     start: str = ""
 
     def __init__(self, scenario: Scenario) -> None:
@@ -59,7 +60,7 @@ class Frame:
         raise NotImplementedError
 
     def decode(self, observation: Tensor, action: Tensor) -> Tensor:
-        """The world's actions (W, K, 2) for a network's actions (W, K, 2) in [−1, 1]."""
+        """The world's actions (W, K, A) for a network's actions (W, K, `actions`) in [−1, 1]."""
         raise NotImplementedError
 
 
@@ -68,7 +69,7 @@ class WorldFrame(Frame):
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
-        self.features = self.layout.size
+        self.features, self.actions = self.layout.size, scenario.auv.action_size
 
     def encode(self, observation: Tensor) -> Tensor:
         return observation.clone()

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from usvauv.env.scenario import Scenario
 from usvauv.kernels.mission.motion import travelling_power
+from usvauv.policies.policy import PolicyError
 
 TINY = 1e-9
 SPEEDS = 33  # number of speeds among which `SpeedToFly` chooses
@@ -41,11 +42,24 @@ def unrotate(vector: Tensor, direction: Tensor) -> Tensor:
 
 
 def command(direction: Tensor, speed: Tensor | float, scenario: Scenario) -> Tensor:
-    """The world's action (..., 2) for a course (unit vector, (..., 2)) and a speed through the water (..., m/s)."""
+    """The world's action for a course (unit vector, (..., 2)) and a speed through the water (..., m/s).
+
+    (..., 2), or where actions have a depth too (..., 3) with the cruise depth.
+
+    Raises:
+        PolicyError: actions are those of fins.
+    """
     auv = scenario.auv
+    if auv.action == "fins":
+        raise PolicyError('auv.action = "fins": this policy commands course and speed: use "vector" or "vector-depth"')
     speed = torch.as_tensor(speed, dtype=direction.dtype, device=direction.device)
-    if auv.action == "vector":
-        return (direction * (speed / auv.speed_max).unsqueeze(-1)).clamp(-1.0, 1.0)
+    if auv.action != "polar":
+        velocity = (direction * (speed / auv.speed_max).unsqueeze(-1)).clamp(-1.0, 1.0)
+        if auv.action == "vector":
+            return velocity
+        share = 2.0 * (auv.depth - auv.depth_min) / (auv.depth_max - auv.depth_min) - 1.0
+        depth = torch.full_like(velocity[..., :1], min(max(share, -1.0), 1.0))
+        return torch.cat((velocity, depth), -1)
     span = auv.speed_max - auv.speed_min
     throttle = 2.0 * (speed - auv.speed_min) / span - 1.0 if span > 0 else torch.zeros_like(speed)
     heading = torch.atan2(direction[..., 1], direction[..., 0]) / math.pi

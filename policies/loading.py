@@ -148,7 +148,7 @@ def acting(name: str | Path, world: World) -> Act:
     item = policy.described if isinstance(policy, Imported) else HEURISTICS.described(_base(name))
     if not item:
         return policy.act
-    shape = (world.num_worlds, world.num_auvs, 2)
+    shape = (world.num_worlds, world.num_auvs, world.action_size)
 
     def refuse(returned: object, allowed: str) -> PolicyError:
         return PolicyError(wrong_return(item, returned, allowed))

@@ -25,5 +25,5 @@ class Policy:
         self.scenario = scenario
 
     def act(self, observation: Tensor) -> Tensor:
-        """Actions (W, K, 2) in [−1, 1] for observations (W, K, O)."""
+        """Actions (W, K, A) in [−1, 1] for observations (W, K, O)."""
         raise NotImplementedError

@@ -11,7 +11,8 @@ from usvauv.env import Scenario
 from usvauv.env.record import trace
 
 ROOT = Path(__file__).parents[1]
-PURE = {  # numbers without a unit
+PURE = {
+    "auv.variation",  # numbers without a unit
     *("storm.gamma", "storm.spreading", "acoustics.water_salinity", "acoustics.ph", "acoustics.shipping"),
     *("usbl.packet_loss", "reward.border", "reward.overflow", "reward.service", "reward.collaboration"),
     "boat.windage",

@@ -127,6 +127,23 @@ def steady(water: ti.template(), w: ti.i32, x: ti.f32, y: ti.f32, fade: ti.f32, 
 
 
 @func
+def without_waves(
+    water: ti.template(), w: ti.i32, x: ti.f32, y: ti.f32, depth: ti.f32, cruise: ti.f32, decay: ti.f32
+) -> vec2:
+    """Velocity (m/s) of vortices and real currents of world w at (x, y) and a depth, m; arguments as of `around`."""
+    return steady(water, w, x, y, fade_at(depth, decay), ti.math.clamp(depth / cruise, 0.0, 1.0))
+
+
+@func
+def fade_at(depth: ti.f32, decay: ti.f32) -> ti.f32:
+    """Speed of vortices at a depth over that at the surface."""
+    fade = 1.0
+    if decay > 0.0:
+        fade = ti.exp(-depth / decay)
+    return fade
+
+
+@func
 def around(water: ti.template(), w: ti.i32, x: ti.f32, y: ti.f32, depth: ti.f32, cruise: ti.f32, decay: ti.f32) -> Flow:
     """All of the water of world w at (x, y) and a depth, m.
 
@@ -135,11 +152,8 @@ def around(water: ti.template(), w: ti.i32, x: ti.f32, y: ti.f32, depth: ti.f32,
         cruise: depth of `Level.cruise`, m. decay: in which vortices fade, m; 0: they do not.
     """
     found = storm(water.wave, water.sea_index[w], x, y, depth)
-    fade = 1.0
-    fading = 0.0
-    if decay > 0.0:
-        fade = ti.exp(-depth / decay)
-        fading = 1.0 / decay
+    fade = fade_at(depth, decay)
+    fading = ti.select(decay > 0.0, 1.0 / decay, 0.0)
     share = ti.math.clamp(depth / cruise, 0.0, 1.0)
     here = steady(water, w, x, y, fade, share)
     along_x = steady(water, w, x + REACH, y, fade, share) - steady(water, w, x - REACH, y, fade, share)

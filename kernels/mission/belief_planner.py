@@ -300,6 +300,8 @@ def expected_loss(worlds: ti.template(), w, boat, first: ti.i32, where: vec2) ->
                 heads_for[k] = ti.cast(after.node, ti.f32)
                 hovers[k] = after.hovers
                 s = drifted(vec3(a[k], b[k], c[k]), over_step)
+                if ti.static(worlds.program.vehicle):
+                    z = reception.height(worlds, w, boat, k)
                 offset = vec3(after.place[0] - here[0], after.place[1] - here[1], z)
                 effort = ti.min(distance / reach, 1.0)
                 elapsed[k] += INTERVAL

@@ -113,6 +113,11 @@ class Parameter(Columns):
     current_reading: int
     auv_speed: int  # greatest over ground, m/s
     cruise: int
+    altitude: int  # above the bed, of a vehicle that cruises by it, else 0
+    depth_min: int
+    depth_max: int
+    variation: int  # of a vehicle's body, as a share
+    decay_depth: int
     separation_node: int
     speed_memory: int  # of an AUV's velocity through the water, see `motion.respond`
     speed_share: int
@@ -199,7 +204,7 @@ Turn = Annotated[int, Range(-7.0, 7.0)]
 Rate = Annotated[int, Range(-1e3, 1e3)]
 Depth = Annotated[int, Range(-1e3, 2e4)]
 Memory = Annotated[int, Range(-1e12, 1e12)]
-Factor = Annotated[int, Range(0.01, 100.0)]
+Factor = Annotated[int, Range(0.0, 100.0)]
 
 
 class BodyColumn(StateColumns):
@@ -256,7 +261,9 @@ class BodyColumn(StateColumns):
     water_x: Velocity  # its mean velocity through the water in it, m/s
     water_y: Velocity
     power: Annotated[int, Range(0.0, 1e4)]  # mean electrical power in it, W
-    touched: Flag  # 1 where it touched the bed, or came to the surface, in it
+    touched: Annotated[
+        int, Range(0.0, 3.0, whole=True)
+    ]  # 1 where it came to the surface in it, 2 to the bed, 3 to both
     sensor_error: Annotated[int, Range(-1e3, 1e3)]  # of its depth sensor, m
     told_depth: Annotated[int, Range(-1e3, 2e4)]  # below its cruise depth, as its last reply told, m
 
@@ -411,12 +418,27 @@ class TallyColumn(StateColumns):
     packets_lost: Amount  # at full buffers
 
 
+class Action(Columns):
+    """What an AUV's action commands: velocity through the water; that and the depth; rudder, stern plane, propeller."""
+
+    vector: int
+    vector_depth: int
+    fins: int
+
+
 class Refraction(Columns):
     """How sound travels: straight; bent, which the fix ignores; bent, which the fix corrects."""
 
     none: int
     ignored: int
     corrected: int
+
+
+class Phase(Columns):
+    """What a kernel does: begin episodes, or advance them."""
+
+    reset: int
+    step: int
 
 
 class Draw(Columns):
@@ -439,3 +461,4 @@ class Draw(Columns):
     residual: int
     speed: int
     depth: int
+    vehicle: int

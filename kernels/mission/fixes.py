@@ -4,8 +4,8 @@ import taichi as ti
 
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission import boat_motion, motion, navigation
-from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, Draw, EstimateColumn, Parameter, Sensor
-from usvauv.kernels.mission.reception import ArrayPose, array_pose, covariance_at, measure
+from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, BodyColumn, Draw, EstimateColumn, Parameter, Sensor
+from usvauv.kernels.mission.reception import ArrayPose, array_pose, covariance_at, height, measure, true_height
 from usvauv.kernels.mission.worlds import normals, uniforms
 from usvauv.kernels.positioning import tracker, usbl
 from usvauv.kernels.positioning.usbl import Expectation
@@ -24,17 +24,11 @@ class Fix:
 
 
 @func
-def separation(worlds: ti.template(), w, b):
-    """Height of the AUVs over boat b on its wave, m: negative."""
-    return -(worlds.p[Parameter.separation_boat] + worlds.boat[w, b, BoatColumn.elevation])
-
-
-@func
 def away(worlds: ti.template(), w, b, k) -> vec3:
     """From boat b to where AUV k is estimated, m."""
     x = worlds.estimate[w, k, EstimateColumn.x] - worlds.boat[w, b, BoatColumn.x]
     y = worlds.estimate[w, k, EstimateColumn.y] - worlds.boat[w, b, BoatColumn.y]
-    return vec3(x, y, separation(worlds, w, b))
+    return vec3(x, y, height(worlds, w, b, k))
 
 
 @func
@@ -58,12 +52,15 @@ def make_fix(
 ) -> Fix:
     """Fix AUV k, which was `there` when its signal left, from its boat `here`, m; `lost`: no signal comes."""
     auv = ti.static(worlds.auv)
-    height = separation(worlds, w, pose.boat) - auv[w, k, AuvColumn.depth_error]
-    offset = vec3(there[0] - here[0], there[1] - here[1], height)
+    offset = vec3(there[0] - here[0], there[1] - here[1], true_height(worlds, w, pose.boat, k))
     found = measure(worlds, offset, pose, expected, w, k)
     flags = ti.cast(found[3], ti.i32)
     if lost:
         flags = usbl.LOST
+    if ti.static(worlds.program.vehicle):
+        if flags & usbl.DETECTED:
+            read = auv[w, k, AuvColumn.depth_error] + worlds.body[w, k, BodyColumn.sensor_error]
+            worlds.body[w, k, BodyColumn.told_depth] = read
     measured = vec3(found[0], found[1], found[2])
     covariance = covariance_at(worlds, pose, k, measured)
     common = usbl.systematic_covariance(worlds.link, k, measured, pose.axes)
@@ -92,7 +89,7 @@ def expect(worlds: ti.template(), w, b, k, here: vec2, age) -> Expectation:
         place=vec2(estimate[w, k, EstimateColumn.x], estimate[w, k, EstimateColumn.y]) - here,
         covariance=covariance,
         reach=worlds.p[Parameter.auv_speed] * age,
-        separation=-separation(worlds, w, b),
+        separation=-height(worlds, w, b, k),
     )
 
 
@@ -108,7 +105,7 @@ def take_fix(worlds: ti.template(), pose: ArrayPose, w, k):
     auv = ti.static(worlds.auv)
     here = boat_before(worlds, w, pose.boat, p[Parameter.latency])
     there = vec2(auv[w, k, AuvColumn.x], auv[w, k, AuvColumn.y])
-    z = separation(worlds, w, pose.boat)
+    z = height(worlds, w, pose.boat, k)
     range_now = ti.sqrt((there - boat_before(worlds, w, pose.boat, 0.0)).norm_sqr() + z * z)
     age = p[Parameter.latency] + p[Parameter.propagates] * range_now / p[Parameter.sound_speed]
     then = there - age / p[Parameter.step] * vec2(auv[w, k, AuvColumn.moved_x], auv[w, k, AuvColumn.moved_y])
@@ -207,8 +204,7 @@ def finish(worlds: ti.template(), pose: ArrayPose, w, k):
     estimate[w, k, EstimateColumn.age] = estimate[w, k, EstimateColumn.age] + worlds.p[Parameter.step]
     if ti.static(worlds.program.sensor != Sensor.none):
         navigation.extrapolate(worlds, w, k)
-    z = separation(worlds, w, pose.boat)
-    estimate[w, k, EstimateColumn.separation] = -z
+    estimate[w, k, EstimateColumn.separation] = -height(worlds, w, pose.boat, k)
     place = vec2(estimate[w, k, EstimateColumn.x], estimate[w, k, EstimateColumn.y])
     if ti.static(worlds.program.tracker or worlds.program.sensor != Sensor.none):
         # Both are renewed in each step, without what fixes have in common.

@@ -3,7 +3,7 @@
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission.columns import AuvColumn, Draw, NodeColumn, Parameter
+from usvauv.kernels.mission.columns import AuvColumn, BodyColumn, Draw, NodeColumn, Parameter
 from usvauv.kernels.mission.worlds import normals
 from usvauv.kernels.types import vec2
 
@@ -77,11 +77,14 @@ def distance_to_target(worlds: ti.template(), w, k):
 
 @func
 def distance_between(worlds: ti.template(), w, j, k):
-    """True horizontal distance between AUVs j and k, m."""
-    return vec2(
-        worlds.auv[w, j, AuvColumn.x] - worlds.auv[w, k, AuvColumn.x],
-        worlds.auv[w, j, AuvColumn.y] - worlds.auv[w, k, AuvColumn.y],
-    ).norm()
+    """True distance between AUVs j and k, m: horizontal, or with vehicles that of three dimensions."""
+    dx = worlds.auv[w, j, AuvColumn.x] - worlds.auv[w, k, AuvColumn.x]
+    dy = worlds.auv[w, j, AuvColumn.y] - worlds.auv[w, k, AuvColumn.y]
+    distance = vec2(dx, dy).norm()
+    if ti.static(worlds.program.vehicle):
+        dz = worlds.auv[w, j, AuvColumn.depth_error] - worlds.auv[w, k, AuvColumn.depth_error]
+        distance = vec2(distance, dz).norm()
+    return distance
 
 
 @func
@@ -158,7 +161,9 @@ def respond(worlds: ti.template(), w, k, commanded: vec2) -> vec2:
 
 @func
 def renew_depth_error(worlds: ti.template(), w, k):
-    """The error with which AUV k keeps its depth: a Gauss–Markov process, in its stationary state from the start."""
+    """The error with which AUV k keeps its depth, or of a vehicle's depth sensor: a Gauss–Markov process, in its
+    stationary state from the start.
+    """
     p = ti.static(worlds.p)
     if p[Parameter.depth_noise] > 0.0:
         memory = p[Parameter.depth_memory]
@@ -166,13 +171,53 @@ def renew_depth_error(worlds: ti.template(), w, k):
             memory = 0.0
         new = p[Parameter.depth_noise] * ti.sqrt(1.0 - memory * memory)
         noise = normals(worlds, w, Draw.depth, k)
-        error = memory * worlds.auv[w, k, AuvColumn.depth_error] + new * noise[0]
-        worlds.auv[w, k, AuvColumn.depth_error] = error
+        if ti.static(worlds.program.vehicle):
+            error = memory * worlds.body[w, k, BodyColumn.sensor_error] + new * noise[0]
+            worlds.body[w, k, BodyColumn.sensor_error] = error
+        else:
+            error = memory * worlds.auv[w, k, AuvColumn.depth_error] + new * noise[0]
+            worlds.auv[w, k, AuvColumn.depth_error] = error
 
 
 @func
 def travel(worlds: ti.template(), w, k, a0, a1):
-    """Move AUV k for one step as its action commands and with the water; where that crosses the border it hovers."""
+    """Move AUV k for one step as its action commands and with the water; where that crosses the border it hovers.
+
+    A vehicle with dynamics has moved already (`usvauv.kernels.mission.vehicles`), and is stopped at the border.
+    """
+    if ti.static(worlds.program.vehicle):
+        arrive(worlds, w, k)
+    else:
+        go(worlds, w, k, a0, a1)
+
+
+@func
+def arrive(worlds: ti.template(), w, k):
+    """Take over where the vehicle of AUV k is after this step; at the border it is stopped."""
+    p = ti.static(worlds.p)
+    auv = ti.static(worlds.auv)
+    body = ti.static(worlds.body)
+    here = vec2(auv[w, k, AuvColumn.x], auv[w, k, AuvColumn.y])
+    way = vec2(body[w, k, BodyColumn.way_x], body[w, k, BodyColumn.way_y])
+    water = vec2(body[w, k, BodyColumn.water_x], body[w, k, BodyColumn.water_y])
+    place = here + way
+    inside = vec2(
+        ti.min(ti.max(place[0], 0.0), p[Parameter.width]),
+        ti.min(ti.max(place[1], 0.0), p[Parameter.length]),
+    )
+    if inside[0] != place[0] or inside[1] != place[1]:
+        auv[w, k, AuvColumn.border] = 1.0
+        water += (inside - place) / p[Parameter.step]
+    auv[w, k, AuvColumn.power] = body[w, k, BodyColumn.power]
+    auv[w, k, AuvColumn.velocity_x] = water[0]
+    auv[w, k, AuvColumn.velocity_y] = water[1]
+    auv[w, k, AuvColumn.depth_error] = body[w, k, BodyColumn.depth] - p[Parameter.cruise]
+    move_to(worlds, w, k, inside, water)
+
+
+@func
+def go(worlds: ti.template(), w, k, a0, a1):
+    """Move AUV k, a point, for one step as its action commands and with the water; at the border it hovers."""
     p = ti.static(worlds.p)
     auv = ti.static(worlds.auv)
     velocity = respond(worlds, w, k, water_velocity(p, a0, a1))

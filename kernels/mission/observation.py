@@ -7,10 +7,18 @@ import math
 
 import taichi as ti
 
-from usvauv.kernels.flow import airy, current
+from usvauv.kernels.flow import airy, at_depth, current
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission import navigation
-from usvauv.kernels.mission.columns import AuvColumn, EstimateColumn, NodeColumn, Parameter, Sensor, TallyColumn
+from usvauv.kernels.mission import navigation, vehicles
+from usvauv.kernels.mission.columns import (
+    AuvColumn,
+    BodyColumn,
+    EstimateColumn,
+    NodeColumn,
+    Parameter,
+    Sensor,
+    TallyColumn,
+)
 from usvauv.kernels.mission.motion import distance_to_target, target_of
 from usvauv.kernels.mission.target_rules import knowledge
 from usvauv.kernels.types import Level, vec2
@@ -19,6 +27,7 @@ from usvauv.kernels.types import Level, vec2
 # PROFILE_CELLS distances BEAM_CELL apart.
 BEAMS, BEAM_ANGLE = 3, 1.0  # rad
 PROFILE_CELLS, BEAM_CELL = 2, 25.0  # m
+DEPTH_UNIT = 10.0  # m
 PROFILE_POINTS = BEAMS * PROFILE_CELLS
 COSINE, SINE = math.cos(BEAM_ANGLE), math.sin(BEAM_ANGLE)
 
@@ -107,7 +116,11 @@ def current_profile(worlds: ti.template(), w, k, first):
         sine = side * SINE
         x = worlds.auv[w, k, AuvColumn.x] + reach * (cosine * bearing[0] - sine * bearing[1])
         y = worlds.auv[w, k, AuvColumn.y] + reach * (sine * bearing[0] + cosine * bearing[1])
-        there = current.without_waves(worlds.water, Level.cruise, w, x, y)
+        there = vec2(0.0)
+        if ti.static(worlds.program.vehicle):
+            there = at_depth.without_waves(worlds.water, w, x, y, *vehicles.depths(worlds, w, k))
+        else:
+            there = current.without_waves(worlds.water, Level.cruise, w, x, y)
         worlds.observation[w, k, first + 2 * point] = there[0]
         worlds.observation[w, k, first + 1 + 2 * point] = there[1]
 
@@ -136,13 +149,43 @@ def next_node(worlds: ti.template(), w, k, first):
 
 
 @func
+def attitude(worlds: ti.template(), w, k, first):
+    """Heading of a vehicle as (cos, sin) from east towards north, its pitch and its roll."""
+    angles = vehicles.attitude(worlds.body, w, k)
+    worlds.observation[w, k, first] = ti.cos(angles[0])
+    worlds.observation[w, k, first + 1] = ti.sin(angles[0])
+    worlds.observation[w, k, first + 2] = angles[1]
+    worlds.observation[w, k, first + 3] = angles[2]
+
+
+@func
+def depth(worlds: ti.template(), w, k, first):
+    """Depth of a vehicle by its sensor, below its cruise depth, and its height above the bed, over `DEPTH_UNIT`."""
+    read = worlds.auv[w, k, AuvColumn.depth_error] + worlds.body[w, k, BodyColumn.sensor_error]
+    above = worlds.body[w, k, BodyColumn.bed] - worlds.body[w, k, BodyColumn.depth]
+    worlds.observation[w, k, first] = read / DEPTH_UNIT
+    worlds.observation[w, k, first + 1] = above / DEPTH_UNIT
+
+
+@func
+def motion(worlds: ti.template(), w, k, first):
+    """Velocity of a vehicle through the water and turning rates in its own axes, rudder and stern plane."""
+    for c in ti.static(range(8)):  # u … r, rudder, stern
+        worlds.observation[w, k, first + c] = worlds.body[w, k, BodyColumn.u + c]
+
+
+@func
 def sense_current(worlds: ti.template(), w, k):
     """Store the velocity of the water at AUV k, which also carries it during the coming step."""
-    x = worlds.auv[w, k, AuvColumn.x]
-    y = worlds.auv[w, k, AuvColumn.y]
-    storm = airy.motion(worlds.water.wave, worlds.water.sea_index[w], Level.cruise, x, y)
-    here = vec2(storm[3], storm[4])
-    here += current.velocity(worlds.water, Level.cruise, w, x, y)
+    here = vec2(0.0)
+    if ti.static(worlds.program.vehicle):
+        here = vehicles.sense(worlds, w, k)
+    else:
+        x = worlds.auv[w, k, AuvColumn.x]
+        y = worlds.auv[w, k, AuvColumn.y]
+        storm = airy.motion(worlds.water.wave, worlds.water.sea_index[w], Level.cruise, x, y)
+        here = vec2(storm[3], storm[4])
+        here += current.velocity(worlds.water, Level.cruise, w, x, y)
     worlds.auv[w, k, AuvColumn.current_x] = here[0]
     worlds.auv[w, k, AuvColumn.current_y] = here[1]
 

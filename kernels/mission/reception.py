@@ -9,7 +9,15 @@ import taichi as ti
 
 from usvauv.kernels import random
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission.columns import BoatColumn, Draw, EstimateColumn, Parameter, Refraction
+from usvauv.kernels.mission.columns import (
+    AuvColumn,
+    BoatColumn,
+    BodyColumn,
+    Draw,
+    EstimateColumn,
+    Parameter,
+    Refraction,
+)
 from usvauv.kernels.mission.worlds import Worlds, address, key, normals
 from usvauv.kernels.positioning import acoustic_link, matched_filter, rays, reflections, usbl
 from usvauv.kernels.positioning.layered_water import sound_speed
@@ -65,6 +73,22 @@ class Signal:
     residual: ti.f32
     slant_range: ti.f32
     amplitude: ti.f32
+
+
+@func
+def height(worlds: ti.template(), w, b, k):
+    """Height of AUV k over boat b on its wave as the boat has it, m: negative. A vehicle tells its depth by replies."""
+    depth = worlds.p[Parameter.separation_boat] + worlds.boat[w, b, BoatColumn.elevation]
+    if ti.static(worlds.program.vehicle):
+        depth += worlds.body[w, k, BodyColumn.told_depth]
+    return -depth
+
+
+@func
+def true_height(worlds: ti.template(), w, b, k):
+    """Height of AUV k over boat b on its wave, m: negative."""
+    above = worlds.p[Parameter.separation_boat] + worlds.boat[w, b, BoatColumn.elevation]
+    return -above - worlds.auv[w, k, AuvColumn.depth_error]
 
 
 @func
@@ -302,6 +326,5 @@ def reply_worth(worlds: ti.template(), w, b, k) -> ti.f32:
     a = 0.5 * (estimate[w, k, EstimateColumn.covariance_xx] + estimate[w, k, EstimateColumn.covariance_yy])
     dx = estimate[w, k, EstimateColumn.x] - worlds.boat[w, b, BoatColumn.x]
     dy = estimate[w, k, EstimateColumn.y] - worlds.boat[w, b, BoatColumn.y]
-    z = -(worlds.p[Parameter.separation_boat] + worlds.boat[w, b, BoatColumn.elevation])
-    expected = expected_reply(worlds, k, vec3(dx, dy, z), 1.0, a)
+    expected = expected_reply(worlds, k, vec3(dx, dy, height(worlds, w, b, k)), 1.0, a)
     return expected[0] * a * a / (a + expected[1])

@@ -15,12 +15,12 @@ from usvauv.kernels.flow import airy
 from usvauv.kernels.flow.current import Water
 from usvauv.kernels.flow.vortex import Vortex
 from usvauv.kernels.functions import func, kernel
-from usvauv.kernels.mission import boat_motion, channel, fixes, motion, navigation, observation, reception
-from usvauv.kernels.mission.columns import AuvColumn, Draw, EstimateColumn, Parameter, Schedule, Sensor
+from usvauv.kernels.mission import boat_motion, channel, fixes, motion, navigation, observation, reception, vehicles
+from usvauv.kernels.mission.columns import AuvColumn, Draw, EstimateColumn, Parameter, Phase, Schedule, Sensor
 from usvauv.kernels.mission.tasks import rewards
 from usvauv.kernels.mission.worlds import ARRAYS, Worlds, address, key, uniforms
 from usvauv.kernels.positioning.pulse import Pulses
-from usvauv.kernels.types import Columns, array1, array2, array3, array4, index1, index2
+from usvauv.kernels.types import array1, array2, array3, array4, index1, index2
 
 START_ATTEMPTS = 256
 
@@ -122,6 +122,8 @@ def begin_episode(worlds: ti.template(), w):
     place_vortices(worlds, worlds.water.vortex, w)
     for k in range(num_auvs):
         place_auv(worlds, w, k)
+        if ti.static(worlds.program.vehicle):
+            vehicles.place(worlds, w, k)
         motion.renew_depth_error(worlds, w, k)
         begin_estimate(worlds, w, k)
     for c in range(worlds.tally.shape[1]):
@@ -185,13 +187,6 @@ def advance(worlds: ti.template(), w):
         observation.write(worlds, w, k)
         if ti.static(worlds.program.tracker):
             fixes.prepare_next_step(worlds, w, k)
-
-
-class Phase(Columns):
-    """What the kernel does: begin episodes, or advance them."""
-
-    reset: int
-    step: int
 
 
 # Arguments of the kernel beside `ARRAYS`: parts of `Water`.

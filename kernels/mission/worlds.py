@@ -17,6 +17,7 @@ from usvauv.kernels.mission.columns import (
     AuvColumn,
     BeliefColumn,
     BoatColumn,
+    BodyColumn,
     EstimateColumn,
     ExchangeColumn,
     ForesightColumn,
@@ -66,6 +67,7 @@ class Program(NamedTuple):
         sensor: of `Sensor`, what AUVs reckon with.
         turns: phases of a fix can lack whole turns, see `usvauv.kernels.positioning.usbl`.
         fleet: there is more than one boat.
+        vehicle: AUVs are vehicles with dynamics, see `usvauv.kernels.mission.vehicles`.
         eddies: how vortices fill the water.
         passing: nodes are served in passing, not hovering.
         serial: the calling thread does all worlds: for few worlds on a CPU waking another thread takes longer.
@@ -87,6 +89,7 @@ class Program(NamedTuple):
     sensor: int
     turns: bool
     fleet: bool
+    vehicle: bool
     eddies: Eddies
     passing: bool
     serial: bool = False
@@ -154,6 +157,7 @@ TABLES = {
 # With the clock and the sea all that decides the future of the worlds.
 STATE = {
     "auv": Array("WK", "AUVs, and what the last step did and cost", AuvColumn, whose="AUV"),
+    "body": Array("WK", "vehicles with dynamics", BodyColumn, whose="the body of AUV"),
     "node": Array("WM", "nodes or stations", NodeColumn, whose="node"),
     "vortex": Array("WV", "vortices of the water", Vortex, whose="vortex", column_ranges=VORTEX),
     "boat": Array("WB", "boats", BoatColumn, whose="boat"),

@@ -24,11 +24,11 @@ class Random(Heuristic):
 
     def act(self, observation: Tensor) -> Tensor:
         worlds, auvs = observation.shape[:2]
-        index = torch.arange(worlds * auvs * 2, device=observation.device) + (self.step << 32)
+        index = torch.arange(worlds * auvs * self.world.action_size, device=observation.device) + (self.step << 32)
         self.step += 1
         bits = mix(mix(index) ^ mix(torch.full_like(index, SEED)))
         uniform = (bits >> 40 & 0xFFFFFF).float() / 2.0**24
-        return (2.0 * uniform - 1.0).view(worlds, auvs, 2)
+        return (2.0 * uniform - 1.0).view(worlds, auvs, self.world.action_size)
 
 
 def mix(x: Tensor) -> Tensor:

@@ -18,7 +18,7 @@ from usvauv.policies import checkpoint
 from usvauv.policies.algorithms import ALGORITHMS, Learner, Sizes
 from usvauv.policies.checkpoint import ENDING, FORMAT, LAST, POLICY, TRAINING
 from usvauv.policies.config import TrainingConfig
-from usvauv.policies.frames import ACTION_SIZE, FRAMES
+from usvauv.policies.frames import FRAMES
 from usvauv.policies.learned import LearnedPolicy, Standardizer
 from usvauv.policies.policy import PolicyError
 from usvauv.policies.training.exploration import CorrelatedNoise, TrainingWorld
@@ -73,7 +73,7 @@ class SavedRun:
         with FRAMES.calling(config.frame):
             self.frame = FRAMES[config.frame](world.scenario)
         self.generator = torch.Generator(device).manual_seed(config.seed)
-        sizes = Sizes(1 if config.shared else world.num_auvs, self.frame.features, ACTION_SIZE)
+        sizes = Sizes(1 if config.shared else world.num_auvs, self.frame.features, self.frame.actions)
         require(learning_bytes(config, sizes), "training: hidden, batch or n_step", device)
         with ALGORITHMS.calling(config.algorithm):
             self.learner = ALGORITHMS[config.algorithm](sizes, config, self.generator)
@@ -81,12 +81,12 @@ class SavedRun:
         if ranks.count > 1:
             self.learner.train_with_others(partial(ranks.mean, weight=self.weight))
             ranks.apart(self.generator)
-        shape = (world.num_worlds, world.num_auvs, self.frame.features, ACTION_SIZE)
+        shape = (world.num_worlds, world.num_auvs, self.frame.features, self.frame.actions)
         self.replay = Replay(config.replay // config.num_worlds, shape, device, config.shared)
         self.renewal = config.renewal and not world.scenario.reward.service_terminates
         self._gain = torch.zeros((), dtype=torch.float64, device=device)  # ρ
         self.scale = 1.0  # of the rewards that are learned from
-        self.noise = CorrelatedNoise((*shape[:2], ACTION_SIZE), config.correlation, self.generator)
+        self.noise = CorrelatedNoise((*shape[:2], self.frame.actions), config.correlation, self.generator)
         self.standardizer = Standardizer.identity(self.frame.features, device)
         self.observation = torch.empty(0)
         self.steps = 0

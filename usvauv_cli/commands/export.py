@@ -53,7 +53,7 @@ def export(
     them, for pandas, R, DuckDB and spreadsheets. *mcap* and *parquet* need the extra `export`, *rrd* the extra
     `rerun`.
 
-    **A policy**, without `--to`: the world's observation (N, K, O) in, its action (N, K, 2) out, any N.
+    **A policy**, without `--to`: the world's observation (N, K, O) in, its action (N, K, A) out, any N.
     Everything between the two is inside. What each number is, and how the policy was trained, travels as metadata.
     It runs in onnxruntime and needs nothing of usvauv. Writing it needs the extra `onnx`.
 
@@ -95,8 +95,9 @@ def _export_policy(
     )
     player = policies.load_learned(policy, setting)
     write(player, path)
-    auvs, size = player.scenario.auv.count, ObservationLayout.of(player.scenario).size
-    typer.echo(f"onnx: {path.resolve()}: observation (N, {auvs}, {size}), action (N, {auvs}, 2)")
+    auv, size = player.scenario.auv, ObservationLayout.of(player.scenario).size
+    shapes = f"observation (N, {auv.count}, {size}), action (N, {auv.count}, {auv.action_size})"
+    typer.echo(f"onnx: {path.resolve()}: {shapes}")
 
 
 def _export_trace(context: typer.Context, path: Path, to: str, out: Path | None, episode: int) -> None:

@@ -3,7 +3,7 @@
 Both control the team: K AUVs, O numbers in an AUV's observation, W worlds. NumPy in and out, new arrays each call.
 
     observation  (K, O) float32   as `usvauv.env.world.world.World` tabulates it, clamped into `observation_space`
-    action       (K, 2) float32   in [−1, 1], as in `World`; what lies outside is clipped
+    action       (K, A) float32   in [−1, 1], as in `World`; what lies outside is clipped
     reward       sum of the AUVs' rewards
     terminated   always False: nothing ends a mission before its time
     truncated    the mission's time is over
@@ -46,12 +46,12 @@ def _need_reset(world: World) -> None:
 def _advance(
     world: World, action: Numbers, boat_action: Numbers | None = None
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Step the world with (W, K, 2) actions and, with the strategy "agent", (W, B, 2) of the boats; returns truncated
+    """Step the world with (W, K, A) actions and, with the strategy "agent", (W, B, 2) of the boats; returns truncated
     (W,) and the info of every world.
 
     On the CPU the info is the world's own memory, which the next step overwrites: hand out copies.
     """
-    given = numbers_of("action", action, (world.num_worlds, world.num_auvs, 2))
+    given = numbers_of("action", action, (world.num_worlds, world.num_auvs, world.action_size))
     if not given.isfinite().all():
         raise ScenarioError("action: all numbers must be finite")
     boats = None
@@ -108,7 +108,7 @@ class DataCollectionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         self.world = World(Scenario.of(scenario), 1, _random_seed(self), usv)
         num_auvs = self.world.num_auvs
         self.observation_space = batch_space(auv_observation_space(self.world.site), num_auvs)
-        self.action_space = batch_space(action_space(), num_auvs)
+        self.action_space = batch_space(action_space(self.world.action_size), num_auvs)
 
     @property
     def reward_names(self) -> tuple[str, ...]:
@@ -133,7 +133,7 @@ class DataCollectionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
         Raises:
             ResetNeeded: before the first reset.
-            ValueError: `action` is not (K, 2) or not finite.
+            ValueError: `action` is not (K, A) or not finite.
         """
         return self.step_with_boats(action, None)
 
@@ -143,7 +143,7 @@ class DataCollectionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """As `step`, with actions (B, 2) of the boats where they are agents."""
         _need_reset(self.world)
         boats = None if boat_action is None else numbers_of("boat_action", boat_action, (self.world.boat.shape[1], 2))
-        own_action = numbers_of("action", action, (self.world.num_auvs, 2))
+        own_action = numbers_of("action", action, (self.world.num_auvs, self.world.action_size))
         truncated, info = _advance(self.world, own_action[None], None if boats is None else boats[None])
         if self.render_mode:
             self._camera.add()
@@ -215,7 +215,7 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.world = World(Scenario.of(scenario), num_envs, _random_seed(self), usv)
         num_auvs = self.world.num_auvs
         self.single_observation_space = batch_space(auv_observation_space(self.world.site), num_auvs)
-        self.single_action_space = batch_space(action_space(), num_auvs)
+        self.single_action_space = batch_space(action_space(self.world.action_size), num_auvs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._over = np.zeros(num_envs, np.bool_)  # episodes that ended and were not reset since
@@ -257,11 +257,11 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return self._observation(), {}
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Advance all worlds by one mission step, (W, K, 2) actions; what ends an episode does is `autoreset_mode`.
+        """Advance all worlds by one mission step, (W, K, A) actions; what ends an episode does is `autoreset_mode`.
 
         Raises:
             ResetNeeded: before the first reset, or with DISABLED while an ended episode was not reset.
-            ValueError: `actions` is not (W, K, 2) or not finite.
+            ValueError: `actions` is not (W, K, A) or not finite.
         """
         _need_reset(self.world)
         over = self._over

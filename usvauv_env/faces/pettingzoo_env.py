@@ -30,7 +30,7 @@ from usvauv.env.world.world import NOT_BEGUN
 class DataCollectionParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
     """One mission with the agents "auv_0", "auv_1", …, all of them until its time is over.
 
-    observation (O,) and action (2,) of an agent are those of one AUV in `usvauv.env.world.world.World`, clamped into
+    observation (O,) and action (A,) of an agent are those of one AUV in `usvauv.env.world.world.World`, clamped into
     their spaces; reward is the AUV's own. `terminated` is always False and all are truncated in the same step. An
     agent's
     info: "reward_terms" (R,), "measures" (6,), and "horizon_ended", that a service ended its value horizon (only with
@@ -60,7 +60,8 @@ class DataCollectionParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
         self.agents: list[str] = []
         self._observation_spaces = {a: auv_observation_space(world.site) for a in self._auvs}
         self._observation_spaces |= {a: boat_observation_space(world.site) for a in self._boats}
-        self._action_spaces = {a: action_space() for a in self.possible_agents}
+        self._action_spaces = {a: action_space(world.action_size) for a in self._auvs}
+        self._action_spaces |= {a: action_space() for a in self._boats}
         self.state_space = Box(-np.inf, np.inf, (global_state_size(world.scenario),), np.float32)
 
     def observation_space(self, agent: str) -> Box:
@@ -82,17 +83,17 @@ class DataCollectionParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
     def step(
         self, actions: dict[str, np.ndarray]
     ) -> tuple[dict[str, np.ndarray], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
-        """Advance by one mission step; `actions` holds one (2,) for every agent.
+        """Advance by one mission step; `actions` holds one for every agent.
 
         Raises:
             ResetNeeded: no episode is under way.
-            ValueError: an agent has no action, or one that is not (2,) or not finite.
+            ValueError: an agent has no action, or one of another shape or not finite.
         """
         if not self.agents:
             raise gymnasium.error.ResetNeeded("no episode is under way: call reset first")
         if set(actions) != set(self.agents):
             raise ValueError(f"actions are for {sorted(actions)}: must be for {self.agents}")
-        given = {agent: numbers_of(f"action of {agent}", actions[agent], (2,)) for agent in self.agents}
+        given = {a: numbers_of(f"action of {a}", actions[a], self._action_spaces[a].shape) for a in self.agents}
         joint = torch.stack([given[agent] for agent in self._auvs])
         boats = torch.stack([given[agent] for agent in self._boats]) if self._boats else None
         observation, reward, terminated, truncated, info = self._team.step_with_boats(joint, boats)

@@ -3,7 +3,7 @@
 W worlds, K AUVs, O numbers in an AUV's observation; environment w·K + k is AUV k of world w, and all share one policy.
 
     observation  (W·K, O)  float32  as `usvauv.env.world.world.World` tabulates it, clamped into `observation_space`
-    action       (W·K, 2)  float32  in [−1, 1]; what lies outside is clipped
+    action       (W·K, A)  float32  in [−1, 1]; what lies outside is clipped
     reward       (W·K,)    float32  the AUV's own, times `reward_scale`
     done         (W·K,)    bool     the mission's time is over; the observation is then the next mission's first
     info                            "auv_reward", the AUV's reward unscaled, always; with done also
@@ -82,8 +82,8 @@ class AuvVecEnv(VecEnv):
         return observation.reshape(self.num_envs, -1)
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Take the actions (W·K, 2) of the next step."""
-        self._actions = np.reshape(actions, (-1, self.num_auvs, 2))
+        """Take the actions (W·K, A) of the next step."""
+        self._actions = np.reshape(actions, (-1, self.num_auvs, self.worlds.world.action_size))
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
         """Advance by one mission step: observations, rewards, dones and infos."""

@@ -3,7 +3,7 @@
 W worlds, K AUVs, O numbers in an AUV's observation; all that concerns an AUV is in the group "agents", the end of an
 episode is the root's. Tensors are new each step and stay on the world's device.
 
-    ("agents", "action")                 (W, K, 2)  float32  in [−1, 1], as in `World`; what lies outside is clipped
+    ("agents", "action")                 (W, K, A)  float32  in [−1, 1], as in `World`; what lies outside is clipped
     ("agents", "observation")            (W, K, O)  float32  as `World` tabulates it, clamped into the spec's bounds
     ("agents", "reward")                 (W, K, 1)  float32  the AUV's own
     ("agents", "info", "reward_terms")   (W, K, R)  float32  columns `reward_names`
@@ -117,7 +117,7 @@ class DataCollectionTorchRLEnv(EnvBase):
             measures=numbers(len(self.measure_names)),
             horizon_ended=flag(*team),
         )
-        action = action_space()
+        action = action_space(self.world.action_size)
         limits = (torch.from_numpy(bound).to(self.device) for bound in (action.low, action.high))
         root = {"shape": self.batch_size, "device": self.device}
         self.full_observation_spec = Composite(
@@ -161,7 +161,7 @@ class DataCollectionTorchRLEnv(EnvBase):
         stepped = tensordict.get("_step", None)  # TorchRL's mask of the worlds that should move
         if stepped is not None and not (stepped | self._over).all():
             raise NotImplementedError("worlds step together: '_step' can leave out only those whose time is over")
-        shape = (self.world.num_worlds, self.world.num_auvs, 2)
+        shape = (self.world.num_worlds, self.world.num_auvs, self.world.action_size)
         action = numbers_of("action", tensordict.get(("agents", "action")), shape)
         if not torch.isfinite(action).all():
             raise ValueError("action: all numbers must be finite")

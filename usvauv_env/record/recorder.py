@@ -14,13 +14,14 @@ from usvauv.env.record.trace import Trace
 from usvauv.env.storage.memory import RowsOnDisk, require
 from usvauv.env.world.world import World
 from usvauv.kernels.errors import DivergenceError
-from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn, TallyColumn
+from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, BodyColumn, EstimateColumn, NodeColumn, TallyColumn
 from usvauv.kernels.positioning.usbl import DETECTED
 from usvauv.kernels.types import Level
 
 SURFACE_PIXELS = 128
 COPIES = 2.5  # of a state in memory: as recorded, together with the others, and what is made of it
 EACH = 1000.0  # bytes of Python's own for a state
+NO_BODY = torch.zeros(0)
 NO_STORM = np.zeros((0, 5))
 
 
@@ -76,6 +77,7 @@ class Recorder:
             ("own", world.own_position),
             ("foreseen", world.foreseen_position),
             ("vortex", world.vortex[:, :num_vortices]),
+            ("body", world.body if world.scenario.auv.dynamic else NO_BODY),
         ):
             self._rows[name].append(tensor.cpu().numpy().copy())
 
@@ -102,7 +104,7 @@ class Recorder:
             ScenarioError: each has a seed of its own.
         """
         world = self.world
-        vehicles, boats, tally, backlog, terms, known, own, foreseen, vortex = (
+        vehicles, boats, tally, backlog, terms, known, own, foreseen, vortex, body = (
             np.stack([row[worlds] for row in rows[first:]]) for rows in self._rows.values()
         )
         nodes = world.node[worlds].cpu().numpy()
@@ -156,7 +158,23 @@ class Recorder:
             stream=self._flow.velocity[:, Level.cruise] if self._flow else np.zeros((0, 0, 0, 2), np.float32),
             surface=surface,
             storm=storm,
+            **(_of_bodies(body) if world.scenario.auv.dynamic else {}),
         )
+
+
+def _of_bodies(body: np.ndarray) -> dict[str, np.ndarray]:
+    """The arrays of a trace that vehicles with dynamics have, from their bodies (T, W, K, Y)."""
+    q0, q1, q2, q3 = np.moveaxis(body[..., BodyColumn.span("q0", "q3")], -1, 0)
+    yaw = np.arctan2(2 * (q1 * q2 + q0 * q3), 1 - 2 * (q2**2 + q3**2))
+    pitch = np.arcsin(np.clip(2 * (q0 * q2 - q3 * q1), -1, 1))
+    roll = np.arctan2(2 * (q2 * q3 + q0 * q1), 1 - 2 * (q1**2 + q2**2))
+    heading = (1.5 * np.pi - yaw) % (2 * np.pi) - np.pi
+    return {
+        "auv_depth": body[..., BodyColumn.depth],
+        "auv_attitude": np.stack([heading, pitch, roll], -1).astype(np.float32),
+        "auv_fins": body[..., BodyColumn.span("rudder", "propeller")],
+        "auv_touched": body[..., BodyColumn.touched].astype(np.int8),
+    }
 
 
 def record(

@@ -208,7 +208,7 @@ class Trace:
     )
     auv_touched: np.ndarray = field(
         default_factory=_empty("auv_touched"),
-        metadata=_stored(_AUV, "1", "1 where it touched the bed, or came to the surface, in this step"),
+        metadata=_stored(_AUV, "1", "1 where it came to the surface in this step, 2 where it touched the bed, 3 both"),
     )
 
     def __repr__(self) -> str:

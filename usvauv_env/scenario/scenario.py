@@ -27,6 +27,7 @@ from usvauv.kernels.positioning.pulse import FEWEST_CHIPS, FEWEST_PERIODS
 
 LONGEST_NAME = 120  # bytes; the name of a file, of which it is a part, may have 255
 MOST_CHANGES = 12  # that `repr` lists
+VEHICLE_TERMS = "attitude", "depth", "motion"  # observation terms of vehicles with dynamics
 MOST_CHIPS = 1000  # of a coded pulse; codes are chosen by their correlations
 # Fields of 0.2 that are gone since 0.3, or values of a field; none: all. A stored scenario is read without them.
 RETIRED: dict[str, tuple[object, ...]] = {
@@ -110,6 +111,7 @@ class Scenario(Section):
             )
         if nodes.service == "passing" and nodes.hovering_time == "exact":
             raise ValueError("nodes.hovering_time = exact: must be steps with nodes.service = passing")
+        self._check_vehicle()
         if self.boat.count > self.auv.count:
             raise ValueError(f"boat.count = {self.boat.count}: must not be above auv.count, {self.auv.count}")
         smaller = min(self.area.width, self.area.length)
@@ -151,6 +153,19 @@ class Scenario(Section):
         self._check_vortices()
         self._check_signal()
         return self
+
+    def _check_vehicle(self) -> None:
+        auv, depth = self.auv, self.area.depth
+        if not auv.dynamic:
+            for term in VEHICLE_TERMS:
+                if term in self.observation.extra:
+                    raise ValueError(f"observation.extra: {term!r}: needs an auv.model with dynamics, not point")
+            return
+        if self.task == "data-collection" and self.nodes.service == "hover":
+            raise ValueError(f'nodes.service = "hover": a {auv.model} cannot hover: must be "passing"')
+        for name in ("altitude", *(["depth_max"] if auv.action == "vector-depth" else [])):
+            if getattr(auv, name) >= depth:
+                raise ValueError(f"auv.{name} = {getattr(auv, name):g}: must be below area.depth, {depth:g} m")
 
     @property
     def chips(self) -> int:

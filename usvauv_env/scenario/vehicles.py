@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
-from pydantic import Field, create_model, model_validator
+from pydantic import Field, create_model, field_validator, model_validator
 
-from usvauv.env.scenario.fields import Distance, Section
+from usvauv.env.scenario.fields import Distance, Section, known
 from usvauv.kernels.mission.motion import FASTEST
 from usvauv.kernels.planning.information import MAX_AUVS
 from usvauv.kernels.vehicles.torpedo import vehicles
@@ -95,7 +95,21 @@ class Tracker(Section):
 
 class Auv(Section):
     count: int = Field(2, ge=1, le=MAX_AUVS, description="number of AUVs")
+    model: str = Field(
+        "point", description="point: takes any velocity at once, or with a lag; or a vehicle with dynamics, as torpedo"
+    )
+    variation: float = Field(
+        0.0,
+        ge=0,
+        le=0.5,
+        description="share by which mass, drag and fins of each vehicle may differ from the model's, each episode anew",
+    )
     depth: float = Field(100.0, ge=0.5, le=11000, description="cruise depth, m")
+    altitude: float = Field(
+        0.0, ge=0, le=1000, description="height above the bed at which a vehicle cruises, m; 0: at auv.depth"
+    )
+    depth_min: Distance = Field(10.0, description="depth that the action vector-depth commands with -1, m")
+    depth_max: Distance = Field(100.0, description="depth that it commands with 1, m")
     separation: Literal["geometry", "demonstration"] = Field(
         "geometry",
         description="vertical distances by geometry, or the demonstration's: auv.depth to the node, and to the boat"
@@ -106,7 +120,7 @@ class Auv(Section):
         2.2, ge=0.01, le=FASTEST, description="highest speed through the water, m/s; the power law holds up to 2.5"
     )
     speed_lag: float = Field(
-        0.0, ge=0, le=100, description="time constant with which its velocity follows the commanded one, s"
+        0.0, ge=0, le=100, description="time constant with which a point's velocity follows the commanded one, s"
     )
     speed_noise: float = Field(
         0.0,
@@ -115,10 +129,15 @@ class Auv(Section):
         description="standard deviation of that velocity's error, per axis, m/s; it changes in speed_lag",
     )
     depth_noise: float = Field(
-        0.0, ge=0, le=100, description="standard deviation of the error with which it keeps its depth, m"
+        0.0,
+        ge=0,
+        le=100,
+        description="standard deviation of the error with which a point keeps its depth, or a vehicle reads it, m",
     )
-    action: Literal["vector", "polar"] = Field(
-        "vector", description="action as a velocity vector, or as (heading, speed)"
+    action: Literal["vector", "polar", "vector-depth", "fins"] = Field(
+        "vector",
+        description="action as a velocity vector, or as (heading, speed); of a vehicle also as a vector and the depth,"
+        " or as (rudder, stern plane, propeller)",
     )
     start_margin: Distance = Field(10.0, description="least distance from the border at the start, m")
     start_separation: Distance = Field(20.0, description="least distance between AUVs at the start, m")
@@ -128,8 +147,38 @@ class Auv(Section):
         6.0, ge=0.01, le=20000, description="horizontal distance at which an AUV starts to serve its node, m"
     )
 
+    @property
+    def dynamic(self) -> bool:
+        """Whether AUVs are vehicles with dynamics."""
+        return self.model != "point"
+
+    @property
+    def action_size(self) -> int:
+        """Numbers of an AUV's action."""
+        return 3 if self.action in ("vector-depth", "fins") else 2
+
+    @property
+    def shallowest(self) -> float:
+        """Depth above which AUVs are not meant to be, m."""
+        return {"vector-depth": self.depth_min, "fins": 0.0}.get(self.action, self.depth)
+
+    @field_validator("model")
+    @classmethod
+    def _known_model(cls, name: str) -> str:
+        return known(name, ("point", *vehicles))
+
     @model_validator(mode="after")
     def _check(self) -> Auv:
+        if not self.dynamic:
+            for name in ("altitude", "variation"):
+                if getattr(self, name) > 0:
+                    raise ValueError(f"{name} = {getattr(self, name):g}: needs a model with dynamics, not point")
+            if self.action_size != 2:
+                raise ValueError(f"action = {self.action!r}: needs a model with dynamics, not point")
+        elif self.separation != "geometry":
+            raise ValueError(f"separation = {self.separation!r}: must be geometry with model = {self.model!r}")
+        if self.depth_max <= self.depth_min:
+            raise ValueError(f"depth_max = {self.depth_max:g}: must be above depth_min, {self.depth_min:g} m")
         if self.speed_max < self.speed_min:
             raise ValueError("speed_max must not be below speed_min")
         if self.speed_noise and not self.speed_lag:

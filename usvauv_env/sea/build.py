@@ -178,6 +178,7 @@ def build_short_waves(site: Site, seas: Sequence[tuple[int, int]]) -> AirySea:
         gravity=scenario.sea.gravity,
         levels=levels,
         seas=seas,
+        step=scenario.mission.step if scenario.auv.dynamic else None,
     )
 
 

@@ -43,9 +43,9 @@ def _box(rows: Sequence[Quantity]) -> Box:
     return Box(low, high, dtype=np.float32)
 
 
-def action_space() -> Box:
-    """What one AUV or boat can do, (2,)."""
-    return Box(-1.0, 1.0, (2,), np.float32)
+def action_space(size: int = 2) -> Box:
+    """What one boat can do, (2,), or an AUV, (`World.action_size`,)."""
+    return Box(-1.0, 1.0, (size,), np.float32)
 
 
 def boat_observed(scenario: Scenario) -> list[Quantity]:

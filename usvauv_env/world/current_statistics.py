@@ -131,14 +131,16 @@ def current_bound(site: Site) -> float:
     """
     scenario = site.scenario
     current = scenario.current
-    peak = current.fastest * scenario.eddies_at_cruise + speed_bound(site)
+    shallowest = scenario.auv.shallowest
+    fade = math.exp(-shallowest / current.decay_depth) if current.decay_depth else 1.0
+    peak = current.fastest * fade + speed_bound(site)
     if (flow := site.current) is not None:
         peak += float(np.linalg.norm(flow.velocity[:, Level.cruise], axis=-1).max())
     orbital = []
     for waves in wave_systems(site):
         depth, gravity = site.mean_depth, scenario.sea.gravity
         omega, S = density(waves, scenario.storm.shortest_wave, depth, gravity)
-        C, _ = airy.decay(airy.wavenumber(omega, depth, gravity), -min(scenario.auv.depth, depth), depth)
+        C, _ = airy.decay(airy.wavenumber(omega, depth, gravity), -min(shallowest, depth), depth)
         orbital.append(6 * waves.significant_height / 4 * math.sqrt(np.sum((omega * C) ** 2 * S) / np.sum(S)))
     peak += math.hypot(*orbital)
     return max(1.001 * peak, LEAST_CURRENT_BOUND)  # 0.1 % covers single precision

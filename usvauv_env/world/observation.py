@@ -9,9 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 from usvauv.env.scenario import Scenario, ScenarioError
+from usvauv.env.scenario.scenario import VEHICLE_TERMS
 from usvauv.env.site.site import Site
 from usvauv.env.world.current_statistics import current_bound
 from usvauv.kernels.errors import choices
@@ -149,9 +151,14 @@ def observed(site: Site) -> list[Quantity]:
 def commanded(scenario: Scenario) -> list[Quantity]:
     """The action of one AUV, number by number."""
     auv = scenario.auv
-    if auv.action == "vector":
+    if auv.action == "fins":
+        names = [(f"{name}, a share of its limit", "1") for name in ("rudder to starboard", "stern plane, diving")]
+        names.append(("propeller, a share of its fastest revolutions", "1"))
+    elif auv.action != "polar":
         clamped = f"the velocity's norm is clamped into {auv.speed_min:g} .. {auv.speed_max:g} m/s"
         names = [(f"velocity through the water, {axis}; {clamped}", f"{auv.speed_max:g} m/s") for axis in "xy"]
+        if auv.action == "vector-depth":
+            names.append((f"depth: {auv.depth_min:g} m at -1, {auv.depth_max:g} m at 1, linear between", "1"))
     else:
         span = f"{auv.speed_min:g} m/s at -1, {auv.speed_max:g} m/s at 1, linear between"
         names = [("heading, from east towards north", "pi rad"), (f"speed through the water: {span}", "1")]
@@ -273,8 +280,40 @@ def _register() -> None:
         ),
     )
     for name, write, texts, kind, condition, present in shipped:
-        quantities = texts if callable(texts) else (lambda num_auvs, fixed=texts: fixed)
+        quantities = texts if callable(texts) else partial(_fixed, texts)
         observation_terms.register(name, ObservationTerm(write, quantities, *kind, condition, present))
 
 
+def _register_of_vehicles() -> None:
+    """The terms of vehicles with dynamics: all of them where fins are commanded, else those that are named."""
+    texts = {
+        "attitude": ["cosine of the heading, from east", "its sine", "pitch, nose up", "roll, starboard down"],
+        "depth": ["depth below the cruise depth, by the sensor", "height above the bed"],
+        "motion": [
+            *(f"velocity through the water, {way}" for way in ("forward", "to starboard", "downward")),
+            *(f"turning rate, {way}" for way in ("roll", "pitch", "yaw to starboard")),
+            *("rudder", "stern plane"),
+        ],
+    }
+    kinds: dict[str, tuple[str, float, float]] = {
+        "attitude": ("1, rad", -4.0, 4.0),
+        "depth": (f"{kernel.DEPTH_UNIT:g} m", -1200.0, 1200.0),
+        "motion": ("m/s, rad/s, rad", -10.0, 10.0),
+    }
+    condition = 'named in `observation.extra`, or `auv.action` is "fins"'
+    for name in VEHICLE_TERMS:
+        quantities = partial(_fixed, texts[name])
+        term = ObservationTerm(getattr(kernel, name), quantities, *kinds[name], condition, partial(_with_fins, name))
+        observation_terms.register(name, term)
+
+
+def _fixed(texts: list[str], num_auvs: int) -> list[str]:
+    return texts
+
+
+def _with_fins(name: str, scenario: Scenario) -> bool:
+    return name in scenario.observation.extra or scenario.auv.action == "fins"
+
+
 _register()
+_register_of_vehicles()

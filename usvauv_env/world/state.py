@@ -42,6 +42,7 @@ def unused_arrays(scenario: Scenario, foresees: bool) -> tuple[str, ...]:
         "own": reckons,
         "exchange": scenario.channel.schedule != "every-step",
         "foresight": foresees,
+        "body": scenario.auv.dynamic,
     }
     return tuple(name for name, used in in_use.items() if not used)
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from usvauv.env.scenario import Scenario
+from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.env.scenario.task import CLEAREST, Nodes
 from usvauv.env.sea.storm import total_height, wave_systems
 from usvauv.env.site.place import far_position
@@ -21,8 +21,9 @@ from usvauv.env.world.current_statistics import FOREVER, current_bound, current_
 from usvauv.env.world.observation import ObservationLayout, observation_terms
 from usvauv.kernels.mission import target_rules
 from usvauv.kernels.mission.boat_motion import CONTROL_TIME, DRIFT_TIME
-from usvauv.kernels.mission.columns import Information, Parameter, Refraction, Schedule, Sensor
+from usvauv.kernels.mission.columns import Action, Information, Parameter, Refraction, Schedule, Sensor
 from usvauv.kernels.mission.tasks.data_collection import LEAST_RATE, arrival_table
+from usvauv.kernels.mission.vehicles import Motion
 from usvauv.kernels.mission.worlds import Program
 from usvauv.kernels.planning import objectives
 from usvauv.kernels.positioning import pulse, sonar, usbl
@@ -42,6 +43,7 @@ from usvauv.kernels.positioning.sonar import (
     wind_of_developed_sea,
     wind_of_growing_sea,
 )
+from usvauv.kernels.vehicles.vehicle import vehicles
 
 OWN_NOISE_FREQUENCY = 15000.0  # Hz, at which a scenario gives it
 DEPTH_TIME = 20.0  # s, in which the error of an AUV's depth changes
@@ -198,6 +200,7 @@ def program(site: Site, strategy: BoatStrategy, link: np.ndarray) -> Program:
         sensor=getattr(Sensor, s.navigation.sensor),
         turns=usbl.turns_possible(link),
         fleet=s.boat.count > 1,
+        vehicle=s.auv.dynamic,
         eddies=site.eddies,
         passing=s.nodes.service == "passing",
     )
@@ -394,6 +397,29 @@ def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
         **dict(zip(Parameter.names[Parameter.span("array_depth", "bottom_absorption")], boundaries(site), strict=True)),
     }
     return np.array([float(numbers[name]) for name in Parameter.names], np.float32)
+
+
+def vehicle_motion(scenario: Scenario) -> Motion:
+    """What moves the vehicles of a scenario whose AUVs have dynamics."""
+    auv = scenario.auv
+    action = {"vector-depth": Action.vector_depth, "fins": Action.fins}.get(auv.action, Action.vector)
+    return Motion.of(vehicles[auv.model], action, scenario.mission.step)
+
+
+def vehicle_table(scenario: Scenario) -> np.ndarray:
+    """The numbers of the vehicle, as its functions read them: those of its section, or else its own.
+
+    Raises:
+        ScenarioError: they do not go together.
+    """
+    name = scenario.auv.model
+    vehicle = vehicles[name]
+    numbers = {each: about.default for each, about in vehicle.numbers.items()} | dict(getattr(scenario, name, ()))
+    try:
+        with vehicles.calling(name):
+            return np.ascontiguousarray(vehicle.table_of(numbers), np.float32)
+    except ValueError as error:
+        raise ScenarioError(f"{name}: {error}") from None
 
 
 def fixed_vortices(scenario: Scenario) -> np.ndarray:

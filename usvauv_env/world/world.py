@@ -52,9 +52,11 @@ from usvauv.kernels.mission.columns import (
 from usvauv.kernels.mission.run import PARAMETERS, Phase, draw_vortices, run
 from usvauv.kernels.mission.target_rules import target_rules
 from usvauv.kernels.mission.tasks.task import tasks
+from usvauv.kernels.mission.vehicles import ROWS, move
 from usvauv.kernels.mission.worlds import REWARDS, STATE
 from usvauv.kernels.positioning import pulse, tracker
 from usvauv.kernels.registry import Registry
+from usvauv.kernels.vehicles.vehicle import LANES, vehicles
 
 NOT_BEGUN = "no episode has begun: call reset first"
 ARRAYS = *STATE, *REWARDS
@@ -104,9 +106,11 @@ class World:
     `usvauv.env.world.observation` and `docs/interfaces.md` tabulate. Positions are the estimated ones: of the last fix,
     or of the tracker.
 
-    Action, float32 (num_worlds, num_auvs, 2) in [−1, 1]: with auv.action = "vector" the velocity through the water over
-    speed_max, its norm clamped into [speed_min, speed_max]; with "polar" heading/π and speed, linear
-    from speed_min (−1) to speed_max (1).
+    Action, float32 (num_worlds, num_auvs, action_size) in [−1, 1]: with auv.action = "vector" the velocity through the
+    water over speed_max, its norm clamped into [speed_min, speed_max]; with "polar" heading/π and speed, linear
+    from speed_min (−1) to speed_max (1). Vehicles with dynamics (`auv.model`) take both as heading and speed of their
+    autopilot; with "vector-depth" a third number is their depth, linear from depth_min (−1) to depth_max (1), and with
+    "fins" the action is rudder (to starboard), stern plane (diving) and propeller, as shares of their limits.
 
     Args:
         scenario: what to simulate, or its shipped name or path.
@@ -134,6 +138,7 @@ class World:
 
     # Arrays of `usvauv.kernels.mission.worlds`: the kernels work on them in place, and so does who writes into them.
     auv: torch.Tensor
+    body: torch.Tensor
     node: torch.Tensor
     vortex: torch.Tensor
     boat: torch.Tensor
@@ -179,6 +184,7 @@ class World:
         self.steps = scenario.mission.steps
         self.observation_layout = ObservationLayout.of(scenario)
         self.observation_size = self.observation_layout.size
+        self.action_size = scenario.auv.action_size
         running = runtime.start(arch)
         self.device, self._on_host = running.device, running.torch_on_host
         self._made_with = num_worlds, seed, usv, first_world, batch, fine_sea, arch
@@ -201,7 +207,9 @@ class World:
             setattr(self, name, array)
         self._clock = torch.full((num_worlds, 2), -1, dtype=torch.int32, device=self.device)
         self._chosen = torch.ones(num_worlds, dtype=torch.uint8, device=self.device)
-        self._action = self._zeros(num_worlds, self.num_auvs, 2)
+        self._action = self._zeros(num_worlds, self.num_auvs, self.action_size)
+        groups = -(-num_worlds * self.num_auvs // LANES) if scenario.auv.dynamic else 0
+        self._blocks = self._zeros(groups, ROWS, LANES)
         self._fault = DeviceFlag(self._numbers, LARGEST)
         self._evolve_vortices = None
         eddies = scenario.current
@@ -239,7 +247,7 @@ class World:
         lines = [
             f"World of {self.num_worlds} mission{'s' * (self.num_worlds > 1)}, {of}, on {self.device}",
             f"boat {self.strategy.name}{targets}, {self.steps} steps of {scenario.mission.step:g} s",
-            f"observation {team} {self.observation_size}), action {team} 2)",
+            f"observation {team} {self.observation_size}), action {team} {self.action_size})",
             *repr(scenario).splitlines(),
         ]
         return "\n  ".join(lines)
@@ -292,6 +300,8 @@ class World:
             self._chosen.copy_(mask_of(mask, self.num_worlds, self._begun))
         if self._diverged:
             self._forget_divergence()
+        if self._deploy:
+            self._deploy()
         self._reset()
         self._begun = True
         self._stop_at_fault()
@@ -310,8 +320,8 @@ class World:
         """Advance all worlds by one mission step.
 
         Args:
-            action: (num_worlds, num_auvs, 2) in [−1, 1]; a tensor of any real type on any device, or what NumPy makes
-                an array of.
+            action: (num_worlds, num_auvs, action_size) in [−1, 1]; a tensor of any real type on any device, or what
+                NumPy makes an array of.
             boat_action: (num_worlds, boats, 2) in [−1, 1], with the strategy "agent" and no other: velocity through
                 the water over the boat's top speed, its norm clamped to 1.
 
@@ -343,6 +353,8 @@ class World:
             raise
         if self._evolve_vortices:
             self._evolve_vortices()
+        if self._sail:
+            self._sail()
         self._step()
         self._stop_at_fault()
         served = self.auv[..., AuvColumn.service_rate] > 0
@@ -496,6 +508,7 @@ class World:
             (boat_strategies, self.strategy.name.partition(":")[0]),
             (target_rules, scenario.nodes.target_rule.partition(":")[0]),
             *((observation_terms, term) for term in self.observation_layout.terms),
+            *([(vehicles, scenario.auv.model)] if scenario.auv.dynamic else []),
         ]
 
     def _plugins(self) -> str:
@@ -574,6 +587,31 @@ class World:
                 Launch(run, *({"phase": phase, **arguments}[name] for name in PARAMETERS), settings=runtime.quickly())
                 for phase in (Phase.reset, Phase.step)
             )
+            self._deploy, self._sail = (
+                self._moving(phase, arguments) if self.scenario.auv.dynamic else None
+                for phase in (Phase.reset, Phase.step)
+            )
+
+    def _moving(self, phase: int, arguments: Mapping[str, Any]) -> Launch:
+        """What deploys the vehicles with dynamics, or moves them through a mission step."""
+        table = torch.from_numpy(tables.vehicle_table(self.scenario)).to(self.device)
+        given = (arguments[name] for name in ("key", "clock", "chosen", "action", "auv"))
+        serial = runtime.better_alone(self._blocks.shape[0])
+        body = self.body.view(-1, self.body.shape[-1])
+        motion = tables.vehicle_motion(self.scenario)
+        return Launch(
+            move,
+            phase,
+            serial,
+            motion,
+            arguments["p"],
+            table,
+            *given,
+            body,
+            self._blocks,
+            self._blocks,
+            settings=runtime.quickly(),
+        )
 
     def _follow_taichi(self) -> None:
         """Other code may have started it anew."""

@@ -1,0 +1,337 @@
+"""Vehicles with dynamics: what the mission's actions command, their motion in a mission step, and the water round them.
+
+Before the mission's kernel takes a step, `move` moves all vehicles through it: LANES side by side as
+`usvauv.kernels.vehicles.vehicle` has them, in substeps in which the autopilot steers and the body answers. What came of
+it stands in the array `body` (`BodyColumn`), from which `usvauv.kernels.mission.motion` places the AUVs. Before an
+episode `move` deploys them: level at cruise speed, on a heading and with a body drawn at random. At the end of a step
+`sense` writes the water at each vehicle, which the next step takes as linear in place and time.
+
+Vehicles have Fossen's axes, north, east, down; the world has east, north, up. `turned` leads from one to the other.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import taichi as ti
+
+from usvauv.kernels import random
+from usvauv.kernels.flow import at_depth
+from usvauv.kernels.flow.current import grid_sample
+from usvauv.kernels.functions import func, kernel
+from usvauv.kernels.mission import motion
+from usvauv.kernels.mission.columns import Action, AuvColumn, BodyColumn, Draw, KeyColumn, Parameter, Phase
+from usvauv.kernels.types import array1, array2, array3, index2, mask1, mat3, vec2, vec3, vec4
+from usvauv.kernels.vehicles.vehicle import LANES, Body, Command, Memory, Surroundings, Vehicle, lanes
+
+LEAST_ALTITUDE = 5.0  # m above the bed, of a vehicle that cruises by depth
+HALF_PI, TWO_PI = 1.5707963267948966, 6.283185307179586
+
+
+class Motion(NamedTuple):
+    """What `move` is compiled for.
+
+    Attributes:
+        advance, control, trim, drive: of the `Vehicle`.
+        action: of `Action`.
+        substeps: in a mission step.
+        turning: of the `Vehicle`, m.
+    """
+
+    advance: Callable[..., Any]
+    control: Callable[..., Any]
+    trim: Callable[..., Any]
+    drive: Callable[..., Any]
+    action: int
+    substeps: int
+    turning: float
+
+    @classmethod
+    def of(cls, vehicle: Vehicle, action: int, step: float) -> "Motion":
+        """Of a vehicle, for an action of `Action` and a mission step, s."""
+        substeps = max(1, -int(-step // vehicle.substep))
+        return cls(
+            vehicle.advance, vehicle.control, vehicle.trim, vehicle.drive, action, substeps, float(vehicle.turning)
+        )
+
+
+@func
+def turned(vector: vec3) -> vec3:
+    """A vector with components (east, north, up) as (north, east, down), or the other way."""
+    return vec3(vector[1], vector[0], -vector[2])
+
+
+@func
+def turned_angle(angle):
+    """An angle anticlockwise from east as one clockwise from north, or the other way, rad."""
+    return HALF_PI - angle
+
+
+@func
+def turned_gradient(gradient: mat3) -> mat3:
+    """∂(component)/∂(place) with both in the other axes of `turned`."""
+    axes = mat3([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+    return axes @ gradient @ axes
+
+
+@func
+def inwards(p: ti.template(), here: vec2, course: vec2, drift: vec2, radius: ti.f32) -> vec2:
+    """A course (unit vector) turned away from the border where a circle of a radius (m) would cross it.
+
+    A vehicle whose course has the component n towards a border at the distance m comes 1 − √(1 − n²) radii nearer
+    before it is parallel to it; so n is at most √(1 − (1 − m/radius)²). `drift` (m over ground while it turns by a
+    radian) counts as lost distance. Along the border it goes on where it went, but out of corners.
+    """
+    way = course
+    for axis in ti.static(range(2)):
+        other = ti.static(1 - axis)
+        sign = ti.select(way[axis] > 0.0, 1.0, -1.0)
+        gap = ti.select(sign > 0.0, p[Parameter.width + axis] - here[axis], here[axis])
+        gap -= ti.max(sign * drift[axis], 0.0)
+        if gap < radius:
+            rest = 1.0 - ti.max(gap, 0.0) / radius
+            most = ti.sqrt(ti.max(1.0 - rest * rest, 0.0))
+            if sign * way[axis] > most:
+                along = ti.select(way[other] < 0.0, -1.0, 1.0)
+                room = ti.select(along > 0.0, p[Parameter.width + other] - here[other], here[other])
+                if room < radius:
+                    along = -along
+                way[axis] = sign * most
+                way[other] = along * rest
+    return way
+
+
+@func
+def commanded(
+    motion_of: ti.template(),
+    p: ti.template(),
+    auv: ti.template(),
+    body: ti.template(),
+    action: ti.template(),
+    w,
+    k,
+    n,
+) -> vec4:
+    """What the action of AUV k commands: heading (clockwise from north), speed, depth and altitude; or as it is."""
+    asked = vec4(0.0)
+    if ti.static(motion_of.action == Action.fins):
+        for c in ti.static(range(3)):
+            asked[c] = ti.math.clamp(action[w, k, c], -1.0, 1.0)
+    else:
+        velocity = motion.water_velocity(p, action[w, k, 0], action[w, k, 1])
+        speed = velocity.norm()
+        here = vec2(auv[w, k, AuvColumn.x], auv[w, k, AuvColumn.y])
+        current = vec2(body[n, BodyColumn.east], body[n, BodyColumn.north])
+        radius = ti.static(motion_of.turning)
+        course = inwards(p, here, velocity / speed, radius / speed * current, radius)
+        asked[0] = turned_angle(ti.atan2(course[1], course[0]))
+        asked[1] = speed
+        asked[2] = p[Parameter.cruise]
+        asked[3] = ti.max(p[Parameter.altitude], LEAST_ALTITUDE)
+        if ti.static(motion_of.action == Action.vector_depth):
+            share = ti.math.clamp(0.5 * (action[w, k, 2] + 1.0), 0.0, 1.0)
+            asked[2] = p[Parameter.depth_min] + share * (p[Parameter.depth_max] - p[Parameter.depth_min])
+        elif p[Parameter.altitude] > 0.0:
+            asked[2] = body[n, BodyColumn.bed]
+            asked[3] = p[Parameter.altitude]
+    return asked
+
+
+@func
+def cruise_depth(worlds: ti.template(), x, y):
+    """Depth at which a vehicle is deployed at (x, y), m."""
+    p = ti.static(worlds.p)
+    bed = grid_sample(worlds.water.bed, 0, 0, x, y, p[Parameter.width], p[Parameter.length])
+    depth = ti.min(p[Parameter.cruise], bed - LEAST_ALTITUDE)
+    if p[Parameter.altitude] > 0.0:
+        depth = bed - p[Parameter.altitude]
+    return ti.max(depth, 0.0)
+
+
+@func
+def place(worlds: ti.template(), w, k):
+    """Put the vehicle of AUV k at its depth where it has been deployed, which the boat knows."""
+    depth = cruise_depth(worlds, worlds.auv[w, k, AuvColumn.x], worlds.auv[w, k, AuvColumn.y])
+    below = depth - worlds.p[Parameter.cruise]
+    worlds.body[w, k, BodyColumn.depth] = depth
+    worlds.auv[w, k, AuvColumn.depth_error] = below
+    worlds.body[w, k, BodyColumn.told_depth] = below
+
+
+@func
+def depths(worlds: ti.template(), w, k):
+    """Depth of the vehicle of AUV k, and what `at_depth.around` asks besides, m."""
+    return worlds.body[w, k, BodyColumn.depth], worlds.p[Parameter.cruise], worlds.p[Parameter.decay_depth]
+
+
+@func
+def attitude(body: ti.template(), w, k) -> vec3:
+    """Heading (anticlockwise from east), pitch (nose up) and roll (starboard down) of the vehicle of AUV k, rad."""
+    q0, q1 = body[w, k, BodyColumn.q0], body[w, k, BodyColumn.q1]
+    q2, q3 = body[w, k, BodyColumn.q2], body[w, k, BodyColumn.q3]
+    heading = ti.atan2(2.0 * (q1 * q2 + q0 * q3), 1.0 - 2.0 * (q2 * q2 + q3 * q3))
+    pitch = ti.asin(ti.math.clamp(2.0 * (q0 * q2 - q3 * q1), -1.0, 1.0))
+    roll = ti.atan2(2.0 * (q2 * q3 + q0 * q1), 1.0 - 2.0 * (q1 * q1 + q2 * q2))
+    return vec3(turned_angle(heading), pitch, roll)
+
+
+@func
+def sense(worlds: ti.template(), w, k) -> vec2:
+    """Write the water and the bed at the vehicle of AUV k; returns the water's horizontal velocity there, m/s."""
+    body = ti.static(worlds.body)
+    water = ti.static(worlds.water)
+    x = worlds.auv[w, k, AuvColumn.x]
+    y = worlds.auv[w, k, AuvColumn.y]
+    found = at_depth.around(water, w, x, y, *depths(worlds, w, k))
+    velocity = turned(found.velocity)
+    rate = turned(found.rate)
+    gradient = turned_gradient(found.gradient)
+    for i in ti.static(range(3)):
+        body[w, k, BodyColumn.north + i] = velocity[i]
+        body[w, k, BodyColumn.rate_n + i] = rate[i]
+        for j in ti.static(range(3)):
+            body[w, k, BodyColumn.nn + 3 * i + j] = gradient[i, j]
+    reach = at_depth.REACH
+    body[w, k, BodyColumn.bed] = grid_sample(water.bed, 0, 0, x, y, water.width, water.length)
+    for axis in ti.static(range(2)):
+        dx = ti.static(at_depth.REACH * (1 - axis))
+        dy = ti.static(at_depth.REACH * axis)
+        ahead = grid_sample(water.bed, 0, 0, x + dx, y + dy, water.width, water.length)
+        behind = grid_sample(water.bed, 0, 0, x - dx, y - dy, water.width, water.length)
+        body[w, k, BodyColumn.bed_e - axis] = (ahead - behind) / (2.0 * reach)
+    return vec2(found.velocity[0], found.velocity[1])
+
+
+COLUMNS = len(BodyColumn.names)
+COMMAND = COLUMNS  # row of a block where a command begins, behind the columns of `BodyColumn`
+NOTHING = COMMAND + 4  # row of zeros
+ROWS = NOTHING + 1
+OF_A_STEP = "north", "east", "energy", "time", "surfaced", "grounded"  # begin at 0 in each mission step
+BODY = tuple(NOTHING if name in OF_A_STEP else getattr(BodyColumn, name) for name in Body.members)
+MEMORY = tuple(getattr(BodyColumn, f"memory_{name}") for name in Memory.members)
+SURROUNDINGS = tuple(getattr(BodyColumn, name) for name in Surroundings.members)
+blocks2 = ti.types.ndarray(dtype=lanes, ndim=2)
+
+
+@func
+def load(block: ti.template(), g, kind: ti.template(), rows: ti.template()):
+    """A structure of LANES vehicles from some rows of a block."""
+    return kind(*[block[g, row] for row in ti.static(rows)])
+
+
+@func
+def store(block: ti.template(), g, structure, rows: ti.template()):
+    """What `load` reads."""
+    for i, value in ti.static(enumerate(structure.entries.values())):
+        if ti.static(rows[i] != NOTHING):
+            block[g, rows[i]] = value
+
+
+@func
+def over_ground(body: Body):
+    """North and east component of the velocity through the water, m/s; the first two rows of the rotation by q."""
+    n0 = 1.0 - 2.0 * (body.q2 * body.q2 + body.q3 * body.q3)
+    n1 = 2.0 * (body.q1 * body.q2 - body.q0 * body.q3)
+    n2 = 2.0 * (body.q1 * body.q3 + body.q0 * body.q2)
+    e0 = 2.0 * (body.q1 * body.q2 + body.q0 * body.q3)
+    e1 = 1.0 - 2.0 * (body.q1 * body.q1 + body.q3 * body.q3)
+    e2 = 2.0 * (body.q2 * body.q3 - body.q0 * body.q1)
+    north = n0 * body.u + n1 * body.v + n2 * body.w
+    east = e0 * body.u + e1 * body.v + e2 * body.w
+    return north, east
+
+
+@func
+def sail(motion_of: ti.template(), table: ti.template(), step: ti.f32, block: ti.template(), g):
+    """Move the vehicles of a block through a mission step (s)."""
+    body = load(block, g, Body, BODY)
+    memory = load(block, g, Memory, MEMORY)
+    around = load(block, g, Surroundings, SURROUNDINGS)
+    command = load(block, g, Command, ti.static(range(COMMAND, COMMAND + 4)))
+    sensor_error = block[g, BodyColumn.sensor_error]
+    told = motion_of.drive(table, command.heading, command.speed, command.depth)
+    north, east = over_ground(body)
+    through_north, through_east = 0.5 * north, 0.5 * east
+    dt = step * ti.static(1.0 / motion_of.substeps)
+    for _ in range(motion_of.substeps):
+        if ti.static(motion_of.action != Action.fins):
+            told, memory = motion_of.control(table, body, memory, command, around, sensor_error, dt)
+        body = motion_of.advance(table, body, told, around, dt)
+        north, east = over_ground(body)
+        through_north += north
+        through_east += east
+    share = ti.static(1.0 / motion_of.substeps)
+    store(block, g, body, BODY)
+    store(block, g, memory, MEMORY)
+    block[g, BodyColumn.way_x] = body.east
+    block[g, BodyColumn.way_y] = body.north
+    block[g, BodyColumn.water_x] = share * (through_east - 0.5 * east)
+    block[g, BodyColumn.water_y] = share * (through_north - 0.5 * north)
+    block[g, BodyColumn.power] = body.energy / step
+    block[g, BodyColumn.touched] = body.surfaced + 2.0 * body.grounded
+
+
+@func
+def draw(p: ti.template(), key: ti.template(), clock: ti.template(), state: ti.template(), w, k, n) -> vec4:
+    """What a vehicle begins its episode with: as a command a heading, and the factors on its mass, drag and fins."""
+    for c in range(COLUMNS):
+        state[n, c] = 0.0
+    place_of_draw = random.uint4(
+        ti.cast(key[w, KeyColumn.world], ti.u32),
+        ti.cast(clock[w, 0] + 1, ti.u32),
+        ti.u32(0),
+        ti.cast(Draw.vehicle * 65536 + k, ti.u32),
+    )
+    seed = random.uint2(ti.cast(key[w, KeyColumn.low], ti.u32), ti.cast(key[w, KeyColumn.high], ti.u32))
+    u = random.uniforms(place_of_draw, seed)
+    for c in ti.static(range(3)):
+        state[n, BodyColumn.mass + c] = 1.0 + p[Parameter.variation] * (2.0 * u[1 + c] - 1.0)
+    speed = 0.5 * (p[Parameter.speed_min] + p[Parameter.speed_max])
+    return vec4(TWO_PI * u[0], speed, p[Parameter.cruise], 0.0)
+
+
+@kernel
+def move(
+    phase: ti.template(),
+    serial: ti.template(),
+    motion_of: ti.template(),
+    p: array1,
+    table: array1,
+    key: index2,
+    clock: index2,
+    chosen: mask1,
+    action: array3,
+    auv: array3,
+    state: array2,
+    numbers: array3,
+    block: blocks2,
+):
+    """Deploy the vehicles of the worlds that are chosen (`Phase.reset`), or move all through a mission step.
+
+    Args:
+        table: of the vehicle. state: (W·K, Y) the array `body` of the worlds.
+        numbers, block: workspace of zeros (blocks, `ROWS`, LANES), LANES vehicles a block, as numbers and as lanes.
+    """
+    ti.loop_config(serialize=serial)
+    for n in range(state.shape[0]):
+        w, k = n // auv.shape[1], n % auv.shape[1]
+        asked = vec4(0.0)
+        if ti.static(phase == Phase.step):
+            asked = commanded(motion_of, p, auv, state, action, w, k, n)
+        elif chosen[w] != 0:
+            asked = draw(p, key, clock, state, w, k, n)
+        for c in range(COLUMNS):
+            numbers[n // LANES, c, n % LANES] = state[n, c]
+        for c in ti.static(range(4)):
+            numbers[n // LANES, COMMAND + c, n % LANES] = asked[c]
+    ti.loop_config(serialize=serial, block_dim=1)
+    for g in range(block.shape[0]):
+        if ti.static(phase == Phase.step):
+            sail(motion_of, table, p[Parameter.step], block, g)
+        else:
+            asked = load(block, g, Command, ti.static(range(COMMAND, COMMAND + 4)))
+            store(block, g, motion_of.trim(table, asked.speed, asked.depth, asked.heading), BODY)
+    ti.loop_config(serialize=serial)
+    for n in range(state.shape[0]):
+        if ti.static(phase == Phase.step) or chosen[n // auv.shape[1]] != 0:
+            for c in range(COLUMNS):
+                state[n, c] = numbers[n // LANES, c, n % LANES]
