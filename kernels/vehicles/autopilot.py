@@ -21,8 +21,8 @@ doi 10.1109/TAC.2016.2638961). Where both cannot be, the surface is kept away fr
 
 **Speed.** The revolutions are those whose thrust is drag(V_r) + m (V̇_r + ω e + κ ω² ∫e dt), e = V_r − V.
 
-An integral stands still while what it adds to is at a limit and it would push on. The fins' moments are reckoned with
-the model's numbers, whatever factors `Surroundings` puts on the vehicle.
+Integrals stand still while what they add to is at a limit and they would push on; that of the heading is bounded. The
+fins' moments are reckoned with the model's numbers, whatever factors `Surroundings` puts on the vehicle.
 """
 
 import math
@@ -86,7 +86,6 @@ Running = ti.types.struct(propeller=lanes, reference=lanes, integral=lanes)
 @func
 def steer(table: ti.template(), heading, rate, V, command, reference, integral, dt: ti.f32) -> Steering:
     """The rudder for a heading (rad) that changes at `rate` (rad/s)."""
-    limit = table[Constant.fin_limit]
     ahead = clamp(wrapped(reference - heading), LOST)
     off = wrapped(command - heading - ahead)
     bend = clamp(off * gain(table, Gain.heading_approach), gain(table, Gain.turn_curvature))
@@ -97,9 +96,8 @@ def steer(table: ti.template(), heading, rate, V, command, reference, integral, 
         + gain(table, Gain.turn_rudder) * bend
         + integral
     )
-    stuck = positive(magnitude(angle) - limit)
-    integral += unless(stuck, dt * V * gain(table, Gain.heading_integral) * ahead, angle)
-    return Steering(clamp(angle, limit), wrapped(heading + ahead), clamp(integral, 0.5 * limit))
+    integral += dt * V * gain(table, Gain.heading_integral) * ahead
+    return Steering(angle, wrapped(heading + ahead), clamp(integral, 0.5 * table[Constant.fin_limit]))
 
 
 @func
@@ -126,7 +124,7 @@ def dive(table: ti.template(), sine, rate, V, depth, wanted, path, last, slope, 
     angle = gain(table, Gain.pitch_gain) * (sine - kept) + gain(table, Gain.pitch_rate) * rate / V - righting * kept
     stuck = positive(magnitude(angle) - limit + 1e3 * magnitude(kept - asked))
     integral += unless(stuck, dt * V * gain(table, Gain.depth_integral) * error, asked)
-    return Diving(clamp(angle, limit), depth - error, slope, clamp(integral, 0.5 * pitch))
+    return Diving(angle, depth - error, slope, clamp(integral, 0.5 * pitch))
 
 
 @func
@@ -143,7 +141,7 @@ def run(table: ti.template(), u, command, reference, integral, dt: ti.f32) -> Ru
     turns = (ti.sqrt(loss * loss + 4.0 * bollard * ti.max(thrust, 0.0)) - loss) / (2.0 * bollard)
     stuck = positive(turns - most) + positive(0.0 - thrust)
     integral += unless(stuck, dt * gain(table, Gain.speed_integral) * error, thrust)
-    return Running(ti.min(turns, most), reference, integral)
+    return Running(turns, reference, integral)
 
 
 @func
