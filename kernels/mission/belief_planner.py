@@ -275,15 +275,23 @@ def expected_loss(worlds: ti.template(), w, boat, first: ti.i32, where: vec2) ->
     goal = where
     visited = first
     total = 0.0
+    heading = 0.0
+    if ti.static(worlds.program.otter):
+        heading = boat_motion.boat_heading(worlds, w, boat)
     for _ in range(STEPS):
         if visited != NO_AUV:
             goal = vec2(x[visited], y[visited])
         way = goal - here
         distance = way.norm()
-        if distance > reach:
-            way *= reach / distance
+        gone = reach
+        if ti.static(worlds.program.otter):
+            turn = boat_motion.turn_towards(worlds, heading, way, INTERVAL)
+            heading += turn[0]
+            gone -= p[Parameter.top_speed] * turn[1]
+        if distance > gone:
+            way *= gone / distance
         here += way
-        reached = distance <= reach
+        reached = distance <= gone
         least = 0
         for k in range(count):
             if boat_motion.serves(worlds, w, boat, k):

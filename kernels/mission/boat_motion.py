@@ -5,6 +5,8 @@ where AUVs are interrogated one at a time. Another boat takes over where it is n
 `HYSTERESIS`. With one boat nothing of this is compiled.
 """
 
+import math
+
 import taichi as ti
 
 from usvauv.kernels.flow import airy, current
@@ -12,6 +14,8 @@ from usvauv.kernels.functions import func
 from usvauv.kernels.mission.columns import BoatColumn, Draw, EstimateColumn, Parameter
 from usvauv.kernels.mission.worlds import normals
 from usvauv.kernels.types import Level, vec2
+from usvauv.kernels.vehicles import otter
+from usvauv.kernels.vehicles.otter import HullColumn
 
 HYSTERESIS = 0.1  # of the distance to the boat that serves an AUV
 LLOYD_ITERATIONS = 8
@@ -149,6 +153,9 @@ def place_boats(worlds: ti.template(), w):
         set_goal(worlds, w, b, worlds.program.strategy.start(worlds, w, b))
         boat[w, b, BoatColumn.x] = ti.min(ti.max(boat[w, b, BoatColumn.goal_x], 0.0), worlds.p[Parameter.width])
         boat[w, b, BoatColumn.y] = ti.min(ti.max(boat[w, b, BoatColumn.goal_y], 0.0), worlds.p[Parameter.length])
+        if ti.static(worlds.program.otter):
+            for c in ti.static(range(len(HullColumn.names))):
+                worlds.hull[w, b, c] = 0.0
     assign_boats(worlds, w, 0.0)
 
 
@@ -160,21 +167,15 @@ def reach(worlds: ti.template()) -> ti.f32:
 
 
 @func
-def way_through_water(worlds: ti.template(), w, b, way: vec2, drift: vec2) -> vec2:
-    """How far boat b with a lag gets through the water in a step, m; its velocity and its estimate of the drift follow.
+def command_to(worlds: ti.template(), w, b, way: vec2) -> vec2:
+    """Velocity through the water that leads boat b with a lag to its goal, which is `way` (m) from it, m/s.
 
-    Its velocity through the water v follows the command c with the response time T, T dv/dt = c − v, exactly over the
-    step of length Δt, in which c is constant and |c| is at most the top speed; so its thrust gives an acceleration of
-    at most the top speed over T from rest. It has learned d, the drift's mean over
-    `DRIFT_TIME`. Where it would come to rest over ground, x + T (v + d), moves with c + d, so that the command
+    It has learned d, the drift's mean over `DRIFT_TIME`. Where it would come to rest over ground, x + T (v + d) with
+    the response time T and its velocity through the water v, moves with c + d, so that the command
 
-        c = (goal − x − T (v + d)), shortened by the dead band, over the control time, less d
+        c = (goal − x − T (v + d)), shortened by the dead band, over the control time, less d,
 
-    leads to its goal without overshoot, however long T and Δt are.
-
-    Args:
-        way: to the goal, m.
-        drift: velocity with which water and wind carry it, m/s.
+    |c| at most the top speed, leads to its goal without overshoot, however long T and the step are.
     """
     p = ti.static(worlds.p)
     boat = ti.static(worlds.boat)
@@ -186,21 +187,113 @@ def way_through_water(worlds: ti.template(), w, b, way: vec2, drift: vec2) -> ve
     speed = command.norm()
     if speed > p[Parameter.top_speed]:
         command *= p[Parameter.top_speed] / speed
-    lacking = velocity - command
-    memory = p[Parameter.response_memory]
-    velocity = command + memory * lacking
-    learned = drift + p[Parameter.drift_memory] * (learned - drift)
+    return command
+
+
+@func
+def has_moved(worlds: ti.template(), w, b, velocity: vec2, drift: vec2):
+    """Note the velocity of boat b through the water at the end of a step, and learn from the drift in it, m/s."""
+    boat = ti.static(worlds.boat)
     for axis in ti.static(range(2)):
+        learned = boat[w, b, BoatColumn.drift_x + axis]
+        learned = drift[axis] + worlds.p[Parameter.drift_memory] * (learned - drift[axis])
         boat[w, b, BoatColumn.water_x + axis] = velocity[axis]
-        boat[w, b, BoatColumn.drift_x + axis] = learned[axis]
+        boat[w, b, BoatColumn.drift_x + axis] = learned
+
+
+@func
+def way_through_water(worlds: ti.template(), w, b, way: vec2, drift: vec2) -> vec2:
+    """How far a point with a lag gets through the water in a step, m; its velocity and estimate of the drift follow.
+
+    Its velocity through the water v follows the command c of `command_to` with the response time T, T dv/dt = c − v,
+    exactly over the step, in which c is constant; so its thrust gives an acceleration of at most the top speed over T
+    from rest.
+
+    Args:
+        way: to the goal, m.
+        drift: velocity with which water and wind carry it, m/s.
+    """
+    p = ti.static(worlds.p)
+    command = command_to(worlds, w, b, way)
+    lacking = vec2(worlds.boat[w, b, BoatColumn.water_x], worlds.boat[w, b, BoatColumn.water_y]) - command
+    memory = p[Parameter.response_memory]
+    has_moved(worlds, w, b, command + memory * lacking, drift)
     return p[Parameter.step] * command + p[Parameter.response_time] * (1.0 - memory) * lacking
+
+
+@func
+def turn_towards(worlds: ti.template(), heading, way: vec2, longest) -> vec2:
+    """By how much an Otter of some heading (rad) turns until it can go some way (m), and the time of that, s.
+
+    It turns on the spot at the greatest rate of its autopilot, for `longest` (s) at most; planners reckon so.
+    """
+    rate = worlds.otter[otter.Number.turn_rate]
+    angle = otter.wrap(ti.atan2(way[1], way[0]) - heading)
+    time = ti.min(ti.abs(angle) / rate, longest)
+    return vec2(ti.math.sign(angle) * rate * time, time)
+
+
+STILL = 0.1  # m/s, of a command up to which an Otter keeps its heading
+ASTERN = 0.5  # m/s, of a command up to which it goes astern rather than turn
+
+
+@func
+def boat_heading(worlds: ti.template(), w, b) -> ti.f32:
+    """Heading of an Otter, rad anticlockwise from east."""
+    return 0.5 * math.pi - worlds.hull[w, b, HullColumn.heading]
+
+
+@func
+def sail(worlds: ti.template(), w, b, way: vec2, current: vec2) -> vec2:
+    """How far an Otter gets through the water in a step, m; its hull, velocity and estimate of the drift follow.
+
+    It turns into the direction of the command of `command_to` and goes at the part of its speed that is ahead; within
+    the dead band the command stems the drift. Slow ones it obeys astern where that is nearer, the slowest with the
+    heading that it has. What it knows of the drift is its velocity over ground without that ahead through the water.
+
+    Args:
+        way: to the goal, m. current: velocity of the water, m/s.
+    """
+    p = ti.static(worlds.p)
+    table = ti.static(worlds.otter)
+    command = command_to(worlds, w, b, way)
+    speed = command.norm()
+    air = vec2(p[Parameter.wind_y], p[Parameter.wind_x]) - vec2(current[1], current[0])
+    count = ti.ceil(p[Parameter.step] / otter.LONGEST - 1e-3)
+    dt = p[Parameter.step] / count
+    hull = otter.boat8(0.0)
+    for c in ti.static(range(len(HullColumn.names))):
+        hull[c] = worlds.hull[w, b, c]
+    moved = vec2(0.0, 0.0)
+    sideways = vec2(0.0, 0.0)
+    for _ in range(int(count)):
+        heading = hull[HullColumn.heading]
+        bow = vec2(ti.sin(heading), ti.cos(heading))
+        along = command.dot(bow)
+        course = heading
+        if speed > STILL:
+            course = ti.atan2(command[0], command[1])
+            if speed < ASTERN and along < 0.0:
+                course += math.pi
+        if speed >= ASTERN:
+            along = ti.max(along, 0.0)
+        orders, hull = otter.steer(table, hull, course, along, dt)
+        hull, step = otter.advance(table, hull, orders, air, dt)
+        moved += vec2(step[1], step[0])
+        sideways += dt * hull[HullColumn.v] * vec2(ti.cos(hull[HullColumn.heading]), -ti.sin(hull[HullColumn.heading]))
+    for c in ti.static(range(len(HullColumn.names))):
+        worlds.hull[w, b, c] = hull[c]
+    c, s = ti.cos(hull[HullColumn.heading]), ti.sin(hull[HullColumn.heading])
+    velocity = hull[HullColumn.u] * vec2(s, c) + hull[HullColumn.v] * vec2(c, -s)
+    has_moved(worlds, w, b, velocity, current + sideways / p[Parameter.step])
+    return moved
 
 
 @func
 def move_boat(worlds: ti.template(), w, b):
     """Go towards the goal through the water, while water and wind carry the boat.
 
-    Without a lag it is the reachable point nearest to the goal that it goes to, at most at top speed.
+    A point without a lag goes to the reachable point nearest to the goal, at most at top speed.
     """
     p = ti.static(worlds.p)
     boat = ti.static(worlds.boat)
@@ -211,7 +304,10 @@ def move_boat(worlds: ti.template(), w, b):
     wanted = vec2(boat[w, b, BoatColumn.goal_x] - x, boat[w, b, BoatColumn.goal_y] - y)
     farthest = p[Parameter.top_speed] * dt
     distance = 0.0
-    if p[Parameter.response_time] > 0.0:
+    if ti.static(worlds.program.otter):
+        wanted = sail(worlds, w, b, wanted, drift / dt)
+        distance = wanted.norm()
+    elif p[Parameter.response_time] > 0.0:
         drift += dt * vec2(p[Parameter.leeway_x], p[Parameter.leeway_y])
         wanted = way_through_water(worlds, w, b, wanted, drift / dt)
         distance = wanted.norm()

@@ -103,6 +103,8 @@ class Parameter(Columns):
     dead_band: int
     leeway_x: int  # m/s
     leeway_y: int
+    wind_x: int  # m/s
+    wind_y: int
     separation_boat: int
     sound_speed: int
     propagates: int

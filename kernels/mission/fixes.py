@@ -5,7 +5,15 @@ import taichi as ti
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission import boat_motion, motion, navigation
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, BodyColumn, Draw, EstimateColumn, Parameter, Sensor
-from usvauv.kernels.mission.reception import ArrayPose, array_pose, covariance_at, height, measure, true_height
+from usvauv.kernels.mission.reception import (
+    ArrayPose,
+    array_pose,
+    common_covariance,
+    covariance_at,
+    height,
+    measure,
+    true_height,
+)
 from usvauv.kernels.mission.worlds import normals, uniforms
 from usvauv.kernels.positioning import tracker, usbl
 from usvauv.kernels.positioning.usbl import Expectation
@@ -63,7 +71,7 @@ def make_fix(
             worlds.body[w, k, BodyColumn.told_depth] = read
     measured = vec3(found[0], found[1], found[2])
     covariance = covariance_at(worlds, pose, k, measured)
-    common = usbl.systematic_covariance(worlds.link, k, measured, pose.axes)
+    common = common_covariance(worlds, pose, k, measured)
     place = here + pose.displaced + vec2(found[0], found[1])
     for c in ti.static(range(2)):
         auv[w, k, AuvColumn.fix_x + c] = place[c]
@@ -208,7 +216,7 @@ def finish(worlds: ti.template(), pose: ArrayPose, w, k):
     place = vec2(estimate[w, k, EstimateColumn.x], estimate[w, k, EstimateColumn.y])
     if ti.static(worlds.program.tracker or worlds.program.sensor != Sensor.none):
         # Both are renewed in each step, without what fixes have in common.
-        common = usbl.systematic_covariance(worlds.link, k, away(worlds, w, pose.boat, k), pose.axes)
+        common = common_covariance(worlds, pose, k, away(worlds, w, pose.boat, k))
         for c in ti.static(range(3)):
             estimate[w, k, EstimateColumn.covariance_xx + c] = (
                 estimate[w, k, EstimateColumn.covariance_xx + c] + common[c]
@@ -224,7 +232,7 @@ def begin_estimate(worlds: ti.template(), pose: ArrayPose, w, k):
     A track follows the positions that fixes without noise would show, so the errors that fixes have in common are part
     of it.
     """
-    covariance = usbl.systematic_covariance(worlds.link, k, away(worlds, w, pose.boat, k), pose.axes)
+    covariance = common_covariance(worlds, pose, k, away(worlds, w, pose.boat, k))
     covariance += vec3(DEPLOYMENT_VARIANCE, 0.0, DEPLOYMENT_VARIANCE)
     for c in ti.static(range(3)):
         worlds.estimate[w, k, EstimateColumn.covariance_xx + c] = covariance[c]

@@ -9,6 +9,7 @@ import taichi as ti
 
 from usvauv.kernels import random
 from usvauv.kernels.functions import func
+from usvauv.kernels.mission import boat_motion
 from usvauv.kernels.mission.columns import (
     AuvColumn,
     BoatColumn,
@@ -36,6 +37,7 @@ class ArrayPose:
         displaced: error of the array's position, m.
         slowness: slowness of sound over that which fixes are computed with.
         effort: speed of the boat through the water over its top speed.
+        heading: rad anticlockwise from east.
     """
 
     boat: ti.i32
@@ -44,6 +46,7 @@ class ArrayPose:
     displaced: vec2
     slowness: ti.f32
     effort: ti.f32
+    heading: ti.f32
 
 
 @ti.dataclass
@@ -92,15 +95,27 @@ def true_height(worlds: ti.template(), w, b, k):
 
 
 @func
+def turned_by(way: vec2, angle: ti.f32) -> vec2:
+    """A vector after a turn anticlockwise."""
+    c, s = ti.cos(angle), ti.sin(angle)
+    return vec2(c * way[0] - s * way[1], s * way[0] + c * way[1])
+
+
+@func
 def array_pose(worlds: ti.template(), w, b) -> ArrayPose:
     """Pose of the array of boat b in this step, the same for all AUVs.
 
     Errors of mounting, heading, lever arm and speed of sound last for an episode, those of pitch and roll are new in
-    each step, that of the boat's position is a Gauss–Markov process.
+    each step, that of the boat's position is a Gauss–Markov process. Mounting, lever arm, pitch and roll turn with an
+    Otter; the array of a point heads east.
     """
     p = ti.static(worlds.p)
     boat = ti.static(worlds.boat)
     slope = p[Parameter.tilt] * vec2(boat[w, b, BoatColumn.slope_x], boat[w, b, BoatColumn.slope_y])
+    heading = 0.0
+    if ti.static(worlds.program.otter):
+        heading = boat_motion.boat_heading(worlds, w, b)
+        slope = turned_by(slope, -heading)
     angles = usbl.attitude(slope)
     noise = normals(worlds, w, Draw.attitude, b)
     lasting = random.normals(address(worlds, w, 0, Draw.calibration, b), key(worlds, w))
@@ -108,13 +123,19 @@ def array_pose(worlds: ti.template(), w, b) -> ArrayPose:
     error = p[Parameter.attitude_error] * vec2(noise[0], noise[1])
     error += p[Parameter.alignment_error] * vec2(lasting[0], lasting[1])
     gnss = vec2(boat[w, b, BoatColumn.gnss_x], boat[w, b, BoatColumn.gnss_y])
+    axes = usbl.array_axes(angles)
+    arm = p[Parameter.lever_arm_error] * vec2(lever[0], lever[1])
+    if ti.static(worlds.program.otter):
+        axes = usbl.turned(axes, heading)
+        arm = turned_by(arm, heading)
     return ArrayPose(
         boat=b,
-        axes=usbl.array_axes(angles),
-        measured=usbl.turned(usbl.array_axes(angles + error), p[Parameter.heading_error] * lasting[2]),
-        displaced=gnss + p[Parameter.lever_arm_error] * vec2(lever[0], lever[1]),
+        axes=axes,
+        measured=usbl.turned(usbl.array_axes(angles + error), heading + p[Parameter.heading_error] * lasting[2]),
+        displaced=gnss + arm,
         slowness=1.0 / (1.0 + p[Parameter.sound_speed_error] * lasting[3]),
         effort=boat[w, b, BoatColumn.effort],
+        heading=heading,
     )
 
 
@@ -213,7 +234,39 @@ def covariance_at(worlds: ti.template(), pose: ArrayPose, k, offset: vec3) -> ve
     """Covariance (xx, xy, yy) in m² of a fix's own errors at the offset that the receiver measured."""
     loss = acoustic_link.further_loss(worlds.link, k, offset, pose.effort)
     sigma = acoustic_link.phase_deviation(worlds.link, k, offset.norm(), loss)
-    return usbl.horizontal_covariance(worlds.link, k, offset, pose.axes, sigma)
+    seen, axes = as_heading_east(worlds, pose, offset)
+    return as_it_heads(worlds, pose, usbl.horizontal_covariance(worlds.link, k, seen, axes, sigma))
+
+
+@func
+def common_covariance(worlds: ti.template(), pose: ArrayPose, k, offset: vec3) -> vec3:
+    """Covariance (xx, xy, yy) in m² of the errors that the fixes of a boat have in common, at an offset from it, m."""
+    seen, axes = as_heading_east(worlds, pose, offset)
+    return as_it_heads(worlds, pose, usbl.systematic_covariance(worlds.link, k, seen, axes))
+
+
+@func
+def as_heading_east(worlds: ti.template(), pose: ArrayPose, offset: vec3):
+    """An offset and the array's axes turned with the boat until it heads east, as the covariances of `usbl` have it."""
+    seen = offset
+    axes = pose.axes
+    if ti.static(worlds.program.otter):
+        flat = turned_by(vec2(offset[0], offset[1]), -pose.heading)
+        seen = vec3(flat[0], flat[1], offset[2])
+        axes = usbl.turned(axes, -pose.heading)
+    return seen, axes
+
+
+@func
+def as_it_heads(worlds: ti.template(), pose: ArrayPose, covariance: vec3) -> vec3:
+    """A covariance (xx, xy, yy) turned back from east to the boat's heading."""
+    found = covariance
+    if ti.static(worlds.program.otter):
+        c, s = ti.cos(pose.heading), ti.sin(pose.heading)
+        found[0] = c * c * covariance[0] - 2.0 * c * s * covariance[1] + s * s * covariance[2]
+        found[1] = c * s * (covariance[0] - covariance[2]) + (c * c - s * s) * covariance[1]
+        found[2] = s * s * covariance[0] + 2.0 * c * s * covariance[1] + c * c * covariance[2]
+    return found
 
 
 @func

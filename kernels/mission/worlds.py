@@ -31,6 +31,7 @@ from usvauv.kernels.mission.columns import (
 from usvauv.kernels.mission.tasks.task import Task
 from usvauv.kernels.positioning import tracker
 from usvauv.kernels.types import Columns
+from usvauv.kernels.vehicles.otter import HullColumn
 
 
 class Strategy(NamedTuple):
@@ -68,6 +69,7 @@ class Program(NamedTuple):
         turns: phases of a fix can lack whole turns, see `usvauv.kernels.positioning.usbl`.
         fleet: there is more than one boat.
         vehicle: AUVs are vehicles with dynamics, see `usvauv.kernels.mission.vehicles`.
+        otter: boats move as `usvauv.kernels.vehicles.otter` says; else they are points.
         eddies: how vortices fill the water.
         passing: nodes are served in passing, not hovering.
         serial: the calling thread does all worlds: for few worlds on a CPU waking another thread takes longer.
@@ -90,6 +92,7 @@ class Program(NamedTuple):
     turns: bool
     fleet: bool
     vehicle: bool
+    otter: bool
     eddies: Eddies
     passing: bool
     serial: bool = False
@@ -134,6 +137,7 @@ class Array(NamedTuple):
 
 ANYWHERE = Range(-1e12, 1e12)
 TRACK = tracker.COLUMNS * (Range(-1e25, 1e25),)
+HULL = (Range(-1e6, 1e6),) * len(HullColumn.names)
 VORTEX = ANYWHERE, ANYWHERE, Range(-1e5, 1e5), Range(0.0, 1e6)
 
 # Nothing changes these while worlds run.
@@ -150,6 +154,7 @@ TABLES = {
     "strategy_arguments": Array(".", "numbers that the boat strategy was given, at least one"),
     "rule_numbers": Array(".", "numbers of the target rule, at least one"),
     "task_parameters": Array(".", "numbers that the task declares, at least one"),
+    "otter": Array(".", "boats with dynamics, `usvauv.kernels.vehicles.otter.Number`"),
     "reward_weights": Array("R", "weights of the reward terms"),
     "observation_first": Array(".", "index of the first number of each term of an observation", dtype=ti.i32),
     "key": Array("W", "seed of each world", KeyColumn, ti.i32),
@@ -161,6 +166,7 @@ STATE = {
     "node": Array("WM", "nodes or stations", NodeColumn, whose="node"),
     "vortex": Array("WV", "vortices of the water", Vortex, whose="vortex", column_ranges=VORTEX),
     "boat": Array("WB", "boats", BoatColumn, whose="boat"),
+    "hull": Array("WB", "boats' hulls", HullColumn, whose="the hull of boat", column_ranges=HULL),
     "tally": Array("W", "the channel, and counts of the last step", TallyColumn),
     "estimate": Array("WK", "the boats' estimate of each AUV", EstimateColumn, whose="the estimate of AUV"),
     "track": Array(

@@ -125,10 +125,10 @@ def array_axes(angles: vec2) -> mat3:
 
 
 @func
-def turned(axes: mat3, heading_error: ti.f32) -> mat3:
-    """The array's axes as they seem with an error of the heading (rad, anticlockwise)."""
-    c = ti.cos(heading_error)
-    s = ti.sin(heading_error)
+def turned(axes: mat3, heading: ti.f32) -> mat3:
+    """The array's axes after a turn, or as they seem with an error of the heading (rad, anticlockwise)."""
+    c = ti.cos(heading)
+    s = ti.sin(heading)
     return axes @ mat3([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
 
 

@@ -1,4 +1,4 @@
-"""The heading of a boat that the mission simulates as a point.
+"""The heading of a boat that the mission simulates as a point; an Otter has one of its own.
 
 It is where the boat's bow points, and nothing in a mission depends on it. The boat turns towards its velocity through
 the water v, at most at `TURN_RATE`, and keeps its heading where |v| does not exceed `SLOWEST`:

@@ -17,6 +17,7 @@ from usvauv.kernels.errors import DivergenceError
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, BodyColumn, EstimateColumn, NodeColumn, TallyColumn
 from usvauv.kernels.positioning.usbl import DETECTED
 from usvauv.kernels.types import Level
+from usvauv.kernels.vehicles.otter import HullColumn
 
 SURFACE_PIXELS = 128
 COPIES = 2.5  # of a state in memory: as recorded, together with the others, and what is made of it
@@ -70,6 +71,7 @@ class Recorder:
         for name, tensor in (
             ("auv", world.auv),
             ("boat", world.boat),
+            ("hull", world.hull),
             ("tally", world.tally),
             ("backlog", world.node[..., NodeColumn.backlog]),
             ("terms", world.reward_terms),
@@ -104,7 +106,7 @@ class Recorder:
             ScenarioError: each has a seed of its own.
         """
         world = self.world
-        vehicles, boats, tally, backlog, terms, known, own, foreseen, vortex, body = (
+        vehicles, boats, hull, tally, backlog, terms, known, own, foreseen, vortex, body = (
             np.stack([row[worlds] for row in rows[first:]]) for rows in self._rows.values()
         )
         nodes = world.node[worlds].cpu().numpy()
@@ -114,6 +116,10 @@ class Recorder:
 
         flags = column("fix_flags").astype(np.uint8)
         heard = (flags & DETECTED)[..., None] > 0
+        if world.scenario.boat.model == "otter":
+            turn = np.float32(0.5 * np.pi) - hull[..., HullColumn.heading]
+        else:
+            turn = headings(boats[..., BoatColumn.span("water_x", "water_y")], world.scenario.mission.step)
         return Trace(
             scenario=world.scenario,
             policy=policy,
@@ -144,7 +150,7 @@ class Recorder:
             border=column("border").astype(np.int8),
             reward_terms=terms,
             boat_position=boats[..., BoatColumn.span("x", "y")],
-            boat_heading=headings(boats[..., BoatColumn.span("water_x", "water_y")], world.scenario.mission.step),
+            boat_heading=turn,
             boat_goal=boats[..., BoatColumn.span("goal_x", "goal_y")],
             boat_surface=boats[..., BoatColumn.span("elevation", "slope_y")],
             backlog=backlog,

@@ -16,6 +16,7 @@ from typing import Any
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from usvauv.env.scenario.fields import Section, known, one_line, section
+from usvauv.env.scenario.otter import Otter
 from usvauv.env.scenario.sea import INFRAGRAVITY, SMALLEST_PERIOD, Area, Current, Mission, Sea, Storm, Water
 from usvauv.env.scenario.sound import Acoustics, Channel, Usbl
 from usvauv.env.scenario.task import Nodes, Observation, Reference, Reward, Stations, TaskParameters
@@ -68,6 +69,7 @@ class Scenario(Section):
     channel: Channel = section(Channel, "the acoustic channel")
     navigation: Navigation = section(Navigation, "dead reckoning of the AUVs")
     boat: Boat = section(Boat, "the boats (USVs), which are all alike")
+    otter: Otter = section(Otter, "the boats with boat.model = otter")
     planner: Planner = section(Planner, "Fisher-information path planning (Eq. 2–3)")
     tracker: Tracker = section(Tracker, "tracker of the AUVs")
     auv: Auv = section(Auv, "the AUVs")

@@ -41,26 +41,35 @@ class Boat(Section):
         description="the boat's own noise at its array at top speed and 15 kHz, dB re 1 µPa²/Hz; 60 dB less a decade of"
         " speed, 20 dB a decade of frequency; 0: none",
     )
-    top_speed: float = Field(4.0, ge=1e-4, le=1e4, description="top speed through the water, m/s")
+    model: Literal["point", "otter"] = Field(
+        "point", description="it turns on the spot, or is a catamaran with the numbers of [otter]"
+    )
+    top_speed: float = Field(
+        4.0, ge=1e-4, le=1e4, description="top speed through the water, m/s; of an otter also what its thrust gives"
+    )
     drifts: bool = Field(True, description="the current carries the boat")
     response_time: float = Field(
         0.0,
         ge=0,
         le=600,
-        description="time in which its velocity through the water follows, s; 0: it goes where it wants to at once",
+        description="time in which a point's velocity through the water follows, s; 0: it is where it wants to at once",
     )
     windage: float = Field(
-        0.0, ge=0, le=0.1, description="share of the wind's speed at which the wind drives it; needs a response_time"
+        0.0,
+        ge=0,
+        le=0.1,
+        description="share of the wind's speed at which the wind drives a point; needs a response_time",
     )
     dead_band: Distance = Field(
-        0.0, description="distance from its goal within which it only makes good the drift, m; needs a response_time"
+        0.0,
+        description="distance from its goal within which it only stems the drift, m; a point's needs a response_time",
     )
     strategy: str = Field("fim", description="where it goes, as the option --usv takes it")
 
     @model_validator(mode="after")
     def _check(self) -> Boat:
         for name in ("windage", "dead_band"):
-            if getattr(self, name) > 0 and self.response_time == 0:
+            if self.model == "point" and getattr(self, name) > 0 and self.response_time == 0:
                 raise ValueError(f"{name} = {getattr(self, name):g}: must be 0 where response_time is 0")
         return self
 

@@ -43,6 +43,7 @@ def unused_arrays(scenario: Scenario, foresees: bool) -> tuple[str, ...]:
         "exchange": scenario.channel.schedule != "every-step",
         "foresight": foresees,
         "body": scenario.auv.dynamic,
+        "hull": scenario.boat.model == "otter",
     }
     return tuple(name for name, used in in_use.items() if not used)
 

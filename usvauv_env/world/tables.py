@@ -43,6 +43,7 @@ from usvauv.kernels.positioning.sonar import (
     wind_of_developed_sea,
     wind_of_growing_sea,
 )
+from usvauv.kernels.vehicles import otter
 from usvauv.kernels.vehicles.vehicle import vehicles
 
 OWN_NOISE_FREQUENCY = 15000.0  # Hz, at which a scenario gives it
@@ -89,21 +90,32 @@ def wind(site: Site) -> float:
     return min(wind_of_growing_sea(storm.significant_height, storm.peak_period), STRONGEST)
 
 
-def leeway(site: Site) -> complex:
-    """Velocity of a boat through the water by the wind alone, east + i north, m/s.
+def wind_direction(site: Site) -> float:
+    """Where the wind blows, rad anticlockwise from east.
 
-    The wind blows as the storm travels, or the first system of a file of waves.
+    It blows as the storm travels, or the first system of a file of waves.
     """
     scenario = site.scenario
     systems = wave_systems(site) if site.waves is not None else ()
-    direction = systems[0].direction if systems else scenario.storm.direction
-    return cmath.rect(scenario.boat.windage * wind(site), direction)
+    return systems[0].direction if systems else scenario.storm.direction
+
+
+def top_speed(scenario: Scenario) -> float:
+    """Of a boat through the water, m/s."""
+    most = otter.top_speed(scenario.otter.model_dump()) if scenario.boat.model == "otter" else math.inf
+    return min(scenario.boat.top_speed, most)
+
+
+def response_time(scenario: Scenario) -> float:
+    """Time in which a boat's velocity through the water follows, s."""
+    boat = scenario.boat
+    return otter.response_time(scenario.otter.model_dump()) if boat.model == "otter" else boat.response_time
 
 
 def control_time(scenario: Scenario) -> float:
     """Way to a goal over the speed that a boat asks for it, s: what is left falls as e^{−t/`CONTROL_TIME`}."""
     step = scenario.mission.step
-    return step / -math.expm1(-step / CONTROL_TIME) if scenario.boat.response_time else step
+    return step / -math.expm1(-step / CONTROL_TIME) if response_time(scenario) else step
 
 
 def absorption(scenario: Scenario, frequency: float) -> float:
@@ -201,6 +213,7 @@ def program(site: Site, strategy: BoatStrategy, link: np.ndarray) -> Program:
         turns=usbl.turns_possible(link),
         fleet=s.boat.count > 1,
         vehicle=s.auv.dynamic,
+        otter=s.boat.model == "otter",
         eddies=site.eddies,
         passing=s.nodes.service == "passing",
     )
@@ -226,6 +239,7 @@ def kernel_tables(site: Site, strategy: StrategyChoice) -> dict[str, np.ndarray]
         "strategy_arguments": strategy.numbers or [0.0],
         "rule_numbers": target_rules.parse(s.nodes.target_rule)[1] or [0.0],
         "task_parameters": [given.get(name, default) for name, default in task.parameters] or [0.0],
+        "otter": otter.table_of(s.otter.model_dump()),
         "reward_weights": weights,
         "bed": site.bed,
     }
@@ -345,7 +359,7 @@ def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
         current_variance, correlation_time = current_model(site, link)
     elif s.navigation.sensor == "ground":  # the log's bias takes the current's place
         current_variance, correlation_time = s.navigation.velocity_bias**2, s.navigation.bias_correlation_time
-    carried = leeway(site)
+    blowing, carried = (cmath.rect(share * wind(site), wind_direction(site)) for share in (1.0, s.boat.windage))
     way = math.sqrt(s.area.width * s.area.length / s.targets)  # from node to node
     data, rate = DataLink.of(site), reference_rate(site)
     sections = s.mission, s.area, s.current, s.usbl, s.channel, s.navigation, s.boat, s.tracker, s.auv, s.nodes
@@ -362,11 +376,15 @@ def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
         "bias_memory": math.exp(-s.mission.step / s.navigation.bias_correlation_time),
         "velocity_variance": 0.5 * s.reference.straight_speed**2,
         "velocity_memory": way / s.reference.straight_speed,
+        "top_speed": top_speed(s),
+        "response_time": response_time(s),
         "response_memory": math.exp(-s.mission.step / s.boat.response_time) if s.boat.response_time else 0.0,
         "control_time": control_time(s),
         "drift_memory": math.exp(-s.mission.step / DRIFT_TIME),
         "leeway_x": carried.real,
         "leeway_y": carried.imag,
+        "wind_x": blowing.real,
+        "wind_y": blowing.imag,
         "separation_boat": s.auv.depth,
         "sound_speed": sound_speed(site),
         "propagates": s.usbl.propagation,

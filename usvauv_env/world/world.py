@@ -142,6 +142,7 @@ class World:
     node: torch.Tensor
     vortex: torch.Tensor
     boat: torch.Tensor
+    hull: torch.Tensor
     tally: torch.Tensor
     estimate: torch.Tensor
     track: torch.Tensor
@@ -368,12 +369,12 @@ class World:
         if not torch.isfinite(action).all():
             raise ScenarioError("boat_action: all numbers must be finite")
         boat = self.scenario.boat
-        velocity = boat.top_speed * action / action.norm(dim=-1, keepdim=True).clamp(min=1.0)
+        velocity = tables.top_speed(self.scenario) * action / action.norm(dim=-1, keepdim=True).clamp(min=1.0)
         place = self.boat[..., BoatColumn.span("x", "y")]
-        if boat.response_time:
+        if response := tables.response_time(self.scenario):
             drift = self.boat[..., BoatColumn.span("drift_x", "drift_y")]
             velocity = velocity + drift
-            place = place + boat.response_time * (self.boat[..., BoatColumn.span("water_x", "water_y")] + drift)
+            place = place + response * (self.boat[..., BoatColumn.span("water_x", "water_y")] + drift)
             place = place + boat.dead_band * velocity / velocity.norm(dim=-1, keepdim=True).clamp(min=1e-6)
         elif boat.drifts:
             velocity = velocity + self.boat[..., BoatColumn.span("current_x", "current_y")]
