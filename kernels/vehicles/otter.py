@@ -279,10 +279,11 @@ def steer(table: ti.template(), hull: boat8, heading: ti.f32, speed: ti.f32, dt:
     X += table[Number.m11] * (table[Number.speed_gain] * lacking + table[Number.speed_sum] * hull[HullColumn.speed_sum])
     T = allocate(table, X, N)
     after = hull
-    # Nothing is summed while a limit holds.
-    if r == turn and ti.abs(N) < table[Number.lever] * (ahead + astern):
+    # Nothing is summed that leads farther beyond a limit.
+    if r == turn and (ti.abs(N) < table[Number.lever] * (ahead + astern) or error * N < 0.0):
         after[HullColumn.heading_sum] += dt * error
-    if ti.abs(T[0] + T[1] - X) < 1e-3 * ahead:
+    beyond = X - T[0] - T[1]
+    if ti.abs(beyond) < 1e-3 * ahead or lacking * beyond < 0.0:
         after[HullColumn.speed_sum] += dt * lacking
     return revolutions(table, T), after
 
