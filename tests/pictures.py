@@ -21,7 +21,7 @@ import cv2
 import numpy as np
 from matplotlib.ft2font import __freetype_version__
 
-from tests.usvauv_env.made_traces import keeping_station, synthetic_trace, with_second_boat
+from tests.usvauv_env.made_traces import diving, keeping_station, synthetic_trace, with_second_boat
 from usvauv.env.record.trace import Trace
 from usvauv.env.render.frames import frames_of
 
@@ -41,6 +41,7 @@ class Case(NamedTuple):
     size: tuple[int, int] = (640, 360)
     t: int = 43
     reduced: int = 1
+    follow: str = ""
 
 
 def cases() -> dict[str, Case]:
@@ -53,6 +54,7 @@ def cases() -> dict[str, Case]:
     missed = replace(mission, fix=np.where(np.arange(60)[:, None, None, None] % 3, np.nan, mission.fix))
     calm = synthetic_trace(steps=60, auvs=1, nodes=1, sea=False, vortices=0)
     crowd = synthetic_trace(steps=60, auvs=16, nodes=500, area=(400.0, 400.0))
+    dives = diving(synthetic_trace(steps=120, seed=4))
     wide = synthetic_trace(steps=60, auvs=4, area=(2000.0, 500.0))
     return {
         "map": Case((mission,)),
@@ -66,10 +68,12 @@ def cases() -> dict[str, Case]:
         "map-calm": Case((calm,)),
         "map-crowd": Case((crowd,)),
         "map-wide": Case((wide,), theme="light"),
+        "map-dives": Case((dives,), size=(1280, 720), t=90, reduced=2),
         "sea": Case((missed,), "sea", t=35),
         "sea-boats": Case((team,), "sea", "light", t=12),
         "sea-station": Case((station,), "sea"),
         "sea-upright": Case((mission,), "sea", size=(360, 640)),
+        "sea-dives": Case((dives,), "sea", "light", t=100, follow="auv:1"),
         "both": Case((missed,), "both", "light"),
         "both-square": Case((mission,), "both", size=(480, 480)),
         "compared": Case((mission, other)),
@@ -81,7 +85,7 @@ def cases() -> dict[str, Case]:
 
 def drawn(case: Case) -> np.ndarray:
     """The picture of a case as it would be stored, but with all of its levels."""
-    frame = frames_of(case.traces, case.size, case.view, case.theme, 30.0).frame(case.t)
+    frame = frames_of(case.traces, case.size, case.view, case.theme, 30.0, follow=case.follow).frame(case.t)
     stored = case.size[0] // case.reduced, case.size[1] // case.reduced
     return cv2.resize(frame, stored, interpolation=cv2.INTER_AREA)
 

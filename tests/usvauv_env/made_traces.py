@@ -158,3 +158,21 @@ def paint(trace: Trace, t: int, size: tuple[int, int] = (640, 360)) -> tuple[np.
     for step in range(t + 1):
         frame = painter.frame(step)
     return frame.copy(), painter
+
+
+def diving(trace: Trace) -> Trace:
+    """The trace with AUVs that dive up and down over an uneven bed, at ±19° of pitch; heading and fins are states."""
+    t, number = trace.time[:, None, None], np.arange(trace.power.shape[2])
+    phase = np.broadcast_to(0.07 * t + 1.5 * number, trace.power.shape)
+    pitch, roll = -np.arctan(0.35 * np.cos(phase)), 0.05 * np.sin(3 * phase)
+    heading = np.remainder(trace.attitude[..., 0] + np.pi, 2 * np.pi) - np.pi
+    area = trace.scenario.area.model_copy(update={"depth": 135.0, "bed_rms": 6.0})
+    fins = np.stack([0.2 * np.sin(2 * phase), -0.15 * np.sin(phase), 24 + 2 * np.cos(phase)], -1)
+    return replace(
+        trace,
+        scenario=trace.scenario.model_copy(update={"area": area}),
+        auv_depth=95 + 8 * np.sin(phase),
+        auv_attitude=np.stack([heading, pitch, roll], -1),
+        auv_fins=fins,
+        auv_touched=np.zeros(trace.power.shape, np.int8),
+    )

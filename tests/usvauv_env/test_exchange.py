@@ -10,7 +10,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from rerun.chunk import RrdReader
 
-from tests.usvauv_env.made_traces import synthetic_trace
+from tests.usvauv_env.made_traces import diving, synthetic_trace
 from usvauv.env.exchange import export_trace
 from usvauv.env.exchange.tables import tables
 from usvauv.env.record.metrics import served
@@ -23,12 +23,10 @@ STEPS = 7
 
 @pytest.fixture(scope="module")
 def trace():
-    """Two worlds of 300 m by 200 m at a place on Earth, a step of 0.3 s, a fix missing; AUV 0 is at rest at first."""
-    made = synthetic_trace(steps=STEPS, worlds=2, area=(300.0, 200.0), nodes=4, seed=5)
+    """Two worlds of 300 m by 200 m at a place on Earth, a step of 0.3 s, a fix missing; AUVs dive."""
+    made = diving(synthetic_trace(steps=STEPS, worlds=2, area=(300.0, 200.0), nodes=4, seed=5))
     random = np.random.default_rng(4)
-    velocity, slope, fix = made.auv_velocity.copy(), made.boat_surface.copy(), made.fix.copy()
-    velocity[:3, :, 0] = 0.0
-    velocity[3, :, 0], velocity[4:, :, 0] = (-1.0, 2.0), 0.0
+    slope, fix = made.boat_surface.copy(), made.fix.copy()
     slope[1:, ..., 1:] = random.normal(size=slope[1:, ..., 1:].shape)
     fix[3, :, 0] = np.nan
     covariance = random.uniform(1, 3, made.fix_covariance.shape) * (1, 0.2, 1)
@@ -40,7 +38,6 @@ def trace():
         scenario=made.scenario.model_copy(update={"water": water}),
         time=0.3 * made.time,
         fix=fix,
-        auv_velocity=velocity,
         boat_surface=slope,
         fix_covariance=covariance,
         estimate_covariance=2 * covariance,
@@ -112,7 +109,7 @@ class TestTables:
         fixes = made["fixes"]
         assert len(fixes) == STEPS * 2 * 2 - 2
         row = fixes[(fixes.time == trace.time[5]) & (fixes.world == 1) & (fixes.auv == 1)].iloc[0]
-        assert (row.x, row.y, row.depth) == (*trace.fix[5, 1, 1], trace.scenario.auv.depth)
+        assert (row.x, row.y, row.depth) == (*trace.fix[5, 1, 1], trace.auv_depth[5, 1, 1])
         assert (row.covariance_xx, row.covariance_xy, row.covariance_yy) == tuple(trace.fix_covariance[5, 1, 1])
         ((step, world, auv, node),) = zip(*served(trace), strict=True)
         expected = (trace.time[step], world, auv, node, 0.5)
@@ -134,7 +131,7 @@ class TestMcap:
 
     def test_every_topic_at_every_step(self, trace, bag):
         poses = {f"/{name}/{of}" for name in ("auv_0", "auv_1", "usv_0") for of in ("pose", "navsat")}
-        sound = {f"/auv_{k}/{of}" for k in (0, 1) for of in ("velocity", "fix", "estimate")}
+        sound = {f"/auv_{k}/{of}" for k in (0, 1) for of in ("velocity", "fins", "fix", "estimate")}
         expected = {"/tf", "/nodes", "/sea", "/usv_0/goal"} | poses | sound
         assert {topic: len(each) for topic, each in bag.items()} == dict.fromkeys(expected, STEPS) | {
             "/auv_0/fix": STEPS - 1
@@ -146,19 +143,23 @@ class TestMcap:
             assert header.frame_id == "map"
 
     def test_everything_is_at_its_place_height_and_turn(self, trace, bag):
-        """An AUV that has not moved yet looks east, one that hovers keeps its heading; boats lie on their slope.
+        """An AUV has its heading, pitch and roll; boats lie on their slope.
 
         Their bows point along their headings on level water, and on a slope to what that becomes by the turn of the
         vertical to the normal.
         """
-        depth, frame = trace.scenario.auv.depth, Site(trace.scenario).frame
+        frame = Site(trace.scenario).frame
         for t in range(STEPS):
             elevation, x, y = trace.boat_surface[t, 1, 0]
-            ahead = (1.0, 0.0, 0.0) if t < 3 else np.array([-1.0, 2.0, 0.0]) / np.sqrt(5)
+            (yaw, pitch, _), (other, nose, roll) = trace.auv_attitude[t, 1]
+            ahead = np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)
+            aside, forth = np.array([(-np.sin(other), np.cos(other), 0.0), (np.cos(other), np.sin(other), 0.0)])
+            risen = np.array([0.0, 0.0, np.cos(nose)]) - np.sin(nose) * forth
+            port = np.cos(roll) * aside + np.sin(roll) * risen  # it rises as starboard goes down
             up = np.array([-x, -y, 1.0]) / np.sqrt(1 + x * x + y * y)
             expected = {
-                "auv_0": ((*trace.auv_position[t, 1, 0], -depth), (1.0, 0, 0), ahead),
-                "auv_1": ((*trace.auv_position[t, 1, 1], -depth), (0, 0, 1.0), (0, 0, 1.0)),
+                "auv_0": ((*trace.auv_position[t, 1, 0], -trace.auv_depth[t, 1, 0]), (1.0, 0, 0), ahead),
+                "auv_1": ((*trace.auv_position[t, 1, 1], -trace.auv_depth[t, 1, 1]), (0, 1.0, 0), port),
                 "usv_0": ((*trace.boat_position[t, 1, 0], elevation), (0, 0, 1.0), up),
             }
             transforms = {each.child_frame_id: each.transform for each in bag["/tf"][t][1].transforms}
@@ -179,6 +180,10 @@ class TestMcap:
                 np.testing.assert_allclose([*back, earth.altitude], place, atol=1e-6)
             goal = numbers(bag["/usv_0/goal"][t][1].point)
             np.testing.assert_allclose(goal, [*trace.boat_goal[t, 1, 0], 0])
+            fins, (rudder, stern, turns) = bag["/auv_1/fins"][t][1], trace.auv_fins[t, 1, 1]
+            assert fins.name == ["rudder", "stern_plane", "propeller"]
+            np.testing.assert_allclose(fins.position, [rudder, stern, np.nan])
+            np.testing.assert_allclose(fins.velocity, [np.nan, np.nan, 2 * np.pi * turns])
             velocity = numbers(bag["/auv_0/velocity"][t][1].twist.linear)
             np.testing.assert_allclose(velocity, [*trace.auv_velocity[t, 1, 0], 0])
 
@@ -188,7 +193,7 @@ class TestMcap:
     )
     def test_positions_have_their_covariance_and_an_unknown_attitude(self, trace, bag, name, place, covariance):
         pose = bag[f"/auv_1/{name}"][4][1].pose
-        expected = (*getattr(trace, place)[4, 1, 1], -trace.scenario.auv.depth)
+        expected = (*getattr(trace, place)[4, 1, 1], -trace.auv_depth[4, 1, 1])
         np.testing.assert_allclose(numbers(pose.pose.position), expected)
         matrix, (xx, xy, yy) = np.reshape(pose.covariance, (6, 6)), getattr(trace, covariance)[4, 1, 1]
         np.testing.assert_array_equal(matrix[:2, :2], [[xx, xy], [xy, yy]])
@@ -198,7 +203,7 @@ class TestMcap:
     def test_clouds(self, trace, bag):
         rows, columns = np.indices(trace.surface.shape[1:])
         sea = [(columns + 0.5) * 300 / columns.shape[1], (rows + 0.5) * 200 / rows.shape[0], trace.surface[4]]
-        nodes = [*trace.node_position[1].T, np.full(4, -trace.scenario.area.depth), trace.backlog[4, 1]]
+        nodes = [*trace.node_position[1].T, -Site(trace.scenario).depth_at(trace.node_position[1]), trace.backlog[4, 1]]
         for topic, expected in (("/sea", sea), ("/nodes", nodes)):
             cloud, step = bag[topic][4][1], 4 * len(expected)
             assert [field.name for field in cloud.fields] == ["x", "y", "z", "backlog"][: len(expected)]
@@ -212,7 +217,11 @@ class TestRerun:
     def test_curves_fixes_and_places(self, trace, scene):
         for k in (0, 1):
             error = np.linalg.norm(trace.estimate - trace.auv_position, axis=-1)[:, 1, k]
-            for name, values in (("error", error), ("power", trace.power[:, 1, k])):
+            for name, values in (
+                ("error", error),
+                ("power", trace.power[:, 1, k]),
+                ("depth", trace.auv_depth[:, 1, k]),
+            ):
                 np.testing.assert_allclose(np.concatenate(scene[f"/{name}/auv_{k}"]["Scalars:scalars"]), values)
             fixes, colour = scene[f"/scene/fixes/auv_{k}"], scene[f"/scene/fixes/auv_{k}", "constant"]
             assert int(colour["Ellipsoids3D:colors"][0][0]).to_bytes(4)[0] == auv_colour(k)[2]  # red

@@ -46,7 +46,7 @@ class TestFrames:
     def test_any_size_and_area_is_divided_into_boxes_that_keep_apart(self, view, traces, size, area):
         names = ["SDR, Mbit/s", "EC, W", "services", "delivered, Mbit", "full nodes"]
         sheet = Sheet.of(size, Area(width=area[0], length=area[1]), names)
-        boxes = sheet.boxes(view) if traces == 1 else sheet.compared()
+        boxes = sheet.boxes(view, dives=True) if traces == 1 else sheet.compared()
         for box in boxes.values():
             assert min(box.left, box.top) >= 0
             assert min(box.width, box.height) >= 5

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import xarray
 
+from tests.usvauv_env.made_traces import synthetic_trace
 from usvauv import policies
 from usvauv.env import Scenario, Trace, TraceError, World
 from usvauv.env.record.heading import SLOWEST, TURN_RATE, headings, turned
@@ -14,6 +15,7 @@ from usvauv.env.record.metrics import episode_metrics
 from usvauv.env.record.recorder import record
 from usvauv.env.record.trace import INTEGERS, LARGEST, VARIABLES
 from usvauv.env.site.place import LocalFrame
+from usvauv.env.site.site import Site
 from usvauv.kernels.mission.columns import BoatColumn
 from usvauv.kernels.positioning import usbl
 
@@ -264,6 +266,25 @@ class TestHeading:
         for row, expected in zip(velocity, whole, strict=True):
             now = turned(now, row, self.STEP)
             assert np.isnan(now).any() or np.allclose(now, expected, atol=1e-5)
+
+
+def test_attitude_is_the_vehicles_own_and_that_of_a_point_where_it_moves():
+    """Across the cut of the angle both go on; a point at rest keeps its heading, and begins with its first one."""
+    turn = np.linspace(2.0, 5.0, 7)
+    velocity = np.stack([np.cos(turn), np.sin(turn)], -1)[:, None, None] * (np.arange(7) % 3 > 0)[:, None, None, None]
+    point = replace(synthetic_trace(steps=7, auvs=1), auv_velocity=velocity)
+    np.testing.assert_allclose(point.attitude[:, 0, 0], np.outer(turn[[1, 1, 2, 2, 4, 5, 5]], (1, 0, 0)), atol=1e-12)
+    np.testing.assert_array_equal(point.depth, point.scenario.auv.depth)
+    own = np.stack([np.angle(np.exp(1j * turn)), turn - 3, turn / 9], -1)[:, None, None]
+    vehicle = replace(point, auv_attitude=own, auv_depth=10 * turn[:, None, None])
+    np.testing.assert_allclose(vehicle.attitude[:, 0, 0], np.stack([turn, turn - 3, turn / 9], -1))
+    np.testing.assert_array_equal(vehicle.depth, vehicle.auv_depth)
+
+
+def test_the_bed_of_a_recorded_run_is_flat_where_its_file_is_gone(tmp_path):
+    gone = f"water.bathymetry={tmp_path / 'gone.nc'}"
+    scenario = Scenario.load("ideal", ["water.longitude=20", "water.latitude=40", gone])
+    np.testing.assert_array_equal(Site.recorded(scenario).depth_at(np.array([[3.0, 4.0]])), scenario.area.depth)
 
 
 def test_a_world_has_the_headings_of_its_boats_motion_through_the_water():

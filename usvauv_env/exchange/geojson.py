@@ -75,7 +75,8 @@ def of_mission(trace: Trace) -> list[dict[str, Any]]:
     """The area, the ways of AUVs and boats, the nodes or stations and the services of world 0 of a trace.
 
     A way has `times`, one for each of its points, and a service `time`: ISO 8601 in UTC where the mission has a date,
-    else seconds since its start. AUVs, boats and nodes are numbered from 1.
+    else seconds since its start. It has a `depth`, m, where that is a state one for each point. AUVs, boats and nodes
+    are numbered from 1.
 
     Raises:
         UserError: the scenario has no place on Earth.
@@ -85,9 +86,11 @@ def of_mission(trace: Trace) -> list[dict[str, Any]]:
     brought = trace.delivered[step, 0, auv]
     nodes = scenario.task_definition.targets == "nodes"
     features = [_outline(frame, scenario, policy=trace.policy, usv=trace.usv, seed=trace.seed, start=trace.start)]
-    for kind, ways, depth in (("auv", trace.auv_position, scenario.auv.depth), ("boat", trace.boat_position, 0.0)):
+    afloat = np.zeros(trace.boat_position.shape[:3])
+    for kind, ways, depths in (("auv", trace.auv_position, trace.depth), ("boat", trace.boat_position, afloat)):
         for k in range(ways.shape[2]):
-            line = _degrees(frame, ways[:, 0, k])
+            line, depth = _degrees(frame, ways[:, 0, k]), depths[:, 0, k].tolist()
+            depth = depth if trace.auv_depth.size and kind == "auv" else depth[0]
             features.append(_feature("LineString", line, kind=kind, **{kind: k + 1}, depth=depth, times=times))
     for i, place in enumerate(trace.node_position[0]):
         about = {"packets_per_second": float(trace.node_rate[0, i]), "services": int(np.sum(node == i))}

@@ -18,8 +18,8 @@ class Poses(NamedTuple):
         boats: (T, B, 3), on the waves.
         nodes: (M, 3), on the bed.
         sea: (T, N, 3), the surface row by row from the south; T = 0 where it was not recorded.
-        auv_turn, boat_turn: quaternions x, y, z, w: (T, K, 4) of an AUV's heading through the water, (T, B, 4) of a
-            boat's heading and of the slope of the surface under it.
+        auv_turn, boat_turn: quaternions x, y, z, w: (T, K, 4) of an AUV's attitude, (T, B, 4) of a boat's heading and
+            of the slope of the surface under it.
     """
 
     auvs: np.ndarray
@@ -34,15 +34,15 @@ class Poses(NamedTuple):
     @classmethod
     def of(cls, trace: Trace) -> Poses:
         """The poses in world 0 of a trace."""
-        depth = trace.scenario.auv.depth
+        depth = trace.depth[:, 0]
         return cls(
             auvs=_raised(trace.auv_position[:, 0], -depth),
             fixes=_raised(trace.fix[:, 0], -depth),
             estimates=_raised(trace.estimate[:, 0], -depth),
             boats=_raised(trace.boat_position[:, 0], trace.boat_surface[:, 0, :, 0]),
-            nodes=_raised(trace.node_position[0], -Site(trace.scenario).depth_at(trace.node_position[0])),
+            nodes=_raised(trace.node_position[0], -Site.recorded(trace.scenario).depth_at(trace.node_position[0])),
             sea=_sea(trace),
-            auv_turn=_headings(trace.auv_velocity[:, 0]),
+            auv_turn=turn(trace.attitude[:, 0]),
             boat_turn=afloat(trace.boat_heading[:, 0], trace.boat_surface[:, 0, :, 1:]),
         )
 
@@ -73,14 +73,11 @@ def _sea(trace: Trace) -> np.ndarray:
     return _raised(np.broadcast_to(plane, (steps, *plane.shape)), trace.surface).reshape(steps, rows * columns, 3)
 
 
-def _headings(velocity: np.ndarray) -> np.ndarray:
-    """Quaternions (T, K, 4) of turns about z towards velocities (T, K, 2); at rest the last one, at first east."""
-    moving = (velocity != 0).any(-1)
-    last = np.maximum.accumulate(np.where(moving, np.arange(len(moving))[:, None], -1), axis=0)
-    held = np.take_along_axis(velocity, np.maximum(last, 0)[..., None], axis=0)
-    half = np.arctan2(held[..., 1], held[..., 0]) / 2
-    nothing = np.zeros_like(half)
-    return np.stack([nothing, nothing, np.sin(half), np.cos(half)], axis=-1)
+def turn(attitude: np.ndarray) -> np.ndarray:
+    """Quaternions x, y, z, w (…, 4) of headings, pitches (nose up) and rolls (starboard down), (…, 3)."""
+    (c, p, r), (s, q, t) = (np.moveaxis(of(attitude / 2), -1, 0) for of in (np.cos, np.sin))
+    parts = c * p * t + s * q * r, s * p * t - c * q * r, s * p * r + c * q * t, c * p * r - s * q * t
+    return np.stack(parts, axis=-1)
 
 
 def afloat(heading: np.ndarray, slope: np.ndarray) -> np.ndarray:

@@ -22,7 +22,7 @@ from usvauv.env.storage.files import atomic_write
 TIME = "mission"
 TRAIL = 60.0  # s
 SIGMAS = 2.0  # of the ellipses of fixes
-CURVES = {"error": "Error of the estimate, m", "power": "Power, W", "backlog": "Packets waiting"}
+CURVES = {"error": "Error of the estimate, m", "power": "Power, W", "backlog": "Packets waiting", "depth": "Depth, m"}
 BOW = 3.0  # length of the arrow ahead of a vehicle over its radius
 OF_AREA = 0.008  # radius of a vehicle over the area's diagonal
 
@@ -92,7 +92,7 @@ def _log(log: _Log, trace: Trace) -> None:
     for k in auvs:
         name, colour = f"auv_{k}", auv_colour(k)[::-1]
         _log_fixes(log, f"/scene/fixes/{name}", poses.fixes[:, k], trace.fix_covariance[:, 0, k], colour)
-        for curve, values in (("error", error[:, k]), ("power", trace.power[:, 0, k])):
+        for curve, values in (("error", error[:, k]), ("power", trace.power[:, 0, k]), ("depth", trace.depth[:, 0, k])):
             log.constant(f"/{curve}/{name}", rr.SeriesLines(colors=colour, names=name))
             log.series(f"/{curve}/{name}", rr.Scalars.columns(scalars=values))
     log.series("/backlog", rr.Scalars.columns(scalars=trace.backlog[:, 0].sum(-1)))

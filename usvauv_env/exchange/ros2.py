@@ -4,7 +4,8 @@ One episode, in the frame "map": x east, y north, z up from the still water, m; 
 start. Messages are CDR and travel with their definitions, so that no ROS 2 need be installed to read them.
 
     /tf                  tf2_msgs/TFMessage                       "map" → "auv_0" …, "usv_0" …
-    /auv_0/pose          geometry_msgs/PoseStamped                the truth, heading through the water
+    /auv_0/pose          geometry_msgs/PoseStamped                the truth; of a point, heading through the water
+    /auv_0/fins          sensor_msgs/JointState                   rudder, stern plane, propeller, where it has them
     /auv_0/velocity      geometry_msgs/TwistStamped               through the water, in "map"
     /auv_0/fix           geometry_msgs/PoseWithCovarianceStamped  when a reply is detected
     /auv_0/estimate      geometry_msgs/PoseWithCovarianceStamped  where the boat takes the AUV to be
@@ -60,6 +61,8 @@ def write(trace: Trace, path: Path) -> None:
                     bag.place(f"/{name}/navsat", places[name][t])
             for k in range(auvs):
                 bag.velocity(f"/auv_{k}/velocity", trace.auv_velocity[t, 0, k])
+                if trace.auv_fins.size:
+                    bag.fins(f"/auv_{k}/fins", trace.auv_fins[t, 0, k])
                 if np.isfinite(poses.fixes[t, k]).all():
                     bag.uncertain(f"/auv_{k}/fix", poses.fixes[t, k], trace.fix_covariance[t, 0, k])
                 bag.uncertain(f"/auv_{k}/estimate", poses.estimates[t, k], trace.estimate_covariance[t, 0, k])
@@ -119,6 +122,12 @@ class _Bag:
     def velocity(self, topic: str, velocity: np.ndarray) -> None:
         twist = self.message("geometry_msgs/msg/Twist", self.vector((*velocity, 0.0)), self.vector(np.zeros(3)))
         self.add(topic, "geometry_msgs/msg/TwistStamped", self.header(), twist)
+
+    def fins(self, topic: str, fins: np.ndarray) -> None:
+        """Angles of rudder and stern plane, rad, and the propeller's velocity, rad/s; the others are NaN."""
+        position, velocity = np.append(fins[:2], np.nan), np.append((np.nan, np.nan), 2 * np.pi * fins[2])
+        joints = ["rudder", "stern_plane", "propeller"], position.astype(float), velocity.astype(float), np.zeros(0)
+        self.add(topic, "sensor_msgs/msg/JointState", self.header(), *joints)
 
     def goal(self, topic: str, goal: np.ndarray) -> None:
         self.add(topic, "geometry_msgs/msg/PointStamped", self.header(), self.vector((*goal, 0.0), "Point"))

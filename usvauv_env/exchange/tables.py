@@ -90,7 +90,7 @@ def _fixes(trace: Trace) -> Table:
     step, world, auv = np.nonzero(np.isfinite(trace.fix).all(-1))
     (x, y), (xx, xy, yy) = trace.fix[step, world, auv].T, trace.fix_covariance[step, world, auv].T
     covariance = {"covariance_xx": xx, "covariance_xy": xy, "covariance_yy": yy}
-    depth = np.full(len(x), trace.scenario.auv.depth)
+    depth = trace.depth[step, world, auv]
     boat, flags = trace.fix_boat[step, world, auv], trace.fix_flags[step, world, auv]
     return _rows(trace, step, world, auv) | {"x": x, "y": y, "depth": depth, **covariance, "boat": boat, "flags": flags}
 

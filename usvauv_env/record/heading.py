@@ -20,6 +20,7 @@ import numpy as np
 
 TURN_RATE = math.radians(20)  # rad/s
 SLOWEST = 0.1  # m/s
+AT_REST = 1e-3  # m/s, up to which an AUV that is a point keeps its direction
 
 
 def turned(heading: np.ndarray, velocity: np.ndarray, step: float) -> np.ndarray:
@@ -39,3 +40,12 @@ def headings(velocity: np.ndarray, step: float) -> np.ndarray:
         row[...] = now = turned(now, moving, step)
     begins = np.take_along_axis(made, np.argmax(~np.isnan(made), axis=0)[None], axis=0)
     return np.nan_to_num(np.where(np.isnan(made), begins, made)).astype(np.float32)
+
+
+def directions(velocity: np.ndarray) -> np.ndarray:
+    """Directions (T, …) of velocities (T, …, 2), rad, continuous; at rest the last one, at first the next."""
+    angle, rows = np.arctan2(velocity[..., 1], velocity[..., 0]), np.arange(len(velocity))
+    moving = np.hypot(velocity[..., 0], velocity[..., 1]) > AT_REST
+    last = np.maximum.accumulate(np.where(moving, rows.reshape(-1, *[1] * (angle.ndim - 1)), -1), axis=0)
+    first = np.where(moving.any(axis=0), moving.argmax(axis=0), 0)
+    return np.unwrap(np.take_along_axis(angle, np.where(last < 0, first, last), axis=0), axis=0)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from usvauv.env.record.heading import headings
+from usvauv.env.record.heading import directions, headings
 from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.env.site import place
 from usvauv.env.site.cf import OceanError
@@ -362,6 +362,23 @@ class Trace:
             mapping = file.create_variable(place.CRS, (), np.int32, data=0)
             for key, value in place.grid_mapping(frame).items():
                 mapping.attrs[key] = value
+
+    @property
+    def depth(self) -> np.ndarray:
+        """Depth of the AUVs below the mean surface, (T, W, K), m; of points the cruise depth."""
+        return self.auv_depth if self.auv_depth.size else np.full(self.power.shape, self.scenario.auv.depth)
+
+    @property
+    def attitude(self) -> np.ndarray:
+        """Heading (anticlockwise from east, continuous), pitch and roll of the AUVs, (T, W, K, 3), rad.
+
+        A point is level and heads where it moves through the water.
+        """
+        if not self.auv_attitude.size:
+            heading = directions(self.auv_velocity)[..., None]
+            return np.concatenate([heading, np.zeros((*self.power.shape, 2))], axis=-1)
+        heading, rest = np.split(self.auv_attitude, [1], axis=-1)
+        return np.concatenate([np.unwrap(heading, axis=0), rest], axis=-1)
 
     def stream_at(self, t: float) -> np.ndarray:
         """Real current at cruise depth at a time (s), (rows, columns, 2), m/s; empty where there is none."""

@@ -80,8 +80,11 @@ class Sheet(NamedTuple):
         width, height = (side / unit - 2 * MARGIN for side in size)
         return cls(Room(MARGIN, MARGIN, width, height), unit, area, names)
 
-    def boxes(self, view: str) -> dict[str, Rectangle]:
-        """The boxes of a view in pixels of the frame, by name; around a map those that make it about the largest."""
+    def boxes(self, view: str, dives: bool) -> dict[str, Rectangle]:
+        """The boxes of a view in pixels of the frame, by name; around a map those that make it about the largest.
+
+        Where AUVs have `dives`, their depths stand beside the section.
+        """
         if view == "map":
             beside, column, above = self._beside(), self._in_column(), self._above()
             if column["map"].width > 0.9 * beside["map"].width and column["map"].bottom < self.frame.bottom:
@@ -89,6 +92,8 @@ class Sheet(NamedTuple):
             rooms = max(beside, above, key=lambda rooms: rooms["map"].width)
         else:
             rooms = self._both() if view == "both" else self._sea()
+        if dives and "section" in rooms and (half := (rooms["section"].width - GAP) / 2) >= LEAST_PLOT_WIDTH:
+            rooms["section"], rooms["depth"] = rooms["section"].beside(half)
         return {name: room.pixels(self.unit) for name, room in rooms.items()}
 
     def least(self, name: str, width: float) -> float:

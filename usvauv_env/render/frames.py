@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
+import cv2
 import numpy as np
 
 from usvauv.env.record.trace import Trace
@@ -27,7 +28,8 @@ from usvauv.env.render.map import MissionMap, draw_map_axes, view_note
 from usvauv.env.render.mission import RunningMetrics, figures
 from usvauv.env.render.perspective import PerspectiveView
 from usvauv.env.render.plots import DepthSection, FixInsets, RecordedPlot
-from usvauv.env.render.style import Theme
+from usvauv.env.render.style import Theme, write
+from usvauv.env.site.site import Site
 from usvauv.kernels.errors import UserError
 
 VIEWS = ("map", "sea", "both")
@@ -107,17 +109,17 @@ class MissionFrames:
         self._trace, self._running, self._time = trace, RunningMetrics.of(trace, pace), Series(trace.time)
         scenario, names = trace.scenario, [name for name, _, _ in figures(trace, self._running, 0)]
         sheet = Sheet.of(size, scenario.area, names)
-        boxes = sheet.boxes(view)
+        boxes = sheet.boxes(view, trace.auv_depth.size > 0)
         left = max(0, boxes["map"].left - round(AXES[0] * sheet.unit)) if "map" in boxes else 0
         self.layout = layout = Layout(*size, sheet.unit, boxes, theme, left)
         self._still = still = np.full((size[1], size[0], 3), theme.background, np.uint8)
         self._picture = np.empty_like(still)
-        for name in boxes.keys() & {"reward", "fixes", "errors", "section"}:
+        for name in boxes.keys() & {"reward", "fixes", "errors", "section", "depth"}:
             draw_card(still, boxes[name], layout)
         self._parts: list[Part] = []
         if "map" in boxes:
             self.map = MissionMap(trace, self._running, layout, follow=follow)
-            draw_map_axes(still, self.map, layout, view_note(scenario))
+            draw_map_axes(still, self.map, layout, view_note(trace))
             self._parts.append(self.map)
         if "perspective" in boxes:
             self._parts.append(PerspectiveView(trace, self._running, boxes["perspective"], layout, follow))
@@ -131,9 +133,16 @@ class MissionFrames:
             foresees = not np.array_equal(trace.foreseen_position, trace.estimate)
             draw_legend(still, boxes["legend"], layout, scenario, foresees, "map" in boxes)
         duration = max(float(trace.time[-1]), scenario.mission.step)
-        self._errors = None
+        self._plots: list[RecordedPlot] = []
         if "errors" in boxes:
-            self._errors = error_plot(still, trace, self._running, boxes["errors"], layout, duration)
+            self._plots.append(error_plot(still, trace, self._running, boxes["errors"], layout, duration))
+        if "depth" in boxes:
+            self._plots.append(depth_plot(still, trace, boxes["depth"], layout, duration))
+        seen = max(
+            (boxes[name] for name in boxes.keys() & {"map", "perspective"}), key=lambda box: box.width * box.height
+        )
+        if follow and follow.kind == "auv" and trace.auv_fins.size:
+            self._parts.append(Instruments(trace, follow.index, seen, layout))
         end, words = float(trace.time[-1]), title_of(trace)
         self._head = Head(still, boxes["title"], boxes.get("tiles"), layout, words, names, end, speed_up)
 
@@ -154,15 +163,15 @@ class MissionFrames:
 
     def frame(self, t: float) -> np.ndarray:
         time = float(self._time.at(t))
-        if self._errors:
-            self._errors.show_until(time)
+        for plot in self._plots:
+            plot.show_until(time)
         np.copyto(self._picture, self._still)
         for part in self._parts:
             part.draw(self._picture, t)
         values = [f"{value:{form}}" for _, value, form in figures(self._trace, self._running, t)]
         self._head.draw(self._picture, time, (t + 1) / len(self._trace.time), values)
-        if self._errors:
-            self._errors.draw_cursor(self._picture, time)
+        for plot in self._plots:
+            plot.draw_cursor(self._picture, time)
         return self._picture
 
 
@@ -191,6 +200,60 @@ class RewardBars:
     def draw(self, picture: np.ndarray, t: float) -> None:
         """Draw a moment."""
         self._bars.draw(picture, self._running.reward[step_of(t), self._terms].tolist())
+
+
+class Instruments:
+    """What an AUV's instruments say, in the upper left corner of a view that follows it."""
+
+    def __init__(self, trace: Trace, auv: int, view: Rectangle, layout: Layout) -> None:
+        heading, pitch, _ = np.degrees(trace.attitude[:, 0, auv]).T
+        rudder, stern, propeller = trace.auv_fins[:, 0, auv].astype(float).T
+        depth = trace.depth[:, 0, auv]
+        self._readings = {
+            "heading": (Series(90.0 - heading), "03.0f", "°"),
+            "pitch": (Series(pitch), "+.1f", "°"),
+            "depth": (Series(depth), ".1f", " m"),
+            "altitude": (
+                Series(Site.recorded(trace.scenario).depth_at(trace.auv_position[:, 0, auv]) - depth),
+                ".1f",
+                " m",
+            ),
+            "speed": (Series(np.hypot(*trace.auv_velocity[:, 0, auv].T)), ".2f", " m/s"),
+            "rudder": (Series(np.degrees(rudder)), "+.1f", "°"),
+            "stern plane": (Series(np.degrees(stern)), "+.1f", "°"),
+            "propeller": (Series(60.0 * propeller), ".0f", " rpm"),
+        }
+        unit, rows = layout.unit, len(self._readings)
+        inset = Rectangle(
+            view.left, view.top, min(round(142 * unit), view.width), min(round((15 * rows + 9) * unit), view.height)
+        )
+        self._box, self._layout = inset, layout
+
+    def draw(self, picture: np.ndarray, t: float) -> None:
+        """Draw a moment."""
+        unit, box = self._layout.unit, self._box
+        region = box.of(picture)
+        region[:] = cv2.addWeighted(region, 0.3, np.full_like(region, style.DARK.card), 0.7, 0)
+        for row, (name, (series, form, of)) in enumerate(self._readings.items()):
+            value, line = float(series.at(t)), box.top + (15 * row + 15) * unit
+            words = f"{value % 360.0 if name == 'heading' else value:{form}}{of}".replace("-", "−")
+            write(picture, name, (box.left + 8 * unit, line), 11 * unit, style.DARK.muted)
+            write(picture, words, (box.right - 8 * unit, line), 11 * unit, style.DARK.text, bold=True, anchor="right")
+
+
+def depth_plot(still: np.ndarray, trace: Trace, box: Rectangle, layout: Layout, duration: float) -> RecordedPlot:
+    """Plot of the AUVs' depths, each in its colour, over the bed below it."""
+    depth, bed = trace.depth[:, 0], Site.recorded(trace.scenario).depth_at(trace.auv_position[:, 0])
+    room = within_margins(box, layout.unit, top=28, sides=18, bottom=20, left=42)
+    lowest, highest = max(float(bed.max()), float(depth.max())), float(depth.min())
+    margin = 0.15 * (lowest - highest)
+    plot = RecordedPlot(still, room, lowest + margin, max(highest - margin, 0.0), duration, layout)
+    write_heading(still, layout, box, "Depth, m", "dashed: the bed below")
+    for auv in range(depth.shape[1]):
+        plot.curve(trace.time, bed[:, auv], style.mix(layout.theme.card, layout.theme.auv(auv), 0.6), 5 * layout.unit)
+        plot.curve(trace.time, depth[:, auv], layout.theme.auv(auv))
+    plot.finish()
+    return plot
 
 
 def error_plot(

@@ -17,7 +17,6 @@ from usvauv.env.render.mission import TRAIL, Exchanges, Itinerary, ReplyField, R
 from usvauv.env.render.sea import CurrentStreaks, SeaSurface, colour_scale
 from usvauv.env.render.shapes import Overlay
 from usvauv.env.render.style import text_width, write
-from usvauv.env.scenario import Scenario
 from usvauv.kernels.flow.vortex import Eddies
 from usvauv.kernels.types import Level
 
@@ -66,7 +65,7 @@ class MissionMap:
         self._boats = Series(trace.boat_position[:, 0], smooth=True)
         self._auvs = Series(trace.auv_position[:, 0], smooth=True)
         self._followed = follow.way(trace) if follow else None
-        self._boat_heading, self._heading = Series(trace.boat_heading[:, 0]), Series(running.heading)
+        self._boat_heading, self._heading = Series(trace.boat_heading[:, 0]), Series(trace.attitude[:, 0, :, 0])
         self._label = np.array([14, -12]) * layout.unit
         self._exchanges, self._itinerary = Exchanges(trace, running.pace), Itinerary(trace)
         self._popups = Popups(trace, self._itinerary, layout.unit, running.pace)
@@ -269,9 +268,11 @@ def draw_ticks(picture: np.ndarray, view: MapView, layout: Layout) -> None:
         write(picture, f"{y:g}", (box.left - 8 * unit, at + 0.36 * size), size, layout.theme.muted, anchor="right")
 
 
-def view_note(scenario: Scenario) -> str:
+def view_note(trace: Trace) -> str:
     """Point of view, and the depth of the AUVs."""
-    return f"seen from above, AUVs {scenario.auv.depth:g} m below the boat"
+    least, most = trace.depth.min(), trace.depth.max()
+    depths = f"{least:.0f} to {most:.0f}" if least < most else f"{most:g}"
+    return f"seen from above, AUVs {depths} m below the boat"
 
 
 def _scale_bar(picture: np.ndarray, layers: MapLayers, layout: Layout, below: float) -> float:

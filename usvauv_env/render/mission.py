@@ -34,7 +34,6 @@ class RunningMetrics:
         error_median: (T, K) its median over the last 30 s.
         off_target: (T,) mean over AUVs of the distance to the target, m. power: (T,) of the AUVs together, W.
         reward: (T, R) terms of the reward a step, summed over AUVs, mean of the last 30 s.
-        heading: (T, K) of the AUVs, anticlockwise from east and continuous, rad.
         service_share: (T, K) completed part of the service under way, 0 when travelling.
         sea: its surface. pace: steps of the mission from one frame to the next.
     """
@@ -49,7 +48,6 @@ class RunningMetrics:
     off_target: np.ndarray
     power: np.ndarray
     reward: np.ndarray
-    heading: np.ndarray
     service_share: np.ndarray
     sea: Sea
     pace: float
@@ -71,7 +69,6 @@ class RunningMetrics:
             off_target=target_distance(trace)[:, 0].mean(axis=1),
             power=trace.power[:, 0].sum(axis=1),
             reward=_smooth(trace.reward_terms[:, 0].sum(axis=1, dtype=float), max(1, round(MEDIAN_WINDOW / step))),
-            heading=np.unwrap(_heading(trace.auv_velocity[:, 0], 1e-3), axis=0),
             service_share=_service_share(hovering, rate > 0),
             sea=Sea(trace),
             pace=pace,
@@ -113,15 +110,6 @@ def _smooth(series: np.ndarray, window: int) -> np.ndarray:
     late[window:] -= total[:-window]
     count = np.minimum(np.arange(1, len(series) + 1), window)
     return late / count.reshape(-1, *[1] * (series.ndim - 1))
-
-
-def _heading(velocity: np.ndarray, least: float) -> np.ndarray:
-    """Direction (T, K) of vectors (T, K, 2); vectors shorter than `least` keep the previous direction."""
-    angle = np.arctan2(velocity[..., 1], velocity[..., 0])
-    moving = np.hypot(velocity[..., 0], velocity[..., 1]) > least
-    last = np.maximum.accumulate(np.where(moving, np.arange(len(angle))[:, None], -1), axis=0)
-    first = np.where(moving.any(axis=0), moving.argmax(axis=0), 0)
-    return np.take_along_axis(angle, np.where(last < 0, first, last), axis=0)
 
 
 def _service_share(hovering: np.ndarray, completed: np.ndarray) -> np.ndarray:

@@ -52,7 +52,7 @@ class PerspectiveView:
         self._followed = self._grid = None
         texels, self._enlarged = TEXELS, 1.0
         if follow:
-            up = scene.auvs if follow.kind == "auv" else 0.0
+            up = -scene.depths * trace.depth[:, 0, follow.index] if follow.kind == "auv" else 0.0
             self._followed = Series(scene.place(follow.way(trace).values, up), smooth=True)
             self._grid = MapView(trace.scenario.area, box).grid(FINE)
             texels, self._enlarged = FINE, 1 / 2
@@ -269,13 +269,12 @@ class GlassBox:
 
     def draw_bed(self, canvas: Canvas, columns: Columns, sheet: Sheet) -> None:
         """The grid, and the edge behind the water."""
-        bed, lines = self._scene.bed, []
+        bed, lines, points = self._scene.bed, [], 2 if self._scene.site.flat else FINE // 4
         for axis in (0, 1):
-            across = self._half[1 - axis]
             for tick in self._ticks[axis]:
-                ends = np.full((2, 3), bed)
-                ends[:, axis], ends[:, 1 - axis] = tick - self._half[axis], (-across, across)
-                lines.append(ends)
+                line = np.full((points, 2), tick)
+                line[:, 1 - axis] = np.linspace(0.0, self._scene.sides[1 - axis], points)
+                lines.append(self._scene.place(line, self._scene.floor(line)))
         canvas.pieces(canvas.camera.pixel(np.array(lines)), GRID)
         x, foot = canvas.camera.pixel(np.array([*-self._near(canvas.camera), bed]))
         canvas.pieces(np.array([[(x, sheet.horizon[columns.at(x)]), (x, foot)]]), GRID, self._layout.px(1))
@@ -356,11 +355,14 @@ class BelowSurface:
         scenario, unit = trace.scenario, layout.unit
         self._trace, self._running, self._scene, self._layout = trace, running, scene, layout
         places = trace.auv_position, trace.foreseen_position, trace.estimate
-        auvs, foreseen, estimated = (scene.place(place[:, 0], scene.auvs) for place in places)
+        auvs, foreseen, estimated = (scene.place(place[:, 0], -scene.depths * trace.depth[:, 0]) for place in places)
         self.auvs, self._foreseen, self._estimated = Series(auvs, smooth=True), Series(foreseen), Series(estimated)
-        self._covariance, self._heading = Series(trace.estimate_covariance[:, 0]), Series(running.heading)
+        self._covariance, self._attitude = Series(trace.estimate_covariance[:, 0]), Series(trace.attitude[:, 0])
         self._length = enlarged * AUV_LENGTH * max(scene.sides)
-        self._nodes = scene.place(trace.node_position[0], scene.nodes)
+        nodes = trace.node_position[0]
+        stations = scenario.task == "station-keeping"
+        self._nodes = scene.place(nodes, -scene.depths * scenario.auv.depth if stations else scene.floor(nodes))
+        self._floor = Series(scene.floor(trace.auv_position[:, 0]))
         self._fill = trace.backlog[:, 0] / scenario.nodes.buffer
         # Stations have no data that could be old.
         self._age = age(trace)[:, 0] / OLD * (scenario.task == "data-collection")
@@ -408,7 +410,7 @@ class BelowSurface:
         dim, step = style.mix(WATER, colour, 0.6), step_of(t)
         trail = self.auvs.until(t, track(t, self._trace.scenario.mission.step, 60))[:, auv]
         canvas.trail(trail, colour, WATER, layout.px(2))
-        foot = np.array([*place[:2], self._scene.bed])
+        foot = np.array([*place[:2], self._floor.at(t)[auv]])
         canvas.line(np.stack([place, foot]), dim)
         canvas.circle(foot, 0.012 * size, dim)
         stops = self._nodes[[self._itinerary.node(step, auv), *self._itinerary.after(step, auv)]]
@@ -431,5 +433,7 @@ class BelowSurface:
             shapes.foreseen(canvas.picture, foreseen, 6 * layout.unit, colour, 1.6 * layout.unit, layout.zoom)
         if np.hypot(*(fix - begin)) > 5 * layout.unit:
             shapes.fix(canvas.picture, fix, 4 * layout.unit, style.WHITE, 1.5 * layout.unit, layout.zoom)
-        axes = turned(float(self._heading.at(t)[auv]), np.zeros(2))
+        heading, pitch, _ = self._attitude.at(t)[auv].tolist()
+        climb = self._scene.depths * math.tan(pitch)  # as steep as its way is drawn
+        axes = turned(heading, climb * np.array([math.cos(heading), math.sin(heading)]))
         self._bodies[auv].draw(canvas, place, axes, self._length)

@@ -22,8 +22,9 @@ from usvauv.env.render.layout import (
     write_heading,
 )
 from usvauv.env.render.map import error_axes
-from usvauv.env.render.mission import Exchanges, RunningMetrics
+from usvauv.env.render.mission import Exchanges, RunningMetrics, track
 from usvauv.env.render.style import Colour, clock, text_width, write
+from usvauv.env.site.site import Site
 from usvauv.env.storage.memory import extremes
 
 LOG_STEPS = (1,), (1, 3), (1, 2, 5), (1, 1.5, 2, 3, 5, 7)
@@ -37,7 +38,7 @@ class Plot:
     Args:
         still: picture (height, width, 3) that the axes are drawn on.
         box: of the plot, without the numbers at its axes.
-        low, high: ends of the value axis; above 0 where it is logarithmic.
+        low, high: lower and upper end of the value axis; above 0 where it is logarithmic.
         duration: right end of the time axis, s.
         layout: of the frame.
         log: whether the value axis is logarithmic.
@@ -74,7 +75,7 @@ class Plot:
         return self.box.left + np.asarray(time, float) / self._duration * (self.box.width - 1)
 
     def _value_ticks(self) -> list[float]:
-        low, high = self._values
+        low, high = sorted(self._values)
         if self._log:
             powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
             for steps in LOG_STEPS:
@@ -83,8 +84,13 @@ class Plot:
                 if len(ticks) >= FEWEST_TICKS:
                     return ticks
         most = min(max(5 if self._log else 2, self.box.height // (18 * self._unit)), MOST_TICKS)
-        spacing = nice_above((high - low) / most)
-        return [i * spacing for i in range(math.ceil(low / spacing), math.floor(high / spacing) + 1)]
+        ticks: list[float] = []
+        for rounded in (nice_above, nice):
+            spacing = rounded((high - low) / most)
+            ticks = [i * spacing for i in range(math.ceil(low / spacing), math.floor(high / spacing) + 1)]
+            if len(ticks) > 1:
+                break
+        return ticks
 
     def _draw_axes(self) -> None:
         """Grid lines, the values at the left, the times below."""
@@ -92,7 +98,7 @@ class Plot:
         above = math.inf
         for tick in self._value_ticks():
             row = float(self.y(tick))
-            if above - row < size:  # no room for the number
+            if abs(above - row) < size:  # no room for the number
                 continue
             above = row
             shapes.stroke(still, np.array([(box.left, row), (box.right, row)]), self._theme.line)
@@ -304,7 +310,7 @@ class FixInsets:
 
 
 FAINTEST = 0.05  # of the way of a sound
-SEA_PART = 0.5  # of the height, for the sea between its highest crest and its deepest trough
+SEA_PART, OF_DIVES = 0.5, 0.2  # of the height, for the sea between crests and troughs; where AUVs dive
 POINTS = 96  # of the line of the surface
 HULL = np.array([(-1.0, 0.45), (1.0, 0.45), (0.62, -0.3), (-0.62, -0.3)])  # half lengths, z up
 
@@ -321,40 +327,54 @@ class DepthSection:
         elevation = trace.boat_surface[:, 0, :, 0]
         lowest, highest = extremes(trace.surface)
         above = max(1.0, float(np.abs(elevation).max()), -lowest, highest)
-        self._depth = scenario.auv.depth
-        below = max(scenario.area.depth, self._depth)
+        bed = (site := Site.recorded(scenario)).bed[0, :, :, 0]
+        below = max(float(bed.max()), scenario.auv.depth)
         # Heights of the sea have the upper part of the section, depths below its troughs the rest.
-        middle = room.top + SEA_PART * room.height
+        middle = room.top + (OF_DIVES if trace.auv_depth.size else SEA_PART) * room.height
         self._rows = np.array([room.top, middle, room.bottom - 1.0])
         self._heights = np.array([above, -above, -max(below, 1.01 * above)])
         self._across = room.width / scenario.area.width
         self._water = style.mix(layout.theme.card, style.SEA[2], 0.55)
         self._bed = room.bottom - 1.0
         self._upright = (2 * above * self._across) / (middle - room.top)
-        nodes = self._column(trace.node_position[0, :, 0])
-        self._nodes = np.stack([nodes, np.full(len(nodes), self._bed - 1.0)], 1)
+        self._x = np.linspace(0.0, scenario.area.width, POINTS)
+        self._slope = self._foot = np.array([(self._box.right, self._bed), (self._box.left, self._bed)])
+        if np.ptp(bed):
+            along = np.linspace(0.0, scenario.area.width, bed.shape[1])
+            highest, lowest = (np.interp(self._x[::-1], along, ends) for ends in (bed.min(axis=0), bed.max(axis=0)))
+            self._slope, self._foot = (
+                np.stack([self._column(self._x[::-1]), self._row(-ends)], 1) for ends in (highest, lowest)
+            )
+        nodes, deep = trace.node_position[0], below - float(bed.max())  # nodes of the demonstration lie below its bed
+        self._nodes = np.stack([self._column(nodes[:, 0]), self._row(-site.depth_at(nodes) - deep) - 1.0], 1)
         moving = trace.auv_position, trace.boat_position, trace.boat_surface
         self._auvs, self._boats, self._floating = (Series(values[:, 0], smooth=True) for values in moving)
+        self._depths = Series(trace.depth[:, 0])
         self._exchanges = Exchanges(trace, running.pace)
         boats = "boat" if trace.boat_position.shape[2] == 1 else "boats"
         titles = f"Section from the south: {boats}, AUVs, nodes", "Section from the south", "Section"
         room_left = box.width - 32 * unit - text_width("heave −0.00 m · tilt 00.0°", 12 * unit, bold=True)
         fits = [title for title in titles if text_width(title, 12 * unit, bold=True) <= room_left]
         write_heading(still, layout, box, (fits or [""])[0])
-        self._x = np.linspace(0.0, scenario.area.width, POINTS)
 
     def draw(self, picture: np.ndarray, t: float) -> None:
         """Draw a moment."""
         layout, unit, theme = self._layout, self._layout.unit, self._layout.theme
         surface = np.stack([self._column(self._x), self._row(self._elevation(t))], 1)
-        foot = np.array([(self._box.right, self._bed), (self._box.left, self._bed)])
-        shapes.fill(picture, np.concatenate([surface, foot]), self._water)
-        shapes.stroke(picture, foot, theme.muted, layout.px(1.5))
+        shapes.fill(picture, np.concatenate([surface, self._foot]), self._water)
+        if self._slope is not self._foot:
+            between = np.concatenate([self._slope, self._foot[::-1]])
+            shapes.fill(picture, between, style.mix(self._water, theme.muted, 0.4))
+        shapes.stroke(picture, self._foot, theme.muted, layout.px(1.5))
         shapes.dots(picture, self._nodes, 2.0 * unit, np.broadcast_to(np.array(theme.muted), (len(self._nodes), 3)))
         lines = self._boat_outlines(t)
-        across = self._column(self._auvs.at(t)[:, 0])
-        places = np.stack([across, np.full(len(across), self._row(-self._depth))], 1)
+        places = np.stack([self._column(self._auvs.at(t)[:, 0]), self._row(-self._depths.at(t))], 1)
         for auv, place in enumerate(places):
+            if self._trace.auv_depth.size:
+                steps = track(t, self._trace.scenario.mission.step, 60)
+                across, down = self._auvs.until(t, steps)[:, auv, 0], self._depths.until(t, steps)[:, auv]
+                way = np.stack([self._column(across), self._row(-down)], 1)
+                shapes.stroke(picture, way, style.mix(self._water, theme.auv(auv), 0.6), layout.px(1.5))
             boat, fresh = self._exchanges.heard(t, auv)
             if fresh > FAINTEST:
                 ends = np.stack([lines[boat].mean(axis=0), place])

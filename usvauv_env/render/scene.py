@@ -19,6 +19,7 @@ from usvauv.env.render import shapes, style
 from usvauv.env.render.layout import nice, nice_above
 from usvauv.env.render.style import Colour
 from usvauv.env.scenario import Scenario
+from usvauv.env.site.site import Site
 
 ELEVATION = math.radians(25)  # of the camera above the scene's centre
 DISTANCE = 2.6  # from the camera to the scene's centre, in diagonals of the area
@@ -133,15 +134,14 @@ class Scene(NamedTuple):
 
     Attributes:
         sides: of the area, m. heights, depths: factors by which they are drawn.
-        bed, auvs, nodes: heights at which they are drawn, m, below 0.
+        bed: height at which its deepest place is drawn, m, below 0. site: with the bed.
     """
 
     sides: tuple[float, float]
     heights: float
     depths: float
     bed: float
-    auvs: float
-    nodes: float
+    site: Site
 
     @classmethod
     def of(cls, scenario: Scenario, limit: float) -> Scene:
@@ -149,17 +149,20 @@ class Scene(NamedTuple):
         area, longer = scenario.area, max(scenario.area.width, scenario.area.length)
         wanted = LEAST_HEIGHT * longer / limit if limit else 1.0
         heights = min(nice_above(wanted, (1, 2, 5, 10)), MOST) if wanted > 1 else 1.0
-        deep = max(area.depth, scenario.auv.depth)
+        site = Site.recorded(scenario)
+        deep = max(float(site.bed.max()), scenario.auv.depth)
         least, most = DEPTHS[0] * longer / deep, DEPTHS[1] * longer / deep
         depths = nice_above(least, (1, 2, 5, 10)) if least > 1 else nice(most) if most < 1 else 1.0
-        bed, auvs = -depths * deep, -depths * scenario.auv.depth
-        nodes = auvs if scenario.task == "station-keeping" else bed
-        return cls((area.width, area.length), heights, depths, bed, auvs, nodes)
+        return cls((area.width, area.length), heights, depths, -depths * deep, site)
 
     def place(self, position: np.ndarray, up: float | np.ndarray) -> np.ndarray:
         """Scene coordinates (..., 3) of positions (..., 2) in m, at heights as drawn."""
         flat = np.asarray(position, float) - 0.5 * np.array(self.sides)
         return np.concatenate([flat, np.broadcast_to(np.asarray(up, float)[..., None], (*flat.shape[:-1], 1))], -1)
+
+    def floor(self, position: np.ndarray) -> np.ndarray:
+        """Heights (...) as drawn of the bed at positions (..., 2) in m."""
+        return self.bed + self.depths * (self.site.bed.max() - self.site.depth_at(position))
 
     def inside(self, line: np.ndarray) -> list[np.ndarray]:
         """The pieces of a line (N, 3) of at least two points that lie within the area and not below the bed."""

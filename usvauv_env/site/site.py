@@ -11,6 +11,7 @@ import numpy as np
 
 from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.env.scenario.sea import Area
+from usvauv.env.site.cf import OceanError
 from usvauv.env.site.ocean import Flow, iso, parse_time, read_bathymetry, read_flow
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.sound_speed import SoundSpeedError, SoundSpeedProfile
@@ -48,6 +49,17 @@ class Site:
 
     scenario: Scenario
     _depths: dict[tuple[int, int], np.ndarray] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    @classmethod
+    def recorded(cls, scenario: Scenario) -> Site:
+        """The place of a recorded run, whose bed is flat at `area.depth` where its file is not here any more."""
+        site = cls(scenario)
+        try:
+            _ = site.bed
+        except OceanError:
+            water = scenario.water.model_copy(update={"bathymetry": ""})
+            site = cls(scenario.model_copy(update={"water": water}))
+        return site
 
     def under(self, scenario: Scenario) -> Site:
         """This place, with what has been read of it, under a scenario with other parameters of worlds that run."""
