@@ -2,6 +2,7 @@
 
 import math
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -62,7 +63,7 @@ def fields(auvs: Fleet, *names: str) -> np.ndarray:
     return np.stack([auvs.numpy(name) for name in names], -1)
 
 
-def anyhow(seed: int, speed: float = 1.0) -> dict[str, np.ndarray]:
+def anyhow(seed: int, speed: float = 1.0) -> dict[str, Any]:
     """Random attitudes and velocities."""
     rng = np.random.default_rng(seed)
     q = Rotation.random(LANES, rng).as_quat()
@@ -249,7 +250,7 @@ def test_terminal_speed_is_where_thrust_is_drag():
     auvs.flight(2400, 0.05)()
     drag = 0.5 * RHO * DEFAULTS["axial_drag"] * math.pi / 4 * D**2
     propeller = Reference(DEFAULTS).propeller
-    known = [brentq(lambda u, n=n: propeller(np.float64(n), np.float64(u))[0] - drag * u * u, 0.01, 9.0) for n in n]
+    known = [brentq(lambda u, n=n: propeller(np.array(n), np.array(u))[0] - drag * u * u, 0.01, 9.0) for n in n]
     assert auvs.numpy("u") == pytest.approx(np.array(known), rel=2e-4)
 
 

@@ -1,0 +1,175 @@
+"""Vehicle-steps a second of the torpedo's kernel beside NumPy's, and its figures beside those of others.
+
+    python -m benchmarks.vehicles --json
+
+A vehicle-step is 0.05 s of one vehicle in six degrees of freedom. NumPy's are those of the tests' reference on arrays
+of many vehicles, by the midpoint rule as the kernel. Beside them stands the published rate of MarineGym, whose frames
+come with Isaac Sim's contacts and a learner's observations: Chu et al. (2025), arXiv:2503.09203.
+
+The figures: steady speed and turning circle of the REMUS 100 of `usvauv.kernels.vehicles.numbers`, beside those that
+were computed with Fossen's public simulator (explicit Euler, 0.02 s, still water), and of a vehicle with the numbers of
+an LRAUV beside what was measured at sea.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+
+import numpy as np
+
+from benchmarks.machine import batch, best_time, describe, parse
+from tests.kernels.vehicles.reference import Reference
+from usvauv.kernels.vehicles.fleet import Fleet
+from usvauv.kernels.vehicles.vehicle import LANES, Actuators, Command, vehicles
+
+STEPS, DT = 20, 0.05
+MARINEGYM = 250_000  # frames a second on an RTX 3060, arXiv:2503.09203
+NUMPY_VEHICLES, AHEAD = 4096, np.array([1.0, 0.0, 0.0])
+DEFAULTS = {name: number.default for name, number in vehicles["torpedo"].numbers.items()}
+
+REVOLUTIONS = {500: 0.83, 800: 1.34, 1000: 1.67, 1200: 2.01, 1525: 2.55}  # a minute → m/s, of Fossen's simulator
+RUDDER = {5: 36.8, 10: 21.8, 15: 16.2}  # degrees at 1200/min → radius, m; its yaw moment of drag mended, C_d 0.8
+# A long-range AUV: numbers of B. Raanan's and of MBARI's public simulators, the coefficient of cross-flow from their
+# N_r|r| = −632.7 kg m², the place of the hull's lift so that N_uv = −24 kg, as they fitted it to its motion at sea.
+LRAUV = {
+    "length": 2.3,
+    "diameter": 0.305,
+    "mass": 147.6,
+    "weight_below": 0.014,
+    "density": 1025.0,
+    "axial_drag": 0.187,
+    "cross_drag": 4.6,
+    "hull_lift_place": -1.02,
+    "rudder_area": 0.023,
+    "stern_area": 0.023,
+    "rudder_lift": 4.13,
+    "stern_lift": 4.13,
+    "fin_aspect": 6.5,
+    "fin_place": -1.05,
+    "fin_limit": 0.2618,
+    "propeller_diameter": 0.2,
+    "thrust_0": 0.1746,
+    "thrust_1": 0.1746,
+    "torque_0": 0.028,
+    "torque_1": 0.028,
+    "wake": 0.0,
+    "thrust_deduction": 0.0,
+    "propeller_limit": 8.0,
+}
+
+
+class WithoutMunk(Reference):
+    """Fossen's choices: no Munk moment, fins that see their own angle alone, no lift of the hull across."""
+
+    def __init__(self, told: tuple[float, float, float]) -> None:
+        changes = {"hull_lift": 0.0, "cross_drag": 0.8, "fin_place": -0.8, "rudder_lift": 0.5, "stern_lift": 0.7}
+        super().__init__(DEFAULTS | changes | {"turn_time": math.inf, "sway_time": math.inf}, told=told)
+
+    def fin(self, area, slope, angle, u, v):
+        pressure = 0.5 * self.n["density"] * area * slope * u * u
+        return -pressure * angle**2, -pressure * angle
+
+    def forces(self, R, v, omega, actuators):
+        found = super().forces(R, v, omega, actuators)
+        return np.concatenate([found[..., :3], found[..., 3:] + np.cross(v, v @ self.added)], -1)
+
+
+def cruising(count: int) -> Fleet:
+    """Vehicles at different speeds and headings with the rudder a little turned."""
+    fleet = Fleet(count)
+    fleet.set(Command, speed=np.linspace(0.8, 2.2, count), depth=50.0, heading=np.linspace(-3.0, 3.0, count))
+    fleet.trim()
+    fleet.set(Actuators, propeller=fleet.numpy("propeller"), rudder=0.05)
+    return fleet
+
+
+def numpy_rate(seconds: float) -> float:
+    """Vehicle-steps a second of the NumPy vehicle."""
+    reference = Reference(DEFAULTS, told=(0.05, 0.0, 15.0))
+    still = np.zeros((NUMPY_VEHICLES, 3))
+    rotation = np.broadcast_to(np.eye(3), (NUMPY_VEHICLES, 3, 3))
+    state = reference.start(still, rotation, still + 1.5 * AHEAD, still, (0.0, 0.0, 15.0)).ravel()
+
+    def step() -> None:
+        nonlocal state
+        middle = state + 0.5 * DT * reference.slope(0.0, state)
+        state = state + DT * reference.slope(0.0, middle)
+
+    return NUMPY_VEHICLES / best_time(step, seconds)
+
+
+def rates(count: int, seconds: float) -> dict[str, float]:
+    """Vehicle-steps a second."""
+    fleet = cruising(count)
+    found = {
+        "fins": count * STEPS / best_time(fleet.flight(STEPS, DT), seconds),
+        "autopilot": count * STEPS / best_time(fleet.flight(STEPS, DT, commanded=True), seconds),
+        "numpy": numpy_rate(seconds),
+    }
+    return found | {"over_numpy": found["fins"] / found["numpy"], "over_marinegym": found["fins"] / MARINEGYM}
+
+
+def settled(numbers: dict[str, float], revolutions: object, rudder: object = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Speed (m/s) and rate of turn (rad/s) after five minutes at revolutions a second and an angle of the rudder."""
+    fleet = Fleet(LANES, numbers=numbers)
+    fleet.set(depth=100.0, u=1.0)
+    fleet.set(Actuators, propeller=revolutions, rudder=rudder)
+    fleet.flight(6000, DT)()
+    return np.hypot(fleet.numpy("u"), fleet.numpy("v")), fleet.numpy("r")
+
+
+def radius_without_munk(degrees: float) -> float:
+    """Turning circle of `WithoutMunk` at 1200 revolutions a minute, m."""
+    reference = WithoutMunk((math.radians(degrees), 0.0, 20.0))
+    zero = np.zeros((1, 3))
+    begin = reference.start(zero, np.eye(3)[None], zero + 2.0 * AHEAD, zero, (0.0, 0.0, 20.0))
+    _, _, v, omega, _, _ = reference.motion(reference.fly(begin, 60.0, 1e-7), 60.0)
+    return float(np.linalg.norm(v) / np.linalg.norm(omega))
+
+
+def figures() -> list[dict[str, object]]:
+    """What, theirs, ours, and why they differ."""
+    minutes, degrees = np.array([*REVOLUTIONS]), np.array([*RUDDER])
+    speed, _ = settled({}, np.resize(minutes / 60, LANES))
+    rows = [
+        {"what": f"REMUS 100, {n}/min: speed, m/s", "theirs": theirs, "ours": speed[i], "why": ""}
+        for i, (n, theirs) in enumerate(REVOLUTIONS.items())
+    ]
+    fast, turn = settled({}, 20.0, np.resize(np.deg2rad(degrees), LANES))
+    for i, (angle, theirs) in enumerate(RUDDER.items()):
+        other = radius_without_munk(angle)
+        why = f"Munk's moment, fins at their own flow; without: {other:.1f}"
+        rows.append({"what": f"rudder {angle}°: radius, m", "theirs": theirs, "ours": fast[i] / turn[i], "why": why})
+    speed, turn = settled(LRAUV, 5.0, np.resize(np.deg2rad([0.0, 9.0]), LANES))
+    rows.append({"what": "LRAUV, 300/min: speed, m/s", "theirs": 1.0, "ours": speed[0], "why": ""})
+    why = "the fins' lift is that in free flow, not in the hull's wake"
+    return [*rows, {"what": "LRAUV, rudder 9°: turn, rad/s", "theirs": 0.037, "ours": turn[1], "why": why}]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--vehicles", type=int, help="number of vehicles (default: as many as fill the machine)")
+    parser.add_argument("--seconds", type=float, default=2.0, help="time spent on each rate, s")
+    arguments = parse(parser)
+    count = arguments.vehicles or batch(16384, 1 << 20)
+    result = {"machine": describe(), "vehicles": count, "steps_per_second": rates(count, arguments.seconds)}
+    result["figures"] = figures()
+    if arguments.json:
+        print(json.dumps(result, indent=1, default=float))
+        return
+    print(result["machine"])
+    found = result["steps_per_second"]
+    print(f"{count} vehicles, {STEPS} steps of {DT} s a launch: vehicle-steps a second")
+    for name in ("fins", "autopilot", "numpy"):
+        print(f"  {name:10} {found[name]:14,.0f}")
+    print(
+        f"  over NumPy {found['over_numpy']:,.0f}, over MarineGym's {MARINEGYM:,} frames {found['over_marinegym']:,.0f}"
+    )
+    for row in result["figures"]:
+        print(f"{row['what']:34} theirs {row['theirs']:6.3g}  ours {row['ours']:6.3g}  {row['why']}")
+
+
+if __name__ == "__main__":
+    main()
