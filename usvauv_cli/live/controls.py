@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -290,8 +290,13 @@ class Controls:
         self._next_status = now + STATUS_EVERY
 
     def _show_figures(self) -> None:
-        figures = self._session.figures()
-        self._table.content = table(figures) if figures else ""
+        figures, depths = self._session.figures(), self._session.moment.mixed("depth")
+        own = (
+            {"Depth": ", ".join(f"{depth:.1f}" for depth in depths) + " m"}
+            if self._session.scenario.auv.dynamic
+            else {}
+        )
+        self._table.content = table(figures, own) if figures else ""
         times, errors = self._session.errors(PLOTTED)
         self._plot.data = (times, *errors)
 
@@ -303,8 +308,8 @@ def meeting(origin: np.ndarray, direction: np.ndarray, height: float) -> np.ndar
     return origin + (height - origin[2]) / direction[2] * direction
 
 
-def table(figures: EpisodeMetrics) -> str:
-    """The figures that the panel shows, as HTML."""
+def table(figures: EpisodeMetrics, more: Mapping[str, str]) -> str:
+    """The figures that the panel shows, and more of them, as HTML."""
     rows = {
         "SDR": f"{figures.sdr:.1f} Mbit/s",
         "EC": f"{figures.ec:.0f} W",
@@ -314,6 +319,7 @@ def table(figures: EpisodeMetrics) -> str:
         "AUVs' own error": f"{figures.own_error_median:.1f} m median, {figures.own_error_p95:.1f} m p95",
         "Fixes available": f"{figures.fix_availability:.1%}",
         "Longest outage": f"{figures.outage_longest:.0f} s",
+        **more,
     }
     cells = "".join(
         f'<tr><td style="opacity:.7;padding-right:1em">{name}</td><td><b>{value}</b></td></tr>'

@@ -12,7 +12,7 @@ import numpy as np
 
 from usvauv.cli.live.history import History, Moment
 from usvauv.cli.live.session import Session
-from usvauv.env.exchange.poses import afloat
+from usvauv.env.exchange.poses import afloat, turn
 from usvauv.env.render import style
 from usvauv.env.render.map import error_axes
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn
@@ -118,11 +118,6 @@ def field_faces(columns: int, rows: int) -> np.ndarray:
     return np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
 
 
-def turned(heading: float) -> np.ndarray:
-    """Rotation about the vertical, anticlockwise from east, rad."""
-    return np.array([math.cos(heading / 2), 0.0, 0.0, math.sin(heading / 2)])
-
-
 def rgb(colour: style.Colour) -> tuple[int, int, int]:
     """A colour of the videos, which have it blue first."""
     blue, green, red = colour
@@ -148,7 +143,6 @@ class Scene:
         self._depth = scenario.auv.depth
         self._colours = [np.array(rgb(style.auv_colour(k)), np.uint8) for k in range(scenario.auv.count)]
         self._shown: Any = None  # the snapshot whose nodes, flow and trails are drawn
-        self._headings = np.zeros(scenario.auv.count)  # of the AUVs
         scene = server.scene
         scene.set_background_image(_gradient())
         scene.configure_environment_map(None)
@@ -187,13 +181,12 @@ class Scene:
             "/edges", np.concatenate(edges), rgb(style.DARK.muted), thickness=1.2, thickness_units="screen"
         )
         nodes = session.history.latest.node
-        self._bed_depth = depth
         self._sensor = sensor_mesh()
         self.nodes = scene.add_batched_meshes_simple(
             "/nodes",
             self._sensor.scaled(0.55 * self._unit),
             self._sensor.faces,
-            np.tile(turned(0.0), (len(nodes), 1)),
+            np.tile((1.0, 0.0, 0.0, 0.0), (len(nodes), 1)),
             self._node_places(nodes),
             batched_colors=self._node_colours(nodes),
             lod="off",
@@ -265,22 +258,21 @@ class Scene:
 
     def _show_auvs(self, moment: Moment) -> None:
         auv, estimate, own = (moment.mixed(name) for name in ("auv", "estimate", "own"))
-        place = self._at_depth(auv[:, AuvColumn.span("x", "y")])
-        known = self._at_depth(estimate[:, EstimateColumn.span("x", "y")])
-        velocity = moment.after.auv[:, AuvColumn.span("water_x", "water_y")]
-        heading = _headings(velocity, self._headings)
+        depth, attitude = moment.mixed("depth"), turn(moment.mixed("attitude"))
+        place = self._at_depth(auv[:, AuvColumn.span("x", "y")], depth)
+        known = self._at_depth(estimate[:, EstimateColumn.span("x", "y")], depth)
         for k, (body, label, ball) in enumerate(zip(self._auvs, self._labels, self._known, strict=True)):
-            body.position, body.wxyz = place[k], turned(heading[k])
+            body.position, body.wxyz = place[k], np.roll(attitude[k], 1)
             label.position = place[k] + [0, 0, 0.7 * self._unit]
             ball.position = known[k]
         covariance = estimate[:, EstimateColumn.span("covariance_xx", "covariance_yy")]
         axes = error_axes(covariance)
         rings = []
-        for centre, (across, along) in zip(known, axes, strict=True):
+        for centre, (across, along), below in zip(known, axes, depth, strict=True):
             ring = centre[:2] + np.cos(CIRCLE)[:, None] * across + np.sin(CIRCLE)[:, None] * along
-            rings.append(_path(self._at_depth(ring)))
+            rings.append(_path(self._at_depth(ring, below)))
         self._set("ellipses", np.concatenate(rings), np.repeat(self._colours, ELLIPSE, axis=0))
-        believed = self._at_depth(own)
+        believed = self._at_depth(own, depth)
         errors = np.concatenate([np.stack([place, known], axis=1), np.stack([place, believed], axis=1)])
         self._set("errors", errors, np.concatenate([self._colours, np.full((len(place), 3), 255, np.uint8)]))
         node = self._node_places(moment.after.node)[moment.after.auv[:, AuvColumn.target].astype(int)]
@@ -303,7 +295,7 @@ class Scene:
         self._set("goals", points, np.full((len(points), 3), (255, 210, 80), np.uint8))
 
     def _show_flow(self, flow: np.ndarray) -> None:
-        start = self._at_depth(self._session.flow_places().reshape(-1, 2))
+        start = self._at_depth(self._session.flow_places().reshape(-1, 2), self._depth)
         velocity = flow.reshape(-1, 2)
         speed = np.linalg.norm(velocity, axis=-1)
         seen = speed > SLOWEST
@@ -324,7 +316,8 @@ class Scene:
             return
         auvs = np.stack([snapshot.auv[:, AuvColumn.span("x", "y")] for snapshot in past], axis=1)
         boats = np.stack([snapshot.boat[:, BoatColumn.span("x", "y")] for snapshot in past], axis=1)
-        paths = [_path(self._at_depth(way)) for way in auvs]
+        depths = np.stack([snapshot.depth for snapshot in past], axis=1)
+        paths = [_path(self._at_depth(way, depth)) for way, depth in zip(auvs, depths, strict=True)]
         paths += [_path(np.column_stack([way, np.full(len(way), 0.2)])) for way in boats]
         white = np.array([255, 255, 255], np.uint8)
         colours = np.repeat([*self._colours, *[white] * len(boats)], len(past) - 1, axis=0)
@@ -336,16 +329,14 @@ class Scene:
         lines.points = np.asarray(points, np.float32)
         lines.colors = np.repeat(np.asarray(colours, np.uint8)[:, None], 2, axis=1)
 
-    def _at_depth(self, places: np.ndarray) -> np.ndarray:
-        """Places (N, 2) at cruise depth, (N, 3)."""
-        return np.column_stack([places, np.full(len(places), -self._depth)])
+    @staticmethod
+    def _at_depth(places: np.ndarray, depth: float | np.ndarray) -> np.ndarray:
+        """Places (N, 2) at depths, m, (N, 3)."""
+        return np.column_stack([places, np.broadcast_to(-depth, len(places))])
 
     def _node_places(self, nodes: np.ndarray) -> np.ndarray:
         places = nodes[:, NodeColumn.span("x", "y")]
-        area, (rows, columns) = self._session.scenario.area, self._bed_depth.shape
-        i = np.rint(places[:, 0] / area.width * (columns - 1)).astype(int).clip(0, columns - 1)
-        j = np.rint(places[:, 1] / area.length * (rows - 1)).astype(int).clip(0, rows - 1)
-        return np.column_stack([places, -self._bed_depth[j, i]]).astype(np.float32)
+        return np.column_stack([places, -self._session.world.site.depth_at(places)]).astype(np.float32)
 
     def _node_colours(self, nodes: np.ndarray) -> np.ndarray:
         """By what they hold; stations have the colours of their AUVs."""
@@ -358,13 +349,6 @@ class Scene:
 def _path(points: np.ndarray) -> np.ndarray:
     """Segments (N − 1, 2, 3) from each point (N, 3) to the next."""
     return np.stack([points[:-1], points[1:]], axis=1)
-
-
-def _headings(velocity: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """Directions of velocities (N, 2), rad; what hardly moves keeps the last one, (N,), which is written anew."""
-    moving = np.linalg.norm(velocity, axis=-1) > 0.05
-    last[moving] = np.arctan2(velocity[moving, 1], velocity[moving, 0])
-    return last
 
 
 def _gradient() -> np.ndarray:

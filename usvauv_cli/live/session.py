@@ -13,9 +13,9 @@ import torch
 
 from usvauv import policies
 from usvauv.cli.live.history import History, Moment, Snapshot, SurfaceGrid
-from usvauv.env.record.heading import turned
+from usvauv.env.record.heading import SLOWEST, turned
 from usvauv.env.record.metrics import EpisodeMetrics, episode_metrics
-from usvauv.env.record.recorder import Recorder, trace_bytes
+from usvauv.env.record.recorder import Recorder, of_bodies, trace_bytes
 from usvauv.env.scenario import Scenario
 from usvauv.env.storage.memory import require
 from usvauv.env.world.boat_strategies import AGENT, StrategyChoice, boat_strategies
@@ -23,6 +23,7 @@ from usvauv.env.world.world import World
 from usvauv.kernels.errors import DivergenceError, UserError
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn
 from usvauv.kernels.mission.target_rules import target_rules
+from usvauv.kernels.vehicles.otter import HullColumn
 
 BUDGET = 0.012  # s of stepping from one picture to the next
 FLOW_POINTS = 13  # on the longer side of the area
@@ -254,19 +255,33 @@ class Session:
         def copied(tensor: torch.Tensor) -> np.ndarray:
             return tensor[0].cpu().numpy().copy()
 
-        boat, step = copied(world.boat), self.scenario.mission.step
-        if not self._done:
+        auv, boat, step = copied(world.auv), copied(world.boat), self.scenario.mission.step
+        if self.scenario.boat.model == "otter":
+            self._heading = 0.5 * math.pi - copied(world.hull)[:, HullColumn.heading]
+        elif not self._done:
             self._heading = np.full(len(boat), np.nan)
         elif self.history.latest.time < self.time:
             self._heading = turned(self._heading, boat[:, BoatColumn.span("water_x", "water_y")], step)
+        if not self._done:
+            self._attitude = np.zeros((len(auv), 3))
+        self._attitude, before = self._attitude.copy(), self._attitude[:, 0]
+        depth = np.full(len(auv), self.scenario.auv.depth)
+        if self.scenario.auv.dynamic:
+            depth, self._attitude = (of_bodies(copied(world.body))[name] for name in ("auv_depth", "auv_attitude"))
+        else:
+            x, y = auv[:, AuvColumn.span("water_x", "water_y")].T
+            self._attitude[:, 0] = np.where(np.hypot(x, y) > SLOWEST, np.arctan2(y, x), before)
+        self._attitude[:, 0] = np.unwrap([before, self._attitude[:, 0]], axis=0)[1]
         self.history.add(
             Snapshot(
                 time=self.time,
-                auv=copied(world.auv),
+                auv=auv,
                 boat=boat,
                 node=copied(world.node),
                 estimate=copied(world.estimate),
                 heading=self._heading,
+                depth=depth,
+                attitude=self._attitude,
                 own=copied(world.own_position),
                 flow=copied(self._flow),
                 long_waves=self.grid.long_waves(world),

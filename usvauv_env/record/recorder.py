@@ -164,12 +164,12 @@ class Recorder:
             stream=self._flow.velocity[:, Level.cruise] if self._flow else np.zeros((0, 0, 0, 2), np.float32),
             surface=surface,
             storm=storm,
-            **(_of_bodies(body) if world.scenario.auv.dynamic else {}),
+            **(of_bodies(body) if world.scenario.auv.dynamic else {}),
         )
 
 
-def _of_bodies(body: np.ndarray) -> dict[str, np.ndarray]:
-    """The arrays of a trace that vehicles with dynamics have, from their bodies (T, W, K, Y)."""
+def of_bodies(body: np.ndarray) -> dict[str, np.ndarray]:
+    """The arrays of a trace that vehicles with dynamics have, from their bodies (..., Y)."""
     q0, q1, q2, q3 = np.moveaxis(body[..., BodyColumn.span("q0", "q3")], -1, 0)
     yaw = np.arctan2(2 * (q1 * q2 + q0 * q3), 1 - 2 * (q2**2 + q3**2))
     pitch = np.arcsin(np.clip(2 * (q0 * q2 - q3 * q1), -1, 1))
