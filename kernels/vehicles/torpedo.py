@@ -28,7 +28,8 @@ rotation.
 straight lines; astern and going backwards those of J = 0. It turns right, so that the hull heels to port.
 
 Left out: the body's own straining by a flow, with its moment of the order of I G ω; waves that the hull makes near the
-surface, where it also loses no buoyancy; the propeller's race on the fins.
+surface, where it also loses no buoyancy; the propeller's race on the fins. Velocities are kept within limits far above
+what a vehicle reaches, so that the substep is stable in any flow and from any state.
 """
 
 from collections.abc import Mapping
@@ -46,6 +47,9 @@ SUBSTEP = 0.05  # s
 STAGES = 2
 TURNING = 10.0  # m
 TINY = 1e-12
+# Limits of velocities through the water, ahead and across, m/s, and of those of roll and turn, rad/s: beyond, drag of
+# the cross-flow is too stiff for the substep.
+AHEAD, ACROSS, ROLL, TURN = 15.0, 5.0, 20.0, 5.0
 TWO_PI = 6.283185307179586
 Wrench = ti.types.struct(x=lanes, y=lanes, z=lanes, roll=lanes, pitch=lanes, yaw=lanes)
 Rates = ti.types.struct(
@@ -213,10 +217,15 @@ def rates(table: ti.template(), body, water) -> Rates:
 
 
 @func
+def within(x, limit) -> lanes:
+    """The number nearest to x between −limit and limit."""
+    return ti.min(ti.max(x, 0.0 - limit), limit)
+
+
+@func
 def follow(angle, told, limit, most, share) -> lanes:
     """An actuator after a time: a first-order lag towards what it is told, with its limit and its largest change."""
-    wanted = ti.min(ti.max(told, 0.0 - limit), limit) - angle
-    return angle + ti.min(ti.max(share * wanted, 0.0 - most), most)
+    return angle + within(share * (within(told, limit) - angle), most)
 
 
 @func
@@ -240,12 +249,12 @@ def after(table: ti.template(), begin, body, rate, actuators, h: ti.f32) -> Body
         q1=q1 * scale,
         q2=q2 * scale,
         q3=q3 * scale,
-        u=begin.u + h * rate.u,
-        v=begin.v + h * rate.v,
-        w=begin.w + h * rate.w,
-        p=begin.p + h * rate.p,
-        q=begin.q + h * rate.q,
-        r=begin.r + h * rate.r,
+        u=within(begin.u + h * rate.u, AHEAD),
+        v=within(begin.v + h * rate.v, ACROSS),
+        w=within(begin.w + h * rate.w, ACROSS),
+        p=within(begin.p + h * rate.p, ROLL),
+        q=within(begin.q + h * rate.q, TURN),
+        r=within(begin.r + h * rate.r, TURN),
         rudder=follow(begin.rudder, actuators.rudder, limit, most, fins),
         stern=follow(begin.stern, actuators.stern, limit, most, fins),
         propeller=follow(begin.propeller, actuators.propeller, fastest, 2.0 * fastest, turn),

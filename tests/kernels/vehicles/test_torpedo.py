@@ -299,6 +299,20 @@ def test_factors_on_mass_drag_and_fins():
     assert rates(drag=1.5)[0] - forces == pytest.approx(0.5 * (no_fins - rates(drag=0.0, fins=0.0)[0]), abs=0.3)
 
 
+def test_no_state_and_no_command_break_it():
+    """Thrown across violent shear, at full fins, ahead and astern: speeds end as a vehicle's, attitudes as units."""
+    rng = np.random.default_rng(9)
+    water = Water(gradient=0.3 * rng.normal(size=(3, 3)))
+    auvs = fleet(DEFAULTS, (0.5, -0.5, 25.0), water, **(anyhow(9, 5.0) | {"u": 3.0, "v": -4.5, "r": 8.0}))
+    auvs.set(Surroundings, mass=0.8, drag=1.2, fins=1.2)
+    for revolutions in (25.0, -25.0, 25.0):
+        auvs.set(Actuators, propeller=revolutions)
+        auvs.set(north=0.0, east=0.0, depth=DEPTH)
+        auvs.flight(200, 0.05)()
+    assert np.linalg.norm(fields(auvs, *SPEEDS), axis=1).max() < 6
+    assert np.linalg.norm(fields(auvs, "q0", "q1", "q2", "q3"), axis=1) == pytest.approx(1, abs=1e-5)
+
+
 @cache
 def flown(seconds: float, told: tuple[float, float, float]):
     """The NumPy vehicle in a sheared and accelerating current, from random states; where it began, and where it is."""
