@@ -70,6 +70,8 @@ def test_a_fly_by_brings_the_integral_of_the_rate_along_the_line_and_leaves_the_
     assert 60 < last - first < 70
     along = np.linspace(seen["x"][first], seen["x"][last], 10_001) - NODE[0]
     whole = np.trapezoid(rate_at(world, along, aside, height), along) / SPEED * PACKETS
+    halfway = (seen["x"][first:last] + seen["x"][first + 1 :]) / 2 - NODE[0]
+    assert seen["rate"][first + 1 :] == pytest.approx(rate_at(world, halfway, aside, height), rel=1e-4)
     delivered = seen["packets_delivered"]
     assert abs(delivered.sum() - whole) < 1.5
     assert (delivered == np.round(delivered)).all()
