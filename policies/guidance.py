@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor
 
 from usvauv.env.scenario import Scenario
 from usvauv.kernels.mission.motion import travelling_power
+from usvauv.kernels.vehicles.fleet import Fleet
+from usvauv.kernels.vehicles.vehicle import Actuators, Command
 from usvauv.policies.policy import PolicyError
 
 TINY = 1e-9
+LEVEL_TIME = 1.0  # s
 SPEEDS = 33  # number of speeds among which `SpeedToFly` chooses
 LEAST_ADVANCE = 0.05  # m/s over ground, lower bound on headway
 REACH = 1.5  # safe distances within which the nearest other AUV repels
@@ -150,6 +154,23 @@ def follow_circle(
     return turned(rotate(course, inward), lead, bend)
 
 
+def level_power(scenario: Scenario, speeds: Sequence[float]) -> list[float]:
+    """Power of an AUV that travels straight and level at speeds through the water (m/s), W.
+
+    Of a point its law; of a vehicle with dynamics what it takes in `LEVEL_TIME`, trimmed, in still water.
+    """
+    auv = scenario.auv
+    if not auv.dynamic:
+        return [travelling_power(speed) for speed in speeds]
+    fleet = Fleet(len(speeds), auv.model, dict(getattr(scenario, auv.model, ())))
+    fleet.set(Command, speed=speeds, depth=auv.depth)
+    fleet.trim()
+    fleet.set(Actuators, propeller=fleet.numpy("propeller"))
+    steps = round(LEVEL_TIME / fleet.substep)
+    fleet.flight(steps)()
+    return (fleet.numpy("energy") / (steps * fleet.substep)).tolist()
+
+
 class SpeedToFly:
     """The speed through the water of least cost per metre over ground when time has a price.
 
@@ -161,7 +182,7 @@ class SpeedToFly:
     def __init__(self, scenario: Scenario) -> None:
         auv = scenario.auv
         self.speeds = torch.linspace(auv.speed_min, auv.speed_max, SPEEDS)
-        self.power = torch.tensor([travelling_power(speed) for speed in self.speeds.tolist()])
+        self.power = torch.tensor(level_power(scenario, self.speeds.tolist()))
 
     def free_price(self) -> float:
         """Highest price of time for which the lowest speed is optimal in still water, W; 0 if it is the only one."""

@@ -11,6 +11,7 @@ from usvauv.env.scenario import Scenario
 from usvauv.env.site.site import Site
 from usvauv.env.world.tables import DataLink, reference_rate
 from usvauv.env.world.world import World
+from usvauv.kernels.vehicles.vehicle import vehicles
 from usvauv.policies.guidance import command, crab, follow_circle, unit, unrotate
 from usvauv.policies.heuristics.travel import Clear
 
@@ -25,7 +26,7 @@ LEAST_GROUND = 0.2  # m/s made good, with which times are reckoned at least
 
 def turning_radius(scenario: Scenario) -> float:
     """Least radius on which the AUVs of a scenario turn, m."""
-    return 0.0
+    return float(vehicles[scenario.auv.model].turning) if scenario.auv.dynamic else 0.0
 
 
 def loiter_radius(site: Site) -> float:

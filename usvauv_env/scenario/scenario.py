@@ -308,7 +308,8 @@ class Scenario(Section):
     @property
     def height_over_nodes(self) -> float:
         """Of the AUVs, over a bed at `area.depth`, m."""
-        return self.auv.depth if self.auv.separation == "demonstration" else self.area.depth - self.auv.depth
+        auv = self.auv
+        return auv.altitude or (auv.depth if auv.separation == "demonstration" else self.area.depth - auv.depth)
 
     @property
     def service_radius(self) -> float:
