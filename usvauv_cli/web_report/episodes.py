@@ -39,6 +39,7 @@ class Episode:
         steps: of the episode. time: (F,) s.
         auv, estimate: (F, K, 2) true and estimated positions, m. ellipse: (F, K, 3) semi-axes of one standard deviation
             of the estimate, m, at most the longer side of the area, and the angle of the first from east, rad.
+        heading: (F, K) anticlockwise from east, continuous, rad; (F, 0) of points.
         target: (F, K) index of the node headed for. hovering: (F, K).
         boat: (F, B, 2) m. vortex: (F, V, 4). stream_time, stream: see `Trace`.
         node: (M, 2) m. fill: (F, M) share of the buffer, (F, 0) where nodes have no data.
@@ -52,6 +53,7 @@ class Episode:
     auv: np.ndarray
     estimate: np.ndarray
     ellipse: np.ndarray
+    heading: np.ndarray
     target: np.ndarray
     hovering: np.ndarray
     boat: np.ndarray
@@ -119,7 +121,9 @@ def thinned(trace: Trace, episodes: int) -> Episode:
     area, with_data = trace.scenario.area, collects_data(trace.scenario)
     steps, _, auvs = trace.power.shape
     boats, nodes, vortices = trace.boat_position.shape[2], trace.backlog.shape[2], trace.vortex.shape[2]
-    size = 2 * (3 + 8 * auvs + 2 * boats + 4 * vortices) + auvs + nodes * with_data  # as `player` encodes them
+    size = (
+        2 * (3 + (8 + (trace.auv_attitude.size > 0)) * auvs + 2 * boats + 4 * vortices) + auvs + nodes * with_data
+    )  # as `player` encodes them
     kept = evenly(steps, FRAME_BYTES // (episodes * size))
     points = evenly(steps, min(TRACK_POINTS // (episodes * (auvs + boats)), MOST_TRACK))
     moving = [*np.moveaxis(trace.auv_position[points, 0], 1, 0), *np.moveaxis(trace.boat_position[points, 0], 1, 0)]
@@ -130,6 +134,7 @@ def thinned(trace: Trace, episodes: int) -> Episode:
         auv=trace.auv_position[kept, 0],
         estimate=trace.estimate[kept, 0],
         ellipse=ellipses(trace.estimate_covariance[kept, 0], max(area.width, area.length)),
+        heading=trace.attitude[kept, 0, :, 0] if trace.auv_attitude.size else np.zeros((len(kept), 0)),
         target=trace.target[kept, 0],
         hovering=trace.hovering[kept, 0],
         boat=trace.boat_position[kept, 0],
@@ -205,6 +210,7 @@ def player_data(scenario: Scenario, names: Iterable[str], episodes: Iterable[Epi
                 "auv": encoded(episode.auv),
                 "estimate": encoded(episode.estimate),
                 "ellipse": encoded_ellipses(episode.ellipse),
+                "heading": encoded(episode.heading),
                 "target": encoded(episode.target, whole=True),
                 "hovering": encoded(episode.hovering, bits=8, whole=True),
                 "boat": encoded(episode.boat),

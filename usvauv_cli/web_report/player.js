@@ -246,7 +246,9 @@
       line([[seen[0], seen[1] - arm], [seen[0], seen[1] + arm]], colour, 1.6 * unit);
     });
     auvs.forEach((auv, k) => {
-      const [x, y] = pixel(auv), heading = Math.atan2(later[k][0] - before[k][0], later[k][1] - before[k][1]);
+      const [x, y] = pixel(auv), own = episode.heading.shape[1] > 0;  // clockwise from north below
+      const heading = own ? Math.PI / 2 - between(episode.heading, count, place, k)
+        : Math.atan2(later[k][0] - before[k][0], later[k][1] - before[k][1]);
       if (episode.hovering.values[frame * count + k] > 0.5) {
         context.strokeStyle = ofAuv(k);
         context.lineWidth = 2 * unit;

@@ -209,7 +209,8 @@ class MissionMap:
         if self._trace.hovering[step, 0, auv]:
             node = nodes[self._itinerary.node(step, auv)]
             share = self._running.service_share[step, auv]
-            shapes.progress_ring(picture, node, self._hover_radius, share, colour, 3.4 * layout.unit, layout.zoom)
+            within, middle = layout.map.of(picture), node - (layout.map.left, layout.map.top)
+            shapes.progress_ring(within, middle, self._hover_radius, share, colour, 3.4 * layout.unit, layout.zoom)
         foreseen = self.view.pixel(self._foreseen.at(t)[auv])
         if np.hypot(*(foreseen - fix)) > 5 * layout.unit:
             for piece in shapes.dashes(foreseen, position, 3 * layout.unit):
