@@ -611,7 +611,7 @@ class World:
             body,
             self._blocks,
             self._blocks,
-            settings=runtime.quickly(),
+            settings=runtime.vectors_in_registers(),
         )
 
     def _follow_taichi(self) -> None:
