@@ -78,25 +78,28 @@ def inwards(p: ti.template(), here: vec2, course: vec2, drift: vec2, radius: ti.
     """A course (unit vector) turned away from the border where a circle of a radius (m) would cross it.
 
     A vehicle whose course has the component n towards a border at the distance m comes 1 − √(1 − n²) radii nearer
-    before it is parallel to it; so n is at most √(1 − (1 − m/radius)²). `drift` (m over ground while it turns by a
-    radian) counts as lost distance. Along the border it goes on where it went, but out of corners.
+    before it is parallel to it; so n is at most √(1 − (1 − m/radius)²), with m less half a radius as a margin, in which
+    the course leads back. `drift` (m over ground while it turns by a radian) counts as lost distance. Along the border
+    it goes on where it went, but out of corners.
     """
     way = course
     for axis in ti.static(range(2)):
         other = ti.static(1 - axis)
-        sign = ti.select(way[axis] > 0.0, 1.0, -1.0)
-        gap = ti.select(sign > 0.0, p[Parameter.width + axis] - here[axis], here[axis])
-        gap -= ti.max(sign * drift[axis], 0.0)
-        if gap < radius:
-            rest = 1.0 - ti.max(gap, 0.0) / radius
-            most = ti.sqrt(ti.max(1.0 - rest * rest, 0.0))
+        side = p[Parameter.width + axis]
+        sign = ti.select(here[axis] > 0.5 * side, 1.0, -1.0)
+        gap = ti.select(sign > 0.0, side - here[axis], here[axis])
+        share = (gap - ti.max(sign * drift[axis], 0.0)) / radius - 0.5
+        if share < 1.0:
+            most = ti.max(share, -0.9)
+            if share > 0.0:
+                most = ti.sqrt(share * (2.0 - share))
             if sign * way[axis] > most:
                 along = ti.select(way[other] < 0.0, -1.0, 1.0)
                 room = ti.select(along > 0.0, p[Parameter.width + other] - here[other], here[other])
                 if room < radius:
                     along = -along
                 way[axis] = sign * most
-                way[other] = along * rest
+                way[other] = along * ti.sqrt(1.0 - most * most)
     return way
 
 
@@ -121,7 +124,7 @@ def commanded(
         speed = velocity.norm()
         here = vec2(auv[w, k, AuvColumn.x], auv[w, k, AuvColumn.y])
         current = vec2(body[n, BodyColumn.east], body[n, BodyColumn.north])
-        radius = ti.static(motion_of.turning)
+        radius = ti.static(2.0 * motion_of.turning)  # the autopilot takes its time
         course = inwards(p, here, velocity / speed, radius / speed * current, radius)
         asked[0] = turned_angle(ti.atan2(course[1], course[0]))
         asked[1] = speed

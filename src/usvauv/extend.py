@@ -10,6 +10,7 @@
     `HEURISTICS`          `Heuristic`          a policy without learning: `command`, `crab`, `unit`, `SpeedToFly` …
     `ALGORITHMS`          `Learner`            an update of actor and critics: `DeterministicLearner`, `Batch`, `Sizes`
     `FRAMES`              `Frame`              features and actions of a network
+    `vehicles`            `Vehicle`            a model of an AUV: `Body`, `Surroundings`, `Command`, `Actuators` …
 
 `registry.register(name, item)` adds an item; a name that is taken is refused. Functions with `@ti.func` get `worlds`
 (`Worlds`), the arrays of all worlds, whose columns are `AuvColumn`, `NodeColumn` and so on and whose random numbers are
@@ -42,6 +43,17 @@ from usvauv.kernels.mission.tasks.task import RewardTerm, Task, tasks
 from usvauv.kernels.mission.worlds import Strategy, Worlds, normals, uniforms
 from usvauv.kernels.positioning.sonar import ambient_noise_laws
 from usvauv.kernels.types import vec2
+from usvauv.kernels.vehicles.vehicle import (
+    Actuators,
+    Body,
+    Command,
+    Memory,
+    Quantity,
+    Surroundings,
+    Vehicle,
+    lanes,
+    vehicles,
+)
 from usvauv.policies.algorithms import ALGORITHMS, Batch, DeterministicLearner, Learner, Settings, Sizes
 from usvauv.policies.frames import FRAMES, Frame
 from usvauv.policies.guidance import SpeedToFly, clear_of_others, command, crab, rotate, unit, unrotate
@@ -51,11 +63,14 @@ __all__ = [
     "ALGORITHMS",
     "FRAMES",
     "HEURISTICS",
+    "Actuators",
     "AuvColumn",
     "Batch",
     "BeliefColumn",
     "BoatColumn",
     "BoatStrategy",
+    "Body",
+    "Command",
     "DeterministicLearner",
     "Draw",
     "EstimateColumn",
@@ -64,21 +79,25 @@ __all__ = [
     "Frame",
     "Heuristic",
     "Learner",
+    "Memory",
     "Metric",
     "NodeColumn",
     "ObservationLayout",
     "ObservationTerm",
     "Parameter",
+    "Quantity",
     "RewardTerm",
     "Scenario",
     "Settings",
     "Sizes",
     "SpeedToFly",
     "Strategy",
+    "Surroundings",
     "TallyColumn",
     "TargetRule",
     "Task",
     "UserError",
+    "Vehicle",
     "World",
     "Worlds",
     "ambient_noise_laws",
@@ -89,6 +108,7 @@ __all__ = [
     "crab",
     "distance_to_target",
     "knowledge",
+    "lanes",
     "mean_figures",
     "normals",
     "observation_terms",
@@ -104,4 +124,5 @@ __all__ = [
     "unit",
     "unrotate",
     "vec2",
+    "vehicles",
 ]

@@ -1,0 +1,102 @@
+"""Vehicles with dynamics in worlds: actions, depth, determinism, what is refused."""
+
+import math
+import pickle
+
+import numpy as np
+import pytest
+import torch
+
+from usvauv.env import Scenario, ScenarioError, World
+from usvauv.env.record.recorder import record
+from usvauv.kernels.mission.columns import AuvColumn, BodyColumn
+
+TORPEDO = ["auv.model=torpedo", "nodes.service=passing", "mission.duration=60"]
+
+
+def torpedo(*overrides: str) -> Scenario:
+    return Scenario.load("extreme", [*TORPEDO, *overrides])
+
+
+def north_west(world: World) -> torch.Tensor:
+    action = torch.zeros(world.num_worlds, world.num_auvs, world.action_size, device=world.device)
+    action[..., 0], action[..., 1] = -0.6, 0.6
+    return action
+
+
+@pytest.fixture(scope="module")
+def trace():
+    world = World(torpedo("area.width=2000", "area.length=2000", "auv.start_margin=300"), 3, seed=2)
+    return record(world, lambda _: north_west(world), "north-west")
+
+
+def test_it_turns_to_its_course_and_keeps_its_depth(trace):
+    heading = trace.auv_attitude[-20:, ..., 0]
+    assert np.abs(np.angle(np.exp(1j * (heading - 0.75 * math.pi)))).max() < 0.05
+    way = trace.auv_velocity[-20:].mean(axis=0)
+    np.testing.assert_allclose(np.arctan2(way[..., 1], way[..., 0]), 0.75 * math.pi, atol=0.05)
+    assert np.sqrt(np.mean(np.square(trace.auv_depth[20:] - 100.0))) < 0.5
+    assert not trace.auv_touched.any()
+    assert trace.power[-1].min() > 15.0
+
+
+def test_a_world_is_the_same_in_any_batch_and_after_its_state():
+    several, alone = World(torpedo(), 5, seed=4), World(torpedo(), 1, seed=4, first_world=3)
+    for world in (several, alone):
+        world.reset()
+        for _ in range(5):
+            world.step(north_west(world))
+    assert torch.equal(several.body[3], alone.body[0])
+    assert torch.equal(several.auv[3], alone.auv[0])
+    again = pickle.loads(pickle.dumps(several))
+    for world in (several, again):
+        world.step(north_west(world))
+    assert torch.equal(several.body, again.body)
+
+
+def test_an_action_commands_the_depth():
+    world = World(torpedo("auv.action=vector-depth", "auv.depth_min=80"), 2, seed=1)
+    world.reset()
+    action = north_west(world)
+    action[..., 2] = 0.0  # half way, 90 m
+    for _ in range(60):
+        world.step(action)
+    depth = world.body[..., BodyColumn.depth]
+    assert (depth - 90.0).abs().max() < 1.5
+    torch.testing.assert_close(world.auv[..., AuvColumn.depth_error], depth - 100.0, atol=1e-4, rtol=0)
+
+
+def test_fins_turn_it_to_starboard_and_down():
+    world = World(torpedo("auv.action=fins", "auv.variation=0.2"), 2, seed=1)
+    world.reset()
+    assert world.action_size == 3
+    assert len(world.body[..., BodyColumn.mass].unique()) == 4
+    action = torch.tensor([0.3, 0.2, 0.7], device=world.device).expand(2, 2, 3)
+    for _ in range(8):
+        world.step(action)
+    assert (world.body[..., BodyColumn.r] > 0.02).all()
+    assert (world.auv[..., AuvColumn.depth_error] > 0.5).all()
+
+
+def test_it_stays_in_the_area():
+    world = World(torpedo("mission.duration=200"), 4, seed=3)
+    world.reset()
+    borders = 0.0
+    for _ in range(200):
+        world.step(north_west(world))
+        borders += world.auv[..., AuvColumn.border].sum().item()
+    assert borders < 0.06 * 200 * 8  # commanded into a corner all the time, with currents above 1 m/s
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        (["auv.model=torpedo"], 'nodes.service = "hover": a torpedo cannot hover: must be "passing"'),
+        (["auv.model=torpdo"], "torpedo"),
+        (["auv.action=fins"], "needs a model with dynamics"),
+        (['observation.extra=["attitude"]'], "needs an auv.model with dynamics"),
+    ],
+)
+def test_refused(overrides, message):
+    with pytest.raises(ScenarioError, match=message):
+        Scenario.load("extreme", overrides)
