@@ -130,6 +130,7 @@ ARTEFACTS = {
         ),
     ),
     "fix-error": _study("fix-error.md", "studies.fix_error", picture="fix-error"),
+    "vehicles": _study("vehicles.md", "vehicles"),
     "eddies": _study("model.md", "studies.eddies"),
     "record": _study("record.md", "studies.buoy", picture="buoy"),
     "refraction": _study("refraction.md", "studies.refraction", picture="refraction"),
