@@ -243,12 +243,15 @@ def test_any_other_name_is_one(name):
 @pytest.mark.parametrize(
     ("override", "said"),
     [
-        ("auv.x=1", "^ideal: auv.x: unknown field; allowed here: count, depth, separation"),
+        ("auv.x=1", "^ideal: auv.x: unknown field; allowed here: count, model, variation, depth"),
         ("auv.count=two", "^ideal: auv.count = 'two': input should be a valid integer"),
         ("task=fishing", "^ideal: task: 'fishing': allowed are data-collection, station-keeping"),
         ("task_parameters.radius=3", "^ideal: task_parameters.radius: allowed for task 'data-collection': none"),
         ("nodes.target_rule=far", r"^ideal: nodes.target_rule: .*far.*greedy\[:ALPHA\]"),
-        ("auv.action=vektor", "^ideal: auv.action = 'vektor': allowed are vector, polar; did you mean 'vector'"),
+        (
+            "auv.action=vektor",
+            "^ideal: auv.action = 'vektor': allowed are vector, polar, vector-depth, fins; did you mean 'vector'",
+        ),
         ("boat.top_speed=nan", "^ideal: boat.top_speed = nan: "),
         ("sea.start_rms=1e6", "^ideal: sea.start_rms = 1000000.0: input should be less than or equal to 10"),
         ("acoustics.ambient_noise=silence", "^ideal: acoustics.ambient_noise: 'silence': allowed are coates"),

@@ -20,7 +20,7 @@ from usvauv.env.scenario.otter import Otter
 from usvauv.env.scenario.sea import INFRAGRAVITY, SMALLEST_PERIOD, Area, Current, Mission, Sea, Storm, Water
 from usvauv.env.scenario.sound import Acoustics, Channel, Usbl
 from usvauv.env.scenario.task import Nodes, Observation, Reference, Reward, Stations, TaskParameters
-from usvauv.env.scenario.vehicles import Auv, Boat, Navigation, Planner, Tracker
+from usvauv.env.scenario.vehicles import Auv, Boat, Navigation, Planner, Torpedo, Tracker
 from usvauv.env.storage import text_files
 from usvauv.kernels.errors import UserError, choices
 from usvauv.kernels.mission.tasks.task import Task, tasks
@@ -73,6 +73,7 @@ class Scenario(Section):
     planner: Planner = section(Planner, "Fisher-information path planning (Eq. 2–3)")
     tracker: Tracker = section(Tracker, "tracker of the AUVs")
     auv: Auv = section(Auv, "the AUVs")
+    torpedo: Torpedo = section(Torpedo, "the AUVs with auv.model = torpedo")
     nodes: Nodes = section(Nodes, "sensor nodes and their data link")
     stations: Stations = section(Stations, "formation of the task station-keeping")
     task_parameters: TaskParameters = section(TaskParameters, "numbers of a plugin's task, and weights of its rewards")
