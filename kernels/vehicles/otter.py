@@ -37,6 +37,7 @@ from usvauv.kernels.types import Columns, array1, array2, vec2, vec6
 LONGEST = 0.2  # s, of a substep
 AIR = 1.225  # kg/m³
 SEA_WATER = 1025.0  # kg/m³
+TINY = 1e-12
 
 
 class Number(Columns):
@@ -151,27 +152,15 @@ def wrap(angle: ti.f32) -> ti.f32:
 def cross_flow(v: ti.f32, r: ti.f32, length: ti.f32) -> vec2:
     """(∫ |v + x r| (v + x r) dx, ∫ x |v + x r| (v + x r) dx) over a hull of that length, exactly; m³/s², m⁴/s².
 
-    With l = L/2 they are, where the flow comes from one side all along, |v| > |r| l,
-
-        sgn(v) (2 v² l + ⅔ r² l³),   ⁴⁄₃ |v| r l³,
-
-    and where it changes side on the hull
-
-        2 |r| l² v + ⅔ v³/|r|,   sgn(r) (½ r² l⁴ + l² v² − ⅙ v⁴/r²),
-
-    so −½ρ C_d T |v| v L in pure sway and −½ρ C_d T |r| r L⁴/32 in pure yaw.
+    With h = r L/2, V = max(|v|, |h|) and t = min(|v|, |h|)/V they are L V v (1 + t²/3) and ¼ L² V h (½ + s² − s⁴/6),
+    s = min(|v/h|, 1) being where on the half hull the flow changes side: |v| v L in pure sway, |r| r L⁴/32 in pure yaw.
     """
-    l = 0.5 * length  # noqa: E741 - as in the equation
-    tip = ti.abs(r) * l
-    found = vec2(v * ti.abs(v) * length, ti.abs(v) * r * l * l * l * (4.0 / 3.0))
-    if ti.abs(v) > tip:
-        found[0] += ti.math.sign(v) * r * r * l * l * l * (2.0 / 3.0)
-    elif tip > 0.0:
-        share = v / tip  # ≤ 1
-        square = share * share
-        found[0] = tip * tip * l * share * (2.0 + square * (2.0 / 3.0))
-        found[1] = ti.math.sign(r) * tip * tip * l * l * (0.5 + square * (1.0 - square / 6.0))
-    return found
+    h = 0.5 * length * r
+    most, least = ti.max(ti.abs(v), ti.abs(h)), ti.min(ti.abs(v), ti.abs(h))
+    t = least / ti.max(most, TINY)
+    s = least / ti.max(ti.abs(h), TINY)
+    force = length * most * v * (1.0 + t * t / 3.0)
+    return vec2(force, 0.25 * length * length * most * h * (0.5 + s * s - s * s * s * s / 6.0))
 
 
 @func
