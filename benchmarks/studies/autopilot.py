@@ -14,6 +14,7 @@ import argparse
 import itertools
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -27,7 +28,7 @@ from usvauv.kernels.mission.columns import AuvColumn, BodyColumn
 from usvauv.kernels.vehicles.fleet import Body, Command, Fleet, Surroundings
 from usvauv.policies.guidance import crab, follow_circle, follow_line
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]
 FACTORS = ((1.0, 1.0, 1.0), *itertools.product((0.8, 1.2), repeat=3))  # on mass, drag, fins
 SPEEDS = (1.0, 1.5, 2.0)  # m/s
 EVERY = 0.1  # s
@@ -71,7 +72,7 @@ def respond(name: str) -> tuple[Array, dict[str, Array], tuple[float, ...]]:
     """Time from a step of `STEPS`, what is recorded, (steps, speeds, `FACTORS`), and the speeds."""
     field, start, end, speeds, seconds = STEPS[name]
     cases = np.array([(speed, *factors) for speed in speeds for factors in FACTORS])
-    water = dict(zip(("mass", "drag", "fins"), cases[:, 1:].T, strict=True))
+    water: dict[str, object] = dict(zip(("mass", "drag", "fins"), cases[:, 1:].T, strict=True))
     told = {"speed" if field == "u" else field: end}
     fleet = launch(len(cases), water, speed=cases[:, 0], **({"depth": start} if field == "depth" else {}))
     fly(fleet, 10.0)
