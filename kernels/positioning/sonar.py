@@ -165,27 +165,9 @@ def path_loss(r: ti.f32, spreading: ti.f32, alpha: ti.f32) -> ti.f32:
 
 
 @ti.pyfunc
-def transmission_loss(r: ti.f32, f: ti.f32) -> ti.f32:
-    """`path_loss` over the range r (m) at frequency f (Hz) with 15 log10 r and Thorp's absorption, dB."""
-    return path_loss(r, 15.0, thorp(f))
-
-
-@ti.pyfunc
 def noise_level(density: ti.f32, bandwidth: ti.f32) -> ti.f32:
     """NL of a noise density (dB re 1 µPa²/Hz) taken as constant over a band of `bandwidth` Hz, dB re 1 µPa."""
     return density + 10.0 * log10(bandwidth)
-
-
-@ti.pyfunc
-def one_way_snr(source_level: ti.f32, noise: ti.f32, r: ti.f32, f: ti.f32) -> ti.f32:
-    """SNR = SL − TL − NL of a direct signal, dB; `noise` is NL in the receiver's band."""
-    return source_level - transmission_loss(r, f) - noise
-
-
-@ti.pyfunc
-def echo_snr(source_level: ti.f32, target_strength: ti.f32, noise: ti.f32, r: ti.f32, f: ti.f32) -> ti.f32:
-    """SNR = SL − 2 TL + TS − NL of an echo, dB; `noise` is NL in the receiver's band."""
-    return source_level - 2.0 * transmission_loss(r, f) + target_strength - noise
 
 
 @ti.pyfunc

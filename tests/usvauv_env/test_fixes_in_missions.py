@@ -137,7 +137,7 @@ class TestEnergy:
         table_1 = {"path": "echo", "source_level": 135.0, "bandwidth": 1000.0, "spreading": 15.0}
         right = self.deviation(device, **table_1)
         noise = sonar.noise_level(coates(15e3, 0.5, 0.0), 1000.0)
-        snr = sonar.echo_snr(135.0, 3.0, noise, 100.0, 15e3)
+        snr = 135.0 - 2 * sonar.path_loss(100.0, 15.0, sonar.thorp(15e3)) + 3.0 - noise
         assert right**2 / (4 * 10 ** (-snr / 10) / 1344) == pytest.approx(504, rel=0.01)
         link = torch.from_numpy(
             acoustic_link.link_table((15000.0,), acoustic_link.Sonar(noise_law="density", **table_1))

@@ -123,7 +123,7 @@ class Plot:
 class RecordedPlot(Plot):
     """A plot of whole series, drawn beforehand and shown from left to right as time passes.
 
-    First `dots`, `curve` and `area`, then `finish`, then `show_until` in order of time.
+    First `dots` and `curve`, then `finish`, then `show_until` in order of time.
     """
 
     _whole: np.ndarray
@@ -138,12 +138,6 @@ class RecordedPlot(Plot):
         points = self._points(time, values)
         for piece in shapes.dashed(points, dash * self._zoom) if dash else [points]:
             shapes.stroke(self._fine, piece, colour, self._line_width)
-
-    def area(self, time: np.ndarray, values: np.ndarray, colour: Colour) -> None:
-        """Fill between a curve and zero."""
-        points = self._points(time, values)
-        zero = self._points(time[[-1, 0]], np.zeros(2))
-        shapes.fill(self._fine, np.concatenate([points, zero]), colour)
 
     def finish(self) -> None:
         """Render the curves; nothing can be added any more."""

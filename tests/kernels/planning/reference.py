@@ -25,6 +25,11 @@ SYSTEMATIC = {  # standard deviations by column of the link table
 KINDS = ("uniform", "collinear", "coincident", "corners", "outside", "depths", "shallow")
 
 
+def loss(r, f):
+    """15 log10 r and Thorp's absorption, dB."""
+    return sonar.path_loss(r, 15.0, sonar.thorp(f))
+
+
 def carriers(K):
     return [15000.0, 18000.0, *np.linspace(12000.0, 18000.0, K)[1:-1]][:K]
 
@@ -64,7 +69,7 @@ def sigma(K, S, source_level=162.0):
     """Standard deviation (rad) of the phase differences of an echo at slant ranges S (K,), straight from the laws."""
     out = []
     for f, s in zip(carriers(K), S, strict=True):
-        snr = sonar.echo_snr(source_level, 3.0, sonar.noise_level(coates(f, 0.5, 0.0), 1000.0), s, f)
+        snr = source_level - 2 * loss(s, f) + 3.0 - sonar.noise_level(coates(f, 0.5, 0.0), 1000.0)
         out.append(math.sqrt(10 ** (-snr / 10) / (1000.0 * 10 / f)))  # E/N0 = SNR · B · T, ten periods
     return torch.tensor(out, dtype=torch.float64)
 

@@ -8,6 +8,7 @@ import taichi as ti
 import torch
 from scipy import stats
 
+from tests.kernels.planning.reference import loss
 from usvauv.env.planning.fix_errors import reception
 from usvauv.kernels.positioning import acoustic_link, sonar, usbl
 from usvauv.kernels.positioning.sonar import coates
@@ -49,7 +50,7 @@ class TestNoise:
         f, offset = CARRIERS[auv], (80.0, -30.0, -100.0)
         S = math.hypot(*offset)
         NL = sonar.noise_level(coates(f, 0.5, 0.0), 1000.0)
-        snr = sonar.echo_snr(150.0, 3.0, NL, S, f) if path == "echo" else sonar.one_way_snr(150.0, NL, S, f)
+        snr = 150.0 - NL - (2 * loss(S, f) - 3.0 if path == "echo" else loss(S, f))
         if noise_law == "density":
             expected = math.sqrt(1 / (10 ** (snr / 10) * 1000.0 * 10 / f))  # E/N0 = SNR · B · T
         else:
@@ -161,7 +162,7 @@ class TestValidity:
         """Four hydrophones' energy over the noise is noncentral χ² of 8 degrees of freedom."""
         S, f = 100.0, CARRIERS[0]
         energy = 10 * math.log10(a * a / 2)  # a² is twice E/N0
-        level = energy + sonar.transmission_loss(S, f) + coates(f, 0.5, 0.0) - 10 * math.log10(10 / f)
+        level = energy + loss(S, f) + coates(f, 0.5, 0.0) - 10 * math.log10(10 / f)
         flags, detected, _ = flagged(device, (0.0, 0.0, -S), source_level=level, path="transponder")
         exact = stats.ncx2.sf(8 + 4 * acoustic_link.PERIOD_ENERGY * 10, 8, 4 * a * a)
         assert detected == pytest.approx(exact, abs=1e-3)
