@@ -1,0 +1,175 @@
+"""Boats with dynamics in worlds: about their goals, under actions, as planners reckon, with their array and trace."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from usvauv.env import Scenario, ScenarioError, World
+from usvauv.env.record.recorder import record
+from usvauv.env.world import tables
+from usvauv.kernels.mission.columns import AuvColumn, BoatColumn
+from usvauv.kernels.vehicles import otter
+from usvauv.kernels.vehicles.otter import HullColumn
+
+PLACE = BoatColumn.span("x", "y")
+CURRENT = BoatColumn.span("current_x", "current_y")
+SECTIONS = {
+    "area": {"width": 1000, "length": 1000},
+    "boat": {"model": "otter", "top_speed": 2, "dead_band": 4},
+    "auv": {"count": 1},
+    "nodes": {"count": 2, "arrival_rates": [1]},
+    "usbl": {},
+}
+
+
+def world_of(usv, num_worlds, **sections):
+    merged = {name: SECTIONS.get(name, {}) | sections.get(name, {}) for name in SECTIONS | sections}
+    world = World(Scenario.from_dict(merged), num_worlds, 4, usv)
+    world.reset()
+    world.boat[..., PLACE] = 500.0
+    return world
+
+
+def sailed(world, steps, current=(0.0, 0.0), boat_action=None):
+    """Places (steps, W, 2) of the boats after each step, in a current, m."""
+    places = []
+    for _ in range(steps):
+        world.boat[..., CURRENT] = torch.tensor(current)
+        world.step(torch.zeros(world.num_worlds, world.num_auvs, 2), boat_action)
+        places.append(world.boat[:, 0, PLACE].double().clone())
+    return torch.stack(places).cpu().numpy()
+
+
+@pytest.mark.parametrize(("current", "wind"), [((0.0, 0.0), 0.0), ((0.3, -0.2), 0.0), ((0.2, 0.3), 12.0)])
+def test_it_arrives_without_overshoot_and_stays_within_the_dead_band(current, wind):
+    """From all sides, with the bow to the north."""
+    world = world_of("hold:500,500", 8, acoustics={"wind": wind}, storm={"direction": 2.0})
+    way = np.stack([np.cos(np.arange(8) * math.pi / 4), np.sin(np.arange(8) * math.pi / 4)], -1)
+    world.boat[:, 0, PLACE] = torch.from_numpy(500 + 80 * way).float()
+    places = sailed(world, 240, current) - 500
+    left = (places * way).sum(-1)
+    assert left.min() > -6
+    assert np.linalg.norm(places[-60:], axis=-1).max() < 5
+    assert np.abs(np.diff(places[-60:], axis=0)).max() < 0.1  # no cycle about it
+
+
+def test_a_uniform_current_is_a_moving_frame():
+    """Adrift in a current c and a wind w as in still water and a wind w − c, carried besides by c."""
+    current, wind = np.array([0.4, -0.3]), 9.0 * np.array([math.cos(2.0), math.sin(2.0)])
+    ends = []
+    for flow, blowing in ((current, wind), (np.zeros(2), wind - current)):
+        world = world_of(
+            "hold:500,500",
+            1,
+            boat={"top_speed": 1e-4},
+            acoustics={"wind": float(np.linalg.norm(blowing))},
+            storm={"direction": math.atan2(blowing[1], blowing[0])},
+        )
+        world.hull[0, 0, : HullColumn.r + 1] = torch.tensor([0.4, 1.2, -0.3, 0.2])
+        places = sailed(world, 15, flow.tolist())[-1, 0] - 15 * flow
+        ends.append(np.concatenate([places, world.hull[0, 0, : HullColumn.r + 1].cpu().numpy()]))
+    np.testing.assert_allclose(ends[0], ends[1], atol=2e-3)
+    assert np.abs(ends[0][:2] - 500).max() > 1.5
+
+
+def test_its_future_depends_on_its_state_alone():
+    sections = {"storm": {"spectrum": "jonswap"}, "sea": {"realisations": 4}}
+    world, part = (
+        World(Scenario.from_dict(SECTIONS | sections), n, 5, "hold:400,600", first_world=first, batch=4)
+        for n, first in ((4, 0), (2, 2))
+    )
+    for some in (world, part):
+        some.reset()
+    later = sailed(world, 20)
+    np.testing.assert_array_equal(sailed(part, 20), later[:, 2:])
+    state = world.state()
+    first = sailed(world, 5)
+    world.load_state(state)
+    np.testing.assert_array_equal(sailed(world, 5), first)
+    for column in range(len(HullColumn.names)):  # each decides it
+        changed = {name: value.clone() for name, value in state.items()}
+        changed["hull"][:, 0, column] += 0.5
+        world.load_state(changed)
+        assert (sailed(world, 5) != first).any(), HullColumn.names[column]
+
+
+def fixes_at(world, heading):
+    """Errors (W, 2), covariances (W, 3) of fixes in which all is turned by a heading, anticlockwise from east."""
+    world.rewind()
+    world.reset()
+    world.boat[..., PLACE] = 500.0
+    c, s = math.cos(heading), math.sin(heading)
+    world.auv[..., AuvColumn.x], world.auv[..., AuvColumn.y] = 500 + 60 * c - 20 * s, 500 + 60 * s + 20 * c
+    world.hull[..., HullColumn.heading] = 0.5 * math.pi - heading
+    world.step(torch.tensor([c, s]).expand(world.num_worlds, 1, 2).contiguous())
+    auv = world.auv[:, 0].double().cpu().numpy()
+    error = auv[:, AuvColumn.span("fix_x", "fix_y")] - auv[:, AuvColumn.span("heard_x", "heard_y")]
+    return error, auv[:, AuvColumn.span("covariance_xx", "covariance_yy")]
+
+
+def test_the_array_turns_with_the_boat():
+    """All turned alike, errors of fixes and their covariances turn with it: mounting, compass, lever arm, attitude.
+
+    And they fit each other at any heading: the normalised squared error has the mean 2.
+    """
+    errors = {"attitude_error": 0.01, "alignment_error": 0.02, "heading_error": 0.03, "lever_arm_error": 0.5}
+    world = world_of("hold:500,500", 512, boat={"top_speed": 1e-4}, usbl=errors)
+    error, covariance = fixes_at(world, 0.0)
+    assert np.sqrt((error**2).mean()) > 1
+    for heading in (0.7, 2.9):
+        turn = np.array([[math.cos(heading), -math.sin(heading)], [math.sin(heading), math.cos(heading)]])
+        found, spread = fixes_at(world, heading)
+        np.testing.assert_allclose(found, error @ turn.T, atol=5e-3)
+        matrix, turned = (c[:, [0, 1, 1, 2]].reshape(-1, 2, 2) for c in (covariance, spread))
+        np.testing.assert_allclose(turned, turn @ matrix @ turn.T, rtol=1e-3, atol=1e-3)
+        squared = np.einsum("ni,nij,nj->n", found, np.linalg.inv(turned), found)
+        assert squared.mean() == pytest.approx(2, abs=4 * 2 / math.sqrt(512))
+
+
+def test_it_gets_as_far_as_planners_reckon():
+    """They take it to turn on the spot at its greatest rate, then to go at top speed: right within 3 s, to any side."""
+    world = world_of("hold:800,500", 8)
+    turns = torch.arange(8) * math.pi / 4
+    world.hull[:, 0, HullColumn.heading] = 0.5 * math.pi - turns
+    gone = np.linalg.norm(sailed(world, 80) - [800, 500], axis=-1)
+    seconds = 1 + (gone > 200).sum(0)  # until it is 100 m nearer
+    off = np.abs(np.remainder(turns.numpy() + math.pi, 2 * math.pi) - math.pi)
+    assert np.abs(seconds - (off / world.scenario.otter.turn_rate + 100 / 2)).max() < 3
+    assert seconds.max() > seconds.min() + 8
+
+
+def test_it_does_what_its_action_asks_for():
+    """Velocity through the water is the action times the top speed, which is that of its thrust at most."""
+    sections = {"navigation": {"sensor": "ground"}, "channel": {"schedule": "all"}, "boat": {"top_speed": 9}}
+    world = world_of("agent", 2, **sections)
+    most = tables.top_speed(world.scenario)
+    assert most == otter.top_speed(world.scenario.otter.model_dump()) == pytest.approx(3.087, rel=2e-3)
+    action = torch.tensor([[[0.4, 0.3]], [[-0.3, 0.0]]])
+    sailed(world, 40, (0.2, 0.1), action)
+    water = world.boat[..., BoatColumn.span("water_x", "water_y")].cpu()
+    torch.testing.assert_close(water, most * action, atol=0.08, rtol=0)
+
+
+def test_its_heading_is_in_the_trace():
+    scenario = Scenario.load("wide", ["boat.model=otter", "auv.count=2", "nodes.count=4", "sea.realisations=1"])
+    world = World(scenario, 1, 3, "belief")
+    trace = record(world, lambda seen: torch.zeros(1, 2, 2), "still", steps=60)
+    assert trace.boat_heading[-1, 0, 0] == pytest.approx(0.5 * math.pi - world.hull[0, 0, 0].item(), abs=1e-5)
+    water = world.boat[0, 0, BoatColumn.span("water_x", "water_y")].cpu().numpy()
+    ahead = [math.cos(trace.boat_heading[-1, 0, 0]), math.sin(trace.boat_heading[-1, 0, 0])]
+    assert water @ ahead == pytest.approx(world.hull[0, 0, HullColumn.u].item(), abs=1e-4)
+    assert np.abs(np.diff(trace.boat_heading[:, 0, 0])).max() < 1  # not reduced to one turn
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("boat.model=raft", r"boat.model = 'raft': .*point, otter"),
+        ("otter.mass=1", r"otter.mass = 1.*greater than or equal to 20"),
+    ],
+)
+def test_wrong_numbers_are_refused(override, message):
+    with pytest.raises(ScenarioError, match=message):
+        Scenario.load("wide", [override])
