@@ -360,7 +360,7 @@ def table_of(n: Mapping[str, float]) -> np.ndarray:
     return np.concatenate((constants, gains.constants_of(n, constants)))
 
 
-vehicles.register(
+TORPEDO = vehicles.register(
     "torpedo",
     Vehicle({**NUMBERS, **gains.NUMBERS}, table_of, advance, autopilot.control, trim, drive, SUBSTEP, TURNING),
 )

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field, create_model, field_validator, model_validator
 
 from usvauv.env.scenario.fields import Distance, Section, known
 from usvauv.kernels.mission.motion import FASTEST
 from usvauv.kernels.planning.information import MAX_AUVS
-from usvauv.kernels.vehicles.torpedo import vehicles
+from usvauv.kernels.vehicles.torpedo import TORPEDO
+from usvauv.kernels.vehicles.vehicle import vehicles
 
 
 class Navigation(Section):
@@ -197,8 +198,12 @@ class Auv(Section):
 
 _fields: Any = {
     name: (float, Field(number.default, ge=number.low, le=number.high, description=number.meaning))
-    for name, number in vehicles["torpedo"].numbers.items()
+    for name, number in TORPEDO.numbers.items()
 }
-Torpedo: type[Section] = create_model(
-    "Torpedo", __base__=Section, __doc__="Numbers of `auv.model = torpedo`.", **_fields
-)
+if TYPE_CHECKING:
+
+    class Torpedo(Section):
+        """Numbers of `auv.model = torpedo`."""
+
+else:
+    Torpedo = create_model("Torpedo", __base__=Section, __doc__="Numbers of `auv.model = torpedo`.", **_fields)

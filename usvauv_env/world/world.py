@@ -48,8 +48,9 @@ from usvauv.kernels.mission.columns import (
     ExchangeColumn,
     ForesightColumn,
     NodeColumn,
+    Phase,
 )
-from usvauv.kernels.mission.run import PARAMETERS, Phase, draw_vortices, run
+from usvauv.kernels.mission.run import PARAMETERS, draw_vortices, run
 from usvauv.kernels.mission.target_rules import target_rules
 from usvauv.kernels.mission.tasks.task import tasks
 from usvauv.kernels.mission.vehicles import ROWS, move
