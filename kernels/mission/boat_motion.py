@@ -12,6 +12,7 @@ import taichi as ti
 from usvauv.kernels.flow import airy, current
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission.columns import BoatColumn, Draw, EstimateColumn, Parameter
+from usvauv.kernels.mission.vehicles import turned_angle
 from usvauv.kernels.mission.worlds import normals
 from usvauv.kernels.types import Level, vec2
 from usvauv.kernels.vehicles import otter
@@ -240,7 +241,7 @@ ASTERN = 0.5  # m/s, of a command up to which it goes astern rather than turn
 @func
 def boat_heading(worlds: ti.template(), w, b) -> ti.f32:
     """Heading of an Otter, rad anticlockwise from east."""
-    return 0.5 * math.pi - worlds.hull[w, b, HullColumn.heading]
+    return turned_angle(worlds.hull[w, b, HullColumn.heading])
 
 
 @func

@@ -14,7 +14,7 @@ from usvauv.kernels.types import array1, array2, vec2
 from usvauv.kernels.vehicles import otter
 from usvauv.kernels.vehicles.otter import HullColumn
 
-NUMBERS = Otter().model_dump()
+NUMBERS = Otter.model_validate({}).model_dump()
 UNDAMPED = dict.fromkeys(("damping_surge", "damping_sway", "damping_yaw", "damping_turn", "cross_flow"), 0.0)
 CALM = {"frontal_area": 0.0, "lateral_area": 0.0}
 
