@@ -59,6 +59,7 @@ class ToyWorld:
         self.scenario, self.num_worlds, self.num_auvs = toy, num_worlds, toy.auv.count
         self.layout = ObservationLayout.of(toy)
         self.observation_size = self.layout.size
+        self.action_size = toy.auv.action_size
         self.steps = toy.mission.steps
         self.device = torch.device("cpu")
         self.terminates = terminates

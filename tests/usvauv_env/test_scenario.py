@@ -115,7 +115,7 @@ def test_of_another_name_it_is_what_differs_from_the_defaults():
 
 
 def test_unknown_name_lists_the_shipped_ones():
-    with pytest.raises(ScenarioError, match="extreme, ideal"):
+    with pytest.raises(ScenarioError, match="extreme, extreme-torpedo, ideal"):
         Scenario.load("extrem")
 
 
