@@ -21,6 +21,7 @@ from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.mission import motion
 from usvauv.kernels.mission.columns import Action, AuvColumn, BodyColumn, Draw, KeyColumn, Parameter, Phase
 from usvauv.kernels.types import array1, array2, array3, index2, mask1, mat3, vec2, vec3, vec4
+from usvauv.kernels.vehicles.kinematics import axes
 from usvauv.kernels.vehicles.vehicle import LANES, Body, Command, Memory, Surroundings, Vehicle, lanes
 
 LEAST_ALTITUDE = 5.0  # m above the bed, of a vehicle that cruises by depth
@@ -231,15 +232,10 @@ def store(block: ti.template(), g, structure, rows: ti.template()):
 
 @func
 def over_ground(body: Body):
-    """North and east component of the velocity through the water, m/s; the first two rows of the rotation by q."""
-    n0 = 1.0 - 2.0 * (body.q2 * body.q2 + body.q3 * body.q3)
-    n1 = 2.0 * (body.q1 * body.q2 - body.q0 * body.q3)
-    n2 = 2.0 * (body.q1 * body.q3 + body.q0 * body.q2)
-    e0 = 2.0 * (body.q1 * body.q2 + body.q0 * body.q3)
-    e1 = 1.0 - 2.0 * (body.q1 * body.q1 + body.q3 * body.q3)
-    e2 = 2.0 * (body.q2 * body.q3 - body.q0 * body.q1)
-    north = n0 * body.u + n1 * body.v + n2 * body.w
-    east = e0 * body.u + e1 * body.v + e2 * body.w
+    """North and east component of the velocity through the water, m/s."""
+    axis = axes(body)
+    north = axis.x.x * body.u + axis.y.x * body.v + axis.z.x * body.w
+    east = axis.x.y * body.u + axis.y.y * body.v + axis.z.y * body.w
     return north, east
 
 
