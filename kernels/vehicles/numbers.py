@@ -1,13 +1,14 @@
 """Numbers of a torpedo-shaped AUV, each once: default, range, unit, source. The defaults are those of a REMUS 100.
 
 Sources, by the names used below:
-    Fossen: T. I. Fossen (2021), "Handbook of Marine Craft Hydrodynamics and Motion Control", 2nd ed., ch. 6–8, and the
-        REMUS 100 of its public toolbox.
-    Prestero: T. Prestero (2001), "Verification of a six-degree of freedom simulation model for the REMUS autonomous
-        underwater vehicle", MIT and WHOI, doi 10.1575/1912/3040.
-    Allen: B. Allen, W. S. Vorus, T. Prestero (2000), "Propulsion system performance enhancements on REMUS AUVs",
-        doi 10.1109/OCEANS.2000.882209.
-    Hoerner: S. F. Hoerner (1965), "Fluid-Dynamic Drag", as Prestero cites it.
+
+- Fossen: T. I. Fossen (2021), "Handbook of Marine Craft Hydrodynamics and Motion Control", 2nd ed., ch. 6–8, and the
+  REMUS 100 of its public toolbox.
+- Prestero: T. Prestero (2001), "Verification of a six-degree of freedom simulation model for the REMUS autonomous
+  underwater vehicle", MIT and WHOI, doi 10.1575/1912/3040.
+- Allen: B. Allen, W. S. Vorus, T. Prestero (2000), "Propulsion system performance enhancements on REMUS AUVs",
+  doi 10.1109/OCEANS.2000.882209.
+- Hoerner: S. F. Hoerner (1965), "Fluid-Dynamic Drag", as Prestero cites it.
 """
 
 import math
