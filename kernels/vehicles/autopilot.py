@@ -1,8 +1,9 @@
 """The autopilot of a torpedo-shaped AUV: heading, depth or altitude, and speed, by its fins and its propeller.
 
 Three loops, each behind a reference that the vehicle can follow: Fossen (2021), "Handbook of Marine Craft Hydrodynamics
-and Motion Control", ch. 15; one loop round the other as Jalving (1994), doi 10.1109/48.338393, has them. V is the speed
-ahead through the water, L the hull's length, s = sin θ of the pitch θ, up positive; a fin's moment is B V² δ.
+and Motion Control", ch. 15; one loop round the other as Jalving (1994), "The NDRE-AUV flight control system", IEEE
+J. Oceanic Eng. 19(4), 497–501, has them. V is the speed ahead through the water, L the hull's length, s = sin θ of the
+pitch θ, up positive; a fin's moment is B V² δ.
 
 **Heading.** The reference turns towards the command by ψ̇_r = V clamp((ψ_c − ψ_r)/Δ, ±1/R). The rudder gives the moment
 I (ω² e + 2 ζ ω ė + κ ω³/V ∫e V dt) for e = ψ_r − ψ, and a share of the path's curvature ψ̇_r/V.

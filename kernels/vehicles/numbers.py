@@ -48,7 +48,7 @@ NUMBERS: dict[str, Quantity] = {
     "fin_rate": Quantity(1.0, 0.01, 100, "fastest turn of a fin, rad/s (assumed)"),
     "fin_lag": Quantity(0.1, 0.001, 10, "time constant of the fins, s (Fossen)"),
     "propeller_diameter": Quantity(0.14, 0.01, 3, "diameter of the propeller, m (Allen: 5.5 inches)"),
-    "thrust_0": Quantity(0.4566, 0, 2, "thrust coefficient at rest (Fossen, by the Wageningen B series)"),
+    "thrust_0": Quantity(0.4566, 0.01, 2, "thrust coefficient at rest (Fossen, by the Wageningen B series)"),
     "thrust_1": Quantity(0.1798, -1, 2, "thrust coefficient at the advance ratio `advance` (Fossen, as above)"),
     "torque_0": Quantity(0.07, 0, 1, "torque coefficient at rest (Fossen, as above)"),
     "torque_1": Quantity(0.0312, -1, 1, "torque coefficient at the advance ratio `advance` (Fossen, as above)"),
@@ -125,7 +125,7 @@ def lamb_factors(length: float, diameter: float) -> tuple[float, float, float]:
         ValueError: the length is not above the diameter.
     """
     if not length > diameter:
-        raise ValueError(f"length = {length:g}: must be above the diameter, {diameter:g}")
+        raise ValueError(f"length = {length:g}: must be above the diameter, {diameter:g} m")
     e2 = 1.0 - (diameter / length) ** 2
     e = math.sqrt(e2)
     log = math.log((1.0 + e) / (1.0 - e))

@@ -311,7 +311,7 @@ def trim(table: ti.template(), speed, depth, heading) -> Body:
     root = ti.sqrt(slope * slope + 4.0 * bollard * table[Constant.axial_drag] * speed * speed)
     n = ti.min((root - slope) / (2.0 * bollard), table[Constant.propeller_limit])
     righting = GRAVITY * table[Constant.mass] * table[Constant.weight_below]
-    heel = ti.max(0.0 - propeller(table, n, speed).moment / ti.max(righting, TINY), -0.9)
+    heel = within(0.0 - propeller(table, n, speed).moment / ti.max(righting, TINY), 0.9)
     upright = ti.sqrt(0.5 + 0.5 * ti.sqrt(1.0 - heel * heel))
     heeled = 0.5 * heel / upright
     cos, sin = heading, heading

@@ -196,14 +196,20 @@ class Auv(Section):
         return self
 
 
+class _Torpedo(Section):
+    """Numbers of `auv.model = torpedo`."""
+
+    @model_validator(mode="after")
+    def _check(self) -> _Torpedo:
+        TORPEDO.table_of(dict(self))
+        return self
+
+
 _fields: Any = {
     name: (float, Field(number.default, ge=number.low, le=number.high, description=number.meaning))
     for name, number in TORPEDO.numbers.items()
 }
 if TYPE_CHECKING:
-
-    class Torpedo(Section):
-        """Numbers of `auv.model = torpedo`."""
-
+    Torpedo = _Torpedo
 else:
-    Torpedo = create_model("Torpedo", __base__=Section, __doc__="Numbers of `auv.model = torpedo`.", **_fields)
+    Torpedo = create_model("Torpedo", __base__=_Torpedo, __doc__=_Torpedo.__doc__, **_fields)

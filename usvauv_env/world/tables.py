@@ -425,19 +425,12 @@ def vehicle_motion(scenario: Scenario) -> Motion:
 
 
 def vehicle_table(scenario: Scenario) -> np.ndarray:
-    """The numbers of the vehicle, as its functions read them: those of its section, or else its own.
-
-    Raises:
-        ScenarioError: they do not go together.
-    """
+    """The numbers of the vehicle, as its functions read them: those of its section, or else its own."""
     name = scenario.auv.model
     vehicle = vehicles[name]
     numbers = {each: about.default for each, about in vehicle.numbers.items()} | dict(getattr(scenario, name, ()))
-    try:
-        with vehicles.calling(name):
-            return np.ascontiguousarray(vehicle.table_of(numbers), np.float32)
-    except ValueError as error:
-        raise ScenarioError(f"{name}: {error}") from None
+    with vehicles.calling(name):
+        return np.ascontiguousarray(vehicle.table_of(numbers), np.float32)
 
 
 def fixed_vortices(scenario: Scenario) -> np.ndarray:

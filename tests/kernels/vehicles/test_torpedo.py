@@ -331,6 +331,17 @@ def flown(seconds: float, told: tuple[float, float, float]):
     return numbers, water, state, (x + DOWN * DEPTH, R, v_end, omega_end)
 
 
+def test_no_number_at_an_end_of_its_range_breaks_it():
+    for name, number in TORPEDO.numbers.items():
+        for value in (number.low, number.high):
+            auvs = Fleet(LANES, numbers=DEFAULTS | {"length": 3.2, name: value})
+            auvs.set(Command, speed=1.5, depth=DEPTH)
+            auvs.trim()
+            auvs.set(Command, depth=DEPTH + 10.0, heading=2.0)
+            auvs.flight(40, commanded=True)()
+            assert auvs.state.isfinite().all(), (name, value)
+
+
 def test_trajectories_are_those_of_the_numpy_vehicle():
     """To integration error, of second order: halving the substep leaves a quarter, until rounding shows."""
     seconds, told = 6.0, (0.15, -0.1, 18.0)
