@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from usvauv.env.scenario import Scenario, ScenarioError
+from usvauv.env.scenario import Scenario
 from usvauv.env.scenario.task import CLEAREST, Nodes
 from usvauv.env.sea.storm import total_height, wave_systems
 from usvauv.env.site.place import far_position
