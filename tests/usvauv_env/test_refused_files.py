@@ -22,7 +22,6 @@ from tests.usvauv_env.ocean_files import (
     write,
 )
 from tests.usvauv_env.wave_files import SIZE, era5, partitions, waves_of, ww3
-from usvauv.env.netcdf import remote
 from usvauv.env.site import ocean, waves
 from usvauv.env.site.cf import OceanError
 from usvauv.env.site.ocean import read_bathymetry, read_flow
@@ -232,7 +231,7 @@ def refused(said, read, *arguments, **asked):
 
 @pytest.fixture
 def opened(monkeypatch):
-    """Function that puts a dataset in the place of every file: a process less for each of many refusals."""
+    """Function that puts a dataset in the place of every file."""
 
     def put_in_place(dataset):
         decoded = xarray.decode_cf(dataset, decode_times=False)
@@ -307,12 +306,4 @@ class TestFiles:
         with path.open("r+b") as file:
             file.seek(place.byte_offset)
             file.write(b"\xff" * place.size)
-        self.read(path, r"damaged: ")
-
-    def test_netcdf_3_without_scipy(self, tmp_path, monkeypatch):
-        path = tmp_path / "classic.nc"
-        path.write_bytes(b"CDF\x02" + bytes(100))
-        monkeypatch.setattr(remote.importlib.util, "find_spec", lambda name: None)
-        self.read(path, r"a NetCDF-3 file, which needs SciPy \(pip install scipy\) or converting with `nccopy -k nc4`")
-        path.write_bytes(b"CDF\x05" + bytes(100))
-        self.read(path, r"a NetCDF-3 file, which needs converting with `nccopy -k nc4`")
+        self.read(path, r"elevation: cannot be read: ")

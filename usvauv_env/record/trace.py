@@ -21,7 +21,7 @@ from usvauv.env.site.cf import OceanError
 from usvauv.env.site.ocean import at_time, parse_time
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site
-from usvauv.env.storage import text_files
+from usvauv.env.storage import netcdf, text_files
 from usvauv.env.storage.files import hdf5_file
 from usvauv.env.storage.memory import RowsOnDisk
 from usvauv.kernels.errors import UserError
@@ -29,8 +29,6 @@ from usvauv.kernels.interruption import deferred
 
 if TYPE_CHECKING:  # most runs read and write no NetCDF
     import h5netcdf
-
-    from usvauv.env.netcdf.remote import RemoteVariable
 
 
 class Variable(NamedTuple):
@@ -247,13 +245,12 @@ class Trace:
             TraceError: not such a file: a missing field, another type or size, a number that is not finite or beyond
                 `LARGEST`.
         """
-        from usvauv.env.netcdf import remote
-
         try:
-            with remote.open_remote(path) as (variables, attributes):
-                stored = [name for name in VARIABLES if name in variables or name not in (*OPTIONAL, DERIVED)]
-                arrays = {name: _read(variables, name) for name in stored}
-                start = place.start_of(variables["time"].attributes.get("units", ""))
+            with netcdf.open_plain(path) as file:
+                stored = [name for name in VARIABLES if name in file.variables or name not in (*OPTIONAL, DERIVED)]
+                arrays = {name: _read(file, name, path) for name in stored}
+                attributes = dict(file.attrs)
+                start = place.start_of(str(file.variables["time"].attrs.get("units", "")))
             if start:
                 parse_time(start)
             for name, shape in OPTIONAL.items():
@@ -272,7 +269,7 @@ class Trace:
             seed = attributes.get("seed")
             if not isinstance(seed, int | np.integer):
                 raise TraceError("its attribute seed is not a whole number")
-        except remote.NetcdfError as error:
+        except netcdf.NetcdfError as error:
             raise TraceError(str(error)) from None
         except (TraceError, ScenarioError, OceanError, text_files.TextFileError) as error:
             raise TraceError(f"{path}: not a usvauv trace: {error}") from None
@@ -409,11 +406,11 @@ def variables_table() -> str:
     return "\n".join(["| variable | dimensions | unit | meaning |", "| --- | --- | --- | --- |", *rows])
 
 
-def _read(variables: Mapping[str, RemoteVariable], name: str) -> np.ndarray:
+def _read(file: h5netcdf.File, name: str, path: str | Path) -> np.ndarray:
     """A field of a trace's file, its values checked."""
-    if name not in variables:
+    if name not in file.variables:
         raise TraceError(f"has no {name}")
-    variable = variables[name]
+    variable = file.variables[name]
     expected = VARIABLES[name].dimensions
     if variable.dimensions != expected:
         raise TraceError(f"{name} has dimensions {variable.dimensions}; expected {expected}")
@@ -421,20 +418,20 @@ def _read(variables: Mapping[str, RemoteVariable], name: str) -> np.ndarray:
     if variable.dtype.kind not in kinds:
         raise TraceError(f"{name} is of type {variable.dtype}; expected {'whole' if kinds == 'iu' else 'real'} numbers")
     if name == "surface":  # most of a trace
-        return _surface(variable)
-    values = variable.read((slice(None),) * len(variable.shape)).copy()
+        return _surface(variable, f"{path}: {name}")
+    values = netcdf.values(variable, f"{path}: {name}")
     _check_numbers(values, name)
     if name in ("time", "stream_time") and not (np.diff(values) > 0).all():
         raise TraceError(f"{name} does not rise")
     return values
 
 
-def _surface(variable: RemoteVariable) -> np.ndarray:
+def _surface(variable: h5netcdf.Variable, where: str) -> np.ndarray:
     """The surface, by some rows at a time on the disk."""
     count, *shape = variable.shape
     with RowsOnDisk(count, tuple(shape), "its surface") as rows:
         for first in range(0, count, TOGETHER):
-            some = variable.read((slice(first, first + TOGETHER), slice(None), slice(None)))
+            some = netcdf.values(variable, where, slice(first, first + TOGETHER))
             _check_numbers(some, "surface")
             rows.append(some)
         return rows.array()

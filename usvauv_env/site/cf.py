@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from usvauv.env.storage import netcdf
 from usvauv.kernels.errors import UserError
 
 if TYPE_CHECKING:  # loading it takes a second and 50 MB; most runs read no NetCDF
@@ -87,29 +88,24 @@ class Field:
 
     def read(self, axes: dict[str, Axis]) -> np.ndarray:
         """Values at parts of its axes: (time, depth, latitude, longitude) float64, NaN where there are none."""
-        from usvauv.env.netcdf import reader
-
         kinds = [kind for kind in AXES if kind in self.axes and self.axes[kind].dimension]
         window = self.array.isel({axes[kind].dimension: axes[kind].order for kind in kinds})
         window = window.transpose(*(axes[kind].dimension for kind in kinds))
-        values = reader.values(window, f"{self.path}: {self.name}").astype(np.float64) * self.factor
+        values = netcdf.values(window, f"{self.path}: {self.name}").astype(np.float64) * self.factor
         return np.expand_dims(values, tuple(i for i, kind in enumerate(AXES) if kind not in kinds))
 
 
 @contextmanager
 def open_file(path: str | Path) -> Iterator[xarray.Dataset]:
-    """A NetCDF file, see `reader.open_file`.
+    """A NetCDF file, see `netcdf.open_decoded`.
 
     Raises:
         OceanError: it cannot be read.
     """
-    from usvauv.env.netcdf import reader
-    from usvauv.env.netcdf.remote import NetcdfError
-
     try:
-        with reader.open_file(path) as dataset:
+        with netcdf.open_decoded(path) as dataset:
             yield dataset
-    except NetcdfError as error:
+    except netcdf.NetcdfError as error:
         raise OceanError(str(error)) from None
 
 
@@ -241,13 +237,11 @@ def read_axis(variable: xarray.DataArray, path: str | Path, kind: str, dimension
     Raises:
         OceanError: values that are missing, not in order or out of range; wrong units.
     """
-    from usvauv.env.netcdf import reader
-
     where = f"{path}: {variable.name}"
     require_numbers(variable, where)
     if not 1 <= variable.size <= MOST_VALUES[kind]:
         raise OceanError(f"{where}: has {variable.size} values; allowed: 1 to {MOST_VALUES[kind]}")
-    raw = np.atleast_1d(reader.values(variable, where).astype(np.float64))
+    raw = np.atleast_1d(netcdf.values(variable, where).astype(np.float64))
     if not np.isfinite(raw).all():
         raise OceanError(f"{where}: value {int(np.flatnonzero(~np.isfinite(raw))[0])} is missing; all must be given")
     if kind == "time":

@@ -22,6 +22,7 @@ from usvauv.env.site.cf import (
 )
 from usvauv.env.site.ocean import bracket, mission_times
 from usvauv.env.site.place import EQUATOR
+from usvauv.env.storage import netcdf
 
 if TYPE_CHECKING:
     import xarray
@@ -106,14 +107,12 @@ class Source:
 
     def values(self, sample: Sample) -> np.ndarray:
         """Values of the variable at a time and point, by frequency and direction where it has them."""
-        from usvauv.env.netcdf import reader
-
         window = self.array.isel({name: i for name, i in sample.index.items() if name in self.array.dims})
         order = [self.spectral[kind] for kind in ("frequency", "direction") if kind in self.spectral]
         others = set(window.dims) - {*order, VERSIONS}
         if others:
             raise OceanError(f"{self.where}: has a dimension {others.pop()!r} beside those of its place and time")
-        values = reader.values(window.transpose(..., *order), self.where).astype(np.float64)
+        values = netcdf.values(window.transpose(..., *order), self.where).astype(np.float64)
         if VERSIONS not in window.dims:
             return values
         return next((version for version in values if not np.isnan(version).all()), values[0])
@@ -152,12 +151,10 @@ def _nearest_station(
     dataset: xarray.Dataset, path: str | Path, stations: tuple[str, str, str], place: tuple[float, float], time: int
 ) -> list[tuple[dict[str, int], float]]:
     """The index of the station nearest to a place (longitude, latitude), and the weight 1."""
-    from usvauv.env.netcdf import reader
-
     dimension, there = stations[2], []
     for name in stations[:2]:
         others = [other for other in dataset[name].dims if other != dimension]
-        there.append(reader.values(dataset[name].isel(dict.fromkeys(others, time)), f"{path}: {name}"))
+        there.append(netcdf.values(dataset[name].isel(dict.fromkeys(others, time)), f"{path}: {name}"))
     longitude, latitude = there
     away = _distance(longitude, latitude, place)
     if not np.isfinite(away).any():

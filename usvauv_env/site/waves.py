@@ -25,6 +25,7 @@ import numpy as np
 from usvauv.env.site.cf import METRES, METRES_PER_SECOND, OceanError, factor_of, find, open_file, require_numbers
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.wave_source import Sample, Source
+from usvauv.env.storage import netcdf
 
 if TYPE_CHECKING:
     import xarray
@@ -231,14 +232,12 @@ def _from_logarithm(where: str, values: np.ndarray) -> np.ndarray:
 
 def _coordinate(dataset: xarray.Dataset, source: Source, kind: str) -> tuple[xarray.DataArray, np.ndarray, str]:
     """Coordinate of a spectral dimension, its values, and file and name."""
-    from usvauv.env.netcdf import reader
-
     name = source.spectral[kind]
     where = f"{source.where.partition(': ')[0]}: {name}"
     if name not in dataset.variables:
         raise OceanError(f"{where}: has no values; a coordinate must give them")
     require_numbers(dataset[name], where)
-    return dataset[name], np.atleast_1d(reader.values(dataset[name], where).astype(np.float64)), where
+    return dataset[name], np.atleast_1d(netcdf.values(dataset[name], where).astype(np.float64)), where
 
 
 def _some(values: np.ndarray) -> str:
