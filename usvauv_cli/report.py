@@ -40,8 +40,7 @@ def metrics_tables(comparison: Comparison, scenario: Scenario, seed: int, wide: 
         wide: all figures in three tables of any width, instead of those that matter most in one that fits.
     """
     first, count = comparison.combinations[0], comparison.episodes
-    nodes = scenario.task_definition.targets == "nodes"
-    parts = column_tables(nodes, comparison.of_task)
+    parts = column_tables(scenario, comparison.of_task)
     about = f"{scenario.name}, seed {seed}, {counted(count, 'episode')}"
     several = comparison.combinations
     varied = ["policy", *(name for name in ("usv", "targets") if len({getattr(which, name) for which in several}) > 1)]
@@ -118,6 +117,7 @@ def mission_summary(row: EpisodeMetrics, trace: Trace) -> None:
     scenario, found = trace.scenario, row.of_task
     heave = trace.boat_surface[:, 0, :, 0]
     boats = "boats" if heave.shape[1] > 1 else "boat"
+    touched = f", {counted(row.grounded, 'step')} on the bed, {row.surfaced} at the surface"
     lines = [
         f"{row.scenario}, seed {row.seed}, policy {row.policy}, {boats} {row.usv}:"
         f" {duration(float(trace.time[-1]))} of mission",
@@ -126,7 +126,7 @@ def mission_summary(row: EpisodeMetrics, trace: Trace) -> None:
         f" 95th percentile {row.position_error_p95:.2f} m",
         f"fixes: usable in {100 * row.fix_availability:.1f} % of the time, longest gap {duration(row.outage_longest)}",
         f"safety: {counted(row.collisions, 'step')} with two AUVs closer than {scenario.auv.collision_distance:g} m,"
-        f" {counted(row.border, 'move')} stopped at the border",
+        f" {counted(row.border, 'move')} stopped at the border{touched if scenario.auv.dynamic else ''}",
         f"sea: the {boats} heaved from {heave.min():+.2f} to {heave.max():+.2f} m".replace("-", "−"),
         f"score: average reward per step (ARPS) {row.arps:.2f}",
     ]

@@ -7,12 +7,15 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Collection, Iterable, Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from rich import box
 from rich.console import Console
 from rich.measure import Measurement
 from rich.table import Table
+
+if TYPE_CHECKING:
+    from usvauv.env.scenario import Scenario
 
 WIDTH = 80
 UNLIMITED = 100_000
@@ -102,6 +105,10 @@ WORK = (
     Column("collisions", "collisions", 2, "steps of two AUVs closer than the collision distance", "less"),
     Column("border", "refused moves", 2, "moves refused at the border of the area", "less"),
 )
+OF_VEHICLES = (
+    Column("surfaced", "at surface", 2, "steps of an AUV in which it touched the surface", "less"),
+    Column("grounded", "on bed", 2, "steps of an AUV in which it touched the bed", "less"),
+)
 OF_STATIONS = (Column("target_distance", "off station, m", 2, "mean distance of the AUVs to their targets", "less"),)
 OF_NODES = (
     Column("delivered_mbit", "data, Mbit", 1, "data collected from the nodes", "more"),
@@ -130,19 +137,17 @@ POSITIONS = (
     Column("fix_dropped", "dropped", 3, "share of detected fixes that the receiver does not use", "less"),
     Column("outage_longest", "outage, s", 0, "longest time of an AUV without a usable fix", "less"),
 )
-COLUMNS = {column.name: column for column in (*WORK, *OF_STATIONS, *OF_NODES, *OF_TASK.values(), *POSITIONS)}
+COLUMNS = {
+    column.name: column for column in (*WORK, *OF_VEHICLES, *OF_STATIONS, *OF_NODES, *OF_TASK.values(), *POSITIONS)
+}
 
 
-def column_tables(nodes: bool, of_task: Collection[str]) -> dict[str, list[Column]]:
-    """Columns of each table by its title.
-
-    Args:
-        nodes: whether the task's targets are nodes with data.
-        of_task: names of the task's own figures.
-    """
+def column_tables(scenario: Scenario, of_task: Collection[str]) -> dict[str, list[Column]]:
+    """Columns of each table by its title; `of_task` are the names of the task's own figures."""
+    nodes, vehicles = scenario.task_definition.targets == "nodes", OF_VEHICLES if scenario.auv.dynamic else ()
     own = [OF_TASK.get(name, Column(name, name, 2, "a figure of a plugin")) for name in of_task]
     return {
-        "Work": [*WORK[:1], *(OF_NODES if nodes else OF_STATIONS), *WORK[1:]],
+        "Work": [*WORK[:1], *(OF_NODES if nodes else OF_STATIONS), *WORK[1:], *vehicles],
         "Age, losses and cost of data" if nodes else "Of the task": own,
         "Positions and fixes": list(POSITIONS),
     }

@@ -65,7 +65,7 @@ def test_tables_of_eval_fit_and_no_number_is_cut(capsys, policies, boats, target
 
 
 def test_wide_tables_have_every_figure_of_the_task(capsys):
-    tables_of(episodes(LONG, ["fim"], ["tour"]), "extreme", wide=True)
+    tables_of(episodes(LONG, ["fim"], ["tour"]), "extreme-torpedo", wide=True)
     text = capsys.readouterr().out
     assert max(map(len, text.splitlines())) > 80
     means, _, differences = text.partition("\nless ")

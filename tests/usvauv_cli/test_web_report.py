@@ -117,7 +117,7 @@ class TestRecordings:
 class TestPage:
     def test_tables_have_the_scores(self, made):
         tables = Elements(made.text).tables
-        expected = column_tables(True, list(made.rows[0].of_task))
+        expected = column_tables(made.scenario, list(made.rows[0].of_task))
         assert len(tables) == len(expected) == 3
         fim, hold = ([row.columns() for row in made.rows if row.usv == usv] for usv in ("fim", "hold:0,0"))
         for table, shown in zip(tables, expected.values(), strict=True):
@@ -139,7 +139,9 @@ class TestPage:
     def test_bold_is_what_differs_clearly(self, made):
         """Fixes are worse from the corner in each world; the data collected need not differ."""
         cells = re.findall(r"<br><span class=\"less( clear)?\">([^<]*)</span></td>", made.text)
-        assert len(cells) == sum(len(shown) for shown in column_tables(True, list(made.rows[0].of_task)).values())
+        assert len(cells) == sum(
+            len(shown) for shown in column_tables(made.scenario, list(made.rows[0].of_task)).values()
+        )
         for bold, text in cells:
             mean, _, half = text.replace("−", "-").replace(",", "").partition(" ± ")
             if half and float(mean) != pytest.approx(float(half)):

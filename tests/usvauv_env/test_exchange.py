@@ -185,7 +185,8 @@ class TestMcap:
             np.testing.assert_allclose(fins.position, [rudder, stern, np.nan])
             np.testing.assert_allclose(fins.velocity, [np.nan, np.nan, 2 * np.pi * turns])
             velocity = numbers(bag["/auv_0/velocity"][t][1].twist.linear)
-            np.testing.assert_allclose(velocity, [*trace.auv_velocity[t, 1, 0], 0])
+            climb = (trace.auv_depth[max(t - 1, 0), 1, 0] - trace.auv_depth[t, 1, 0]) / trace.scenario.mission.step
+            np.testing.assert_allclose(velocity, [*trace.auv_velocity[t, 1, 0], climb])
 
     @pytest.mark.parametrize(
         ("name", "place", "covariance"),

@@ -96,6 +96,8 @@ def by_loops(trace: Trace, w: int) -> dict[str, float]:
         **{name: sum(int(trace.__dict__[f][t, w]) for t in range(STEPS)) for name, f in
            (("overflow", "overflowing"), ("collisions", "collisions"))},
         "border": sum(int(trace.border[t, w, k]) for t, k in every),
+        "surfaced": sum(int(trace.auv_touched[t, w, k]) in (1, 3) for t, k in every),
+        "grounded": sum(int(trace.auv_touched[t, w, k]) in (2, 3) for t, k in every),
         **{f"{name}_{part}": value for name, values in errors.items() for part, value in spread(values).items()},
         "fix_availability": len(used) / len(every),
         "fix_wrapped": sum(bool(flags[at] & usbl.WRAPPED) for at in used) / len(used),
@@ -170,7 +172,8 @@ def test_usable_fixes_are_those_that_the_boat_uses():
 def test_csv_has_the_promised_columns(tmp_path):
     promised = (
         "scenario policy usv seed episode sdr ec arps services delivered_mbit energy_wh target_distance overflow "
-        "collisions border position_error_mean position_error_median position_error_rms position_error_p95 "
+        "collisions border surfaced grounded "
+        "position_error_mean position_error_median position_error_rms position_error_p95 "
         "own_error_mean own_error_median own_error_rms own_error_p95 "
         "fix_error_mean fix_error_median fix_error_rms fix_error_p95 fix_availability fix_wrapped fix_dropped "
         "outage_longest targets"

@@ -83,7 +83,6 @@ def write(
 
 def _tables(comparison: Comparison, scenario: Scenario) -> list[dict[str, Any]]:
     """Tables of scores: title, columns, and rows of a combination and its cells."""
-    nodes = collects_data(scenario)
     return [
         {
             "title": title,
@@ -93,7 +92,7 @@ def _tables(comparison: Comparison, scenario: Scenario) -> list[dict[str, Any]]:
                 for which in comparison.combinations
             ],
         }
-        for title, found in tables.column_tables(nodes, comparison.of_task).items()
+        for title, found in tables.column_tables(scenario, comparison.of_task).items()
         if found
     ]
 

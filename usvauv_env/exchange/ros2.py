@@ -6,7 +6,7 @@ start. Messages are CDR and travel with their definitions, so that no ROS 2 need
     /tf                  tf2_msgs/TFMessage                       "map" → "auv_0" …, "usv_0" …
     /auv_0/pose          geometry_msgs/PoseStamped                the truth; of a point, heading through the water
     /auv_0/fins          sensor_msgs/JointState                   rudder, stern plane, propeller, where it has them
-    /auv_0/velocity      geometry_msgs/TwistStamped               through the water, in "map"
+    /auv_0/velocity      geometry_msgs/TwistStamped               through the water; z is −d(depth)/dt; in "map"
     /auv_0/fix           geometry_msgs/PoseWithCovarianceStamped  when a reply is detected
     /auv_0/estimate      geometry_msgs/PoseWithCovarianceStamped  where the boat takes the AUV to be
     /usv_0/pose          geometry_msgs/PoseStamped                its heading, on the waves as steep as they are
@@ -44,6 +44,7 @@ def write(trace: Trace, path: Path) -> None:
         OutputError: the file cannot be written.
     """
     poses, frame = Poses.of(trace), Site(trace.scenario).frame
+    climb = np.diff(-trace.depth[:, 0], axis=0, prepend=-trace.depth[:1, 0]) / trace.scenario.mission.step
     auvs, boats = poses.auvs.shape[1], poses.boats.shape[1]
     bodies = [(f"auv_{k}", poses.auvs[:, k], poses.auv_turn[:, k]) for k in range(auvs)]
     bodies += [(f"usv_{b}", poses.boats[:, b], poses.boat_turn[:, b]) for b in range(boats)]
@@ -60,7 +61,7 @@ def write(trace: Trace, path: Path) -> None:
                 if name in places:
                     bag.place(f"/{name}/navsat", places[name][t])
             for k in range(auvs):
-                bag.velocity(f"/auv_{k}/velocity", trace.auv_velocity[t, 0, k])
+                bag.velocity(f"/auv_{k}/velocity", (*trace.auv_velocity[t, 0, k], climb[t, k]))
                 if trace.auv_fins.size:
                     bag.fins(f"/auv_{k}/fins", trace.auv_fins[t, 0, k])
                 if np.isfinite(poses.fixes[t, k]).all():
@@ -119,8 +120,8 @@ class _Bag:
         where = self.message("geometry_msgs/msg/Transform", self.vector(position), self.vector(turn, "Quaternion"))
         return self.message("geometry_msgs/msg/TransformStamped", self.header(), child, where)
 
-    def velocity(self, topic: str, velocity: np.ndarray) -> None:
-        twist = self.message("geometry_msgs/msg/Twist", self.vector((*velocity, 0.0)), self.vector(np.zeros(3)))
+    def velocity(self, topic: str, velocity: tuple[float, ...]) -> None:
+        twist = self.message("geometry_msgs/msg/Twist", self.vector(velocity), self.vector(np.zeros(3)))
         self.add(topic, "geometry_msgs/msg/TwistStamped", self.header(), twist)
 
     def fins(self, topic: str, fins: np.ndarray) -> None:

@@ -38,6 +38,7 @@ class EpisodeMetrics:
         target_distance: mean true distance of the AUVs to their targets, m.
         overflow: node-steps in which a full buffer lost packets.
         collisions: pair-steps below the collision distance. border: refused moves.
+        surfaced, grounded: AUV-steps in which a vehicle with dynamics touched the surface, or the bed.
         position_error_mean, _median, _rms, _p95: of |estimate − truth| over all AUVs and steps, m.
         own_error_mean, _median, _rms, _p95: of where an AUV takes itself to be, likewise.
         fix_error_mean, _median, _rms, _p95: of |fix − where the AUV was when its signal left| over all usable fixes, m;
@@ -65,6 +66,8 @@ class EpisodeMetrics:
     overflow: int
     collisions: int
     border: int
+    surfaced: int
+    grounded: int
     position_error_mean: float
     position_error_median: float
     position_error_rms: float
@@ -289,6 +292,7 @@ def episode_metrics(trace: Trace, first_episode: int = 0) -> list[EpisodeMetrics
     detected = (trace.fix_flags & DETECTED) > 0
     ec = energy_consumption(trace)[-1]
     reward = trace.reward_terms.sum(axis=(2, 3), dtype=np.float64).mean(0)
+    touched = trace.auv_touched.astype(np.int8)
     of_task = {name: _of_task(name, trace) for name, m in task_metrics.items() if m.task == trace.scenario.task}
     return [
         EpisodeMetrics(
@@ -307,6 +311,8 @@ def episode_metrics(trace: Trace, first_episode: int = 0) -> list[EpisodeMetrics
             overflow=int(trace.overflowing[:, w].sum()),
             collisions=int(trace.collisions[:, w].sum()),
             border=int(trace.border[:, w].sum()),
+            surfaced=int((touched[:, w : w + 1] & 1).sum()),
+            grounded=int((touched[:, w : w + 1] & 2 > 0).sum()),
             **{f"position_error_{name}": value for name, value in distribution(error[:, w]).items()},
             **{f"own_error_{name}": value for name, value in distribution(own[:, w]).items()},
             **{f"fix_error_{name}": value for name, value in distribution(fix_error[:, w][had[:, w]]).items()},
