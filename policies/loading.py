@@ -110,8 +110,8 @@ def about(name: str) -> str:
 
 
 def default(scenario: Scenario) -> str:
-    """The default policy: the heuristic of the scenario's task, the baseline of learned policies."""
-    return scenario.task_definition.heuristic
+    """The default policy, the baseline of learned ones: `pass` where data are taken in passing, else the task's."""
+    return "pass" if scenario.collects_in_passing else scenario.task_definition.heuristic
 
 
 def load(name: str | Path, world: World) -> Policy:

@@ -78,7 +78,7 @@ class Loiter(Clear):
 
     @classmethod
     def parse(cls, text: str | None, scenario: Scenario) -> float:
-        if scenario.task != "data-collection" or scenario.nodes.service != "passing":
+        if not scenario.collects_in_passing:
             raise ValueError(f"needs nodes.service = passing, which scenario {scenario.name!r} has not")
         return super().parse(text, scenario)
 

@@ -33,7 +33,7 @@ def evaluate(
     scenario: ScenarioName = "extreme",
     policy: Annotated[
         list[str] | None,
-        typer.Option(help=f"{POLICIES}; may be repeated. Default: clear (or that of another task) and straight."),
+        typer.Option(help=f"{POLICIES}; may be repeated. Default: that of simulate, and straight."),
     ] = None,
     usv: Annotated[
         list[str] | None,

@@ -27,7 +27,7 @@ def live(
     scenario: ScenarioName = "extreme",
     policy: Annotated[
         str | None,
-        typer.Option(help=f"{POLICIES}. Default: clear, or the heuristic of another task."),
+        typer.Option(help=f"{POLICIES}. Default: the one that usvauv policies lists for the scenario."),
     ] = None,
     usv: Usv = None,
     targets: Targets = None,

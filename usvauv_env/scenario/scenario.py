@@ -313,6 +313,11 @@ class Scenario(Section):
         return auv.altitude or (auv.depth if auv.separation == "demonstration" else self.area.depth - auv.depth)
 
     @property
+    def collects_in_passing(self) -> bool:
+        """Whether AUVs take data from nodes in passing."""
+        return self.task == "data-collection" and self.nodes.service == "passing"
+
+    @property
     def service_radius(self) -> float:
         """Horizontal distance at which an AUV at its depth begins to serve a node on a bed at `area.depth`, m."""
         if self.nodes.service == "hover":

@@ -199,7 +199,7 @@ def _always(scenario: Scenario) -> bool:
 
 
 def _serves_in_passing(scenario: Scenario) -> bool:
-    return scenario.task == "data-collection" and scenario.nodes.service == "passing"
+    return scenario.collects_in_passing
 
 
 def _others(num_auvs: int) -> list[str]:
