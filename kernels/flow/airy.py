@@ -16,7 +16,7 @@ Engineers and Scientists" (1991), §3.4 and §4.4; van den Bremer and Breivik (2
 A sea is an array `wave` (seas, groups, columns, LANES): LANES components stand side by side, one column each of
 
     TURNS_X, TURNS_Y    k/2π, 1/m
-    PHASE               (φ − ω t)/2π at the present time, reduced to one turn in double precision outside the kernels
+    PHASE               (φ − ω t)/2π at the present time, reduced to one turn in double precision by `set_phases`
     AMPLITUDE           a, m
     LEVEL + 2 n         2π a ω C/k at the n-th of some levels z, m²/s
     LEVEL + 2 n + 1     a ω D there, m/s
@@ -42,17 +42,19 @@ TWO_PI = 2.0 * math.pi
 vec8 = ti.types.vector(8, ti.f32)
 lanes = ti.types.vector(LANES, ti.f32)
 waves = ti.types.ndarray(dtype=lanes, ndim=3)
+double1 = ti.types.ndarray(dtype=ti.f64, ndim=1)
+double_lanes = ti.types.ndarray(dtype=ti.types.vector(LANES, ti.f64), ndim=2)
 
 
 @func
-def half_sine(t: lanes) -> lanes:
+def half_sine(t):
     """sin πt for |t| ≤ ½, within 6e-9 before rounding."""
     q = t * t
     return t * (3.14159264 + q * (-5.16770968 + q * (2.55006958 + q * (-0.59824123 + q * 0.07755864))))
 
 
 @func
-def half_cosine(t: lanes) -> lanes:
+def half_cosine(t):
     """cos πt for |t| ≤ ½, within 5e-8 before rounding."""
     q = t * t
     return 0.99999995 + q * (-4.93479283 + q * (4.05841135 + q * (-1.33187657 + q * 0.21968961)))
@@ -102,6 +104,20 @@ def motion(wave: ti.template(), sea: ti.i32, level: ti.template(), x: ti.f32, y:
         TWO_PI * u_z.sum(),
         TWO_PI * v_z.sum(),
     )
+
+
+@kernel
+def set_phases(start: double_lanes, frequency: double_lanes, clock: double1, wave: waves, serial: ti.template()):
+    """Bring the phases of all seas to a time; `serial`: the calling thread does it all.
+
+    Args:
+        start, frequency: φ/2π and ω/2π (Hz), each (seas, groups). clock: (1,), the time, s.
+    """
+    ti.loop_config(serialize=serial)
+    for sea in range(wave.shape[0]):
+        for n in range(wave.shape[1]):
+            turns = start[sea, n] - clock[0] * frequency[sea, n]
+            wave[sea, n, PHASE] = ti.cast(turns - ti.floor(turns), ti.f32)
 
 
 @kernel

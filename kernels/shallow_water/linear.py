@@ -14,9 +14,11 @@ from usvauv.kernels.launch import DeviceArrays, Launch
 from usvauv.kernels.shallow_water.boundaries import GEOMETRY, BasinBoundaries, Boundary, Side
 from usvauv.kernels.shallow_water.cellwise import CellwiseBackend
 from usvauv.kernels.shallow_water.discretisation import LANES, Discretisation, Packing
+from usvauv.kernels.shallow_water.forcing import PrescribedElevation
 from usvauv.kernels.shallow_water.wavefront import WavefrontBackend
 
 COURANT = 0.95  # fraction of the stability limit that a substep may use
+PRESCRIBED = 2  # place of the prescribed elevation among the arrays that one interval does not change
 
 
 class ShallowWater:
@@ -111,8 +113,8 @@ class ShallowWater:
         self._held = DeviceArrays(tuple(self._state))
         self.fields = self._held.arguments
         self._prescribed = torch.zeros((blocks, self.substeps, LANES), device=device)
-        self._resistance = self._scheme.resistances().to(device)
-        self._sponge_factors = self._scheme.sponge_factors().to(device)
+        damping = self._scheme.resistances().to(device), self._scheme.sponge_factors().to(device)
+        self._constant = DeviceArrays((*self._C, self._prescribed, *damping))
         self._intervals, self._start = 0, 0.0
         self._at_rest = True
         zero = np.zeros((num_seas, 1))
@@ -152,11 +154,9 @@ class ShallowWater:
         Args:
             amplitude, period, phase: a (m), T (s) and φ (rad), (num_seas, components).
         """
-        self._amplitude, self._phase = np.asarray(amplitude, np.float64), np.asarray(phase, np.float64)
-        self._omega = 2 * math.pi / np.asarray(period, np.float64)
-        self._silent = not self.boundaries.forced or not self._amplitude.any()
-        angle = self._omega[:, None, :] * (self.time_step * np.arange(self.substeps))[:, None]
-        self._rotation = np.concatenate([np.cos(angle), -np.sin(angle)], axis=2)
+        table = self._constant.arguments[PRESCRIBED]
+        self._forcing = PrescribedElevation(amplitude, period, phase, self._packing, self.time_step, table)
+        self._silent = not self.boundaries.forced or self._forcing.silent
         self._prescribed.zero_()
 
     def set_state(
@@ -176,7 +176,7 @@ class ShallowWater:
         packed_eta, *packed_transports = self._state
         eta = np.broadcast_to(eta, (self.num_seas, self.ny, self.nx))
         scales = self.time_step / self.dx, self.time_step / self.dy
-        scheme, prescribed = self._scheme, self._prescribed_now()
+        scheme, prescribed = self._scheme, self._forcing.at(self.time)
         for first, last in scheme.chunks(0, self.ny + 1):
             wet = scheme.cell_rows(first, last, lambda low, high: self.depth[None, low:high] > 0)
             surface = np.where(wet, scheme.cell_rows(first, last, lambda low, high: eta[:, low:high]), 0.0)
@@ -198,7 +198,7 @@ class ShallowWater:
         """One interval."""
         if not self.still:
             if not self._silent:
-                self._tabulate_prescribed()
+                self._forcing.tabulate_from(self.time)
             for launch in self._launches:
                 launch()
             self._at_rest = False
@@ -207,9 +207,8 @@ class ShallowWater:
     @cached_property
     def _launches(self) -> list[Launch]:
         """Kernel launches of one interval."""
-        constant = DeviceArrays((*self._C, self._prescribed, self._resistance, self._sponge_factors))
         return self._backend.launches(
-            (*self.fields, *constant.arguments), self._coefficient_row, self.boundaries, self._scheme.drag_factor
+            (*self.fields, *self._constant.arguments), self._coefficient_row, self.boundaries, self._scheme.drag_factor
         )
 
     def state(self) -> tuple[torch.Tensor, torch.Tensor]:
@@ -279,21 +278,6 @@ class ShallowWater:
         self._held.fetch()
         return self._state
 
-    def _prescribed_now(self) -> np.ndarray:
-        """Prescribed elevation at `time`, m, (num_seas, 1)."""
-        return (self._amplitude * np.cos(self._omega * self.time + self._phase)).sum(axis=1)[:, None]
-
-    def _tabulate_prescribed(self) -> None:
-        """Prescribed elevation at each substep of the coming interval; the phase at its beginning is exact."""
-        angle = self._omega * self.time + self._phase
-        now = np.concatenate([self._amplitude * np.cos(angle), self._amplitude * np.sin(angle)], axis=1)
-        elevation = (self._rotation @ now[:, :, None])[:, :, 0].astype(np.float32)
-        blocks = self._packing.blocks
-        if not self._packing.strips:
-            elevation = np.pad(elevation, ((0, blocks * LANES - self.num_seas), (0, 0)))
-        table = elevation.reshape(blocks, -1, self.substeps).swapaxes(1, 2)
-        runtime.upload(np.array(np.broadcast_to(table, self._prescribed.shape)), self._prescribed)
-
     def _eta(self, first: int, last: int) -> np.ndarray:
         return self._packing.unpack(self._packed()[0], first, last)[:, :, :-1]
 
@@ -307,6 +291,6 @@ class ShallowWater:
             [scheme.packing.unpack(W, first, last).astype(np.float64) * (d / scheme.time_step) for W, d in packed]
         )
         h, damping = scheme.faces(first, last)
-        slopes = scheme.slopes(scheme.cell_rows(first, last, self._eta), first, last, self._prescribed_now())
+        slopes = scheme.slopes(scheme.cell_rows(first, last, self._eta), first, last, self._forcing.at(self.time))
         push = scheme.time_step * scheme.gravity * h[:, None] * slopes
         return h, before, ((1 - damping)[:, None] * before - push) / (1 + damping)[:, None]

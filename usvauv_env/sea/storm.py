@@ -36,6 +36,7 @@ from usvauv.env.site.waves import Partition, WaveSpectrum
 from usvauv.kernels import runtime
 from usvauv.kernels.flow import airy
 from usvauv.kernels.flow.at_depth import deep_columns
+from usvauv.kernels.launch import Launch
 
 System = Storm | WaveSpectrum  # each with significant_height (m), peak_period (s) and direction of travel (rad)
 
@@ -49,6 +50,7 @@ NARROWEST = 1000.0  # spreading, as the field of a scenario has it
 BED_CELLS = 128  # along the longer side, at which an uneven bed is compared with the storm
 BED_DEPTHS = 400  # that are compared
 SHOALING = 0.1  # share of the height by which a wave may shoal before the storm is wrong
+SEAS_A_MICROSECOND = 8  # of which a thread sets the phases
 BREAKING = 0.6  # height over depth, as `Scenario` has it
 
 
@@ -87,14 +89,19 @@ class AirySea:
         deep = deep_columns(amplitude, self.k, omega, depth, step) if step else ()
         packed = airy.pack(amplitude, self.k, direction, omega, depth=depth, levels=levels, more=deep)
         self.wave = torch.tensor(packed, device=device)
-        self._start = torch.tensor(airy.group(phase / airy.TWO_PI), device=device)
-        self._frequency = torch.tensor(airy.group(omega / airy.TWO_PI), device=device)
+        start, frequency = (torch.tensor(airy.group(part / airy.TWO_PI), device=device) for part in (phase, omega))
+        self._clock = torch.zeros(1, dtype=torch.float64, device=device)
+        serial = runtime.better_alone(len(omega) // SEAS_A_MICROSECOND)
+        times = start, frequency, self._clock
+        self._set_phases = Launch(airy.set_phases, *times, self.wave, serial) if omega.size else None
         self.set_time(0.0)
 
     def set_time(self, time: float) -> None:
         """Set the time, s. Phases are reduced in double precision, so that late times lose no digits."""
         self.time = time
-        self.wave[:, :, airy.PHASE] = torch.remainder(self._start - self._frequency * time, 1.0)
+        if self._set_phases:
+            self._clock.fill_(time)
+            self._set_phases()
 
     def components(self, sea: int) -> np.ndarray:
         """Waves of one sea: a (m), kx, ky (rad/m), ω (rad/s), φ (rad), (N, 5)."""
