@@ -84,8 +84,7 @@ def errors(scenario: Scenario, draws: int, n: int) -> np.ndarray:
     flow = PeriodicFlow(start, side, current.viscosity, site.eddies.column)
     grid = np.stack(np.meshgrid(*2 * [side / n * np.arange(n)]), axis=-1).reshape(1, -1, 2)
     points = torch.tensor(grid, dtype=torch.float32, device=centres.device).expand(draws, -1, -1).contiguous()
-    work = centres.new_zeros((*centres.shape[:2], 7))
-    step = vortex.evolution(centres, work, scenario.mission.step, current.viscosity, current.mutual, site.eddies)
+    step = vortex.evolution(centres, scenario.mission.step, current.viscosity, current.mutual, site.eddies)
     found, now = [], 0.0
     for time in (0, *TIMES):
         if time:

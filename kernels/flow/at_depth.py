@@ -125,7 +125,8 @@ def real_current(water: ti.template(), x: ti.f32, y: ti.f32, share: ti.f32) -> v
 @func
 def steady(water: ti.template(), w: ti.i32, x: ti.f32, y: ti.f32, fade: ti.f32, share: ti.f32) -> vec2:
     """Velocity (m/s) of `fade` times the vortices, and of real currents as `real_current` has them."""
-    return fade * vortex.current(water.vortex, w, x, y, water.eddies.period) + real_current(water, x, y, share)
+    u, v = vortex.current(water.vortex, w, x, y, water.eddies.period)
+    return fade * vec2(u, v) + real_current(water, x, y, share)
 
 
 @func

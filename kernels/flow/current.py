@@ -181,7 +181,8 @@ def long_wave_velocity(water: ti.template(), sea: ti.i32, x: ti.f32, y: ti.f32) 
 @func
 def without_waves(water: ti.template(), level: ti.i32, w: ti.i32, x: ti.f32, y: ti.f32) -> vec2:
     """Velocity (m/s) of vortices and real currents at (x, y) in world w."""
-    V = vortex.current(water.vortex, w, x, y, water.eddies.period)
+    u, v = vortex.current(water.vortex, w, x, y, water.eddies.period)
+    V = vec2(u, v)
     if ti.static(water.eddies.cruise != 1.0):
         V *= ti.select(level == Level.cruise, ti.cast(water.eddies.cruise, ti.f32), 1.0)
     if water.stream.shape[1] > 1:

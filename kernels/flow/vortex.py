@@ -36,11 +36,17 @@ import torch
 from usvauv.kernels import runtime
 from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.launch import Launch
-from usvauv.kernels.types import Columns, array3, vec2
+from usvauv.kernels.types import Columns, array3, columns
 
-TWO_PI = 6.283185307179586
+LANES = 16  # vortices side by side
+PLACES = 8  # places side by side
 IMAGES = 6  # terms of ζ besides the pole
-FAR = 17.4  # r²/δ² from which on 1 − e^{−r²/δ²} is 1 in single precision
+FAR = 16.0  # r²/δ² from which on 1 − e^{−r²/δ²} counts as that at 16, within 2e-7 of 1
+LEAST = 1e-30  # of r²
+
+lanes = ti.types.vector(LANES, ti.f32)
+blocks3 = ti.types.ndarray(dtype=lanes, ndim=3)
+places = ti.types.vector(PLACES, ti.f32)
 
 
 class Eddies(NamedTuple):
@@ -86,121 +92,138 @@ class Vortex(Columns):
     delta: int  # core radius, m
 
 
-class Work(Columns):
-    """Workspace of a step of a vortex, (W, V, 7)."""
-
-    x: int  # centre at the beginning, m
-    y: int
-    delta2: int  # δ² at the beginning, m²
-    u: int  # velocity of the centre in a stage, m/s
-    v: int
-    mean_u: int  # weighted mean of the stages' velocities, m/s
-    mean_v: int
+# Rows of the workspace of a step, LANES vortices side by side: vortices with δ², what `carry` finds, where centres
+# began, and the weighted mean of the stages' velocities.
+Work = columns("x", "y", "Gamma", "delta2", "u", "v", "start_x", "start_y", "mean_u", "mean_v")
 
 
 @func
-def core_factor(s: ti.f32) -> ti.f32:
-    """(1 − e^{−s})/s for s ≥ 0, which is 1 at s = 0: a series where the difference would cancel in single precision."""
-    value = 0.0
-    if s > FAR:
-        value = 1.0 / s
-    elif s > 0.25:
-        value = (1.0 - ti.exp(-s)) / s
-    else:
-        value = 1.0 - s / 2.0 * (1.0 - s / 3.0 * (1.0 - s / 4.0 * (1.0 - s / 5.0 * (1.0 - s / 6.0))))
-    return value
+def core(s):
+    """n(s) = 1 − e^{−s} for s ≥ 0, within 4e-7 of itself: a polynomial for n(s/16), and n(2t) = n(t) (2 − n(t))."""
+    t = ti.min(s, FAR) * (1.0 / 16.0)
+    high = 0.0414065988 - t * (0.00782370753 - t * 0.000907157727)
+    n = t * (0.999999921 - t * (0.499994584 - t * (0.166605221 - t * high)))
+    for _ in ti.static(range(4)):
+        n *= 2.0 - n
+    return n
 
 
 @func
-def core_squared(vortex: ti.template(), w: ti.i32, v: ti.i32) -> ti.f32:
-    """δ² of vortex v, m²."""
-    return vortex[w, v, Vortex.delta] * vortex[w, v, Vortex.delta]
+def images(x, y, r2):
+    """Real and imaginary part of Σ_k G_4k z^{4k−2} for z = x + iy, r2 = |z|², |x|, |y| ≤ ½.
+
+    The polynomial in q = z⁴ is summed by Horner's rule for real coefficients, b_k = c_k + 2 Re(q) b_{k+1} −
+    |q|² b_{k+2} (Knuth, "Seminumerical Algorithms", §4.6.4).
+    """
+    real, imaginary = x * x - y * y, 2.0 * x * y  # of z²
+    r4 = r2 * r2
+    size = r4 * r4
+    q = r4 - 2.0 * imaginary * imaginary
+    after = ti.static(EISENSTEIN[-2]) + 2.0 * q * ti.static(EISENSTEIN[-1])
+    b = ti.static(EISENSTEIN[-3]) + 2.0 * q * after - size * ti.static(EISENSTEIN[-1])
+    for k in ti.static(range(IMAGES - 4, 0, -1)):
+        b, after = ti.static(EISENSTEIN[k]) + 2.0 * q * b - size * after, b
+    series, turned = ti.static(EISENSTEIN[0]) + q * b - size * after, 2.0 * real * imaginary * b
+    return real * series - imaginary * turned, real * turned + imaginary * series
 
 
 @func
 def nearest(d: ti.f32, period: ti.template()) -> ti.f32:
     """A component of the way from the nearest image of a vortex, from that of the way from any."""
-    way = d
-    if ti.static(period > 0):
-        turns = d * ti.static(1.0 / period if period > 0 else 0.0)
-        way -= period * ti.cast(turns + ti.select(turns < 0.0, -0.5, 0.5), ti.i32)  # ti.round is a call
-    return way
+    return d - ti.static(period) * ti.floor(d * ti.static(1.0 / period) + 0.5)
 
 
 @func
-def images(dx: ti.f32, dy: ti.f32, period: ti.template()) -> vec2:
-    """What the images of a vortex of circulation 1 m²/s and the background add to its velocity (m/s) at (dx, dy).
+def induced(dx, dy, delta2, period: ti.template()):
+    """2πL times the velocity (m/s) at (dx, dy), m, from a vortex of circulation 1 m²/s; L is 1 m without a period.
 
-    The polynomial in q = (z/L)⁴ is summed by Horner's rule for real coefficients, b_k = c_k + 2 Re(q) b_{k+1} − |q|²
-    b_{k+2} (Knuth, "Seminumerical Algorithms", §4.6.4).
+    Numbers or vectors of numbers, without branches. A vortex adds exactly 0 at its centre.
     """
-    x, y = dx * ti.static(1.0 / period), dy * ti.static(1.0 / period)
-    square = vec2(x * x - y * y, 2.0 * x * y)  # z²
-    q = vec2(square[0] * square[0] - square[1] * square[1], 2.0 * square[0] * square[1])
-    size = q[0] * q[0] + q[1] * q[1]
-    b = vec2(ti.static(EISENSTEIN[-1]), 0.0)  # of k and k + 1
-    for k in ti.static(range(IMAGES - 2, 0, -1)):
-        b = vec2(ti.static(EISENSTEIN[k]) + 2.0 * q[0] * b[0] - size * b[1], b[0])
-    series = vec2(ti.static(EISENSTEIN[0]) - size * b[1] + q[0] * b[0], q[1] * b[0])
-    cube = vec2(x * square[0] - y * square[1], x * square[1] + y * square[0])
-    # W of u − iv = W/(2πiL), so u = Im W/(2πL) and v = Re W/(2πL).
-    W = vec2(
-        -math.pi * x - cube[0] * series[0] + cube[1] * series[1],
-        math.pi * y - cube[0] * series[1] - cube[1] * series[0],
-    )
-    return vec2(W[1], W[0]) * ti.static(1.0 / (TWO_PI * period))
+    per_length = ti.static(1.0 / (period or 1.0))
+    x, y = dx * per_length, dy * per_length
+    background = ti.static(math.pi if period > 0 else 0.0)
+    if ti.static(period > 0):
+        x, y = x - ti.floor(x + 0.5), y - ti.floor(y + 0.5)
+    r2 = ti.max(x * x + y * y, LEAST)
+    turn = core(r2 / (delta2 * ti.static(per_length * per_length))) / r2
+    u, v = (background - turn) * y, (turn - background) * x
+    if ti.static(period > 0):
+        real, imaginary = images(x, y, r2)
+        u, v = u - (y * real + x * imaginary), v + (y * imaginary - x * real)
+    return u, v
 
 
 @func
-def current(vortex: ti.template(), w: ti.i32, x: ti.f32, y: ti.f32, period: ti.template()) -> vec2:
-    """Velocity (m/s) at the surface at (x, y) in world w; `vortex` has shape (W, V, 4), `period` is of `Eddies`."""
-    V = vec2(0.0, 0.0)
-    for v in range(vortex.shape[1]):
-        dx = nearest(x - vortex[w, v, Vortex.x], period)
-        dy = nearest(y - vortex[w, v, Vortex.y], period)
-        Gamma = vortex[w, v, Vortex.Gamma]
-        delta2 = core_squared(vortex, w, v)
-        rotation = Gamma / (TWO_PI * delta2) * core_factor((dx * dx + dy * dy) / delta2)
-        V += vec2(-rotation * dy, rotation * dx)
-        if ti.static(period > 0):
-            V += Gamma * images(dx, dy, period)
-    return V
+def current(vortex: ti.template(), w: ti.i32, x, y, period: ti.template()):
+    """Velocity (u, v) in m/s at the surface at (x, y) in world w: numbers, or vectors of numbers.
+
+    Args:
+        vortex: of shape (W, V, 4).
+        x, y: m. period: of `Eddies`.
+    """
+    u, v = 0.0 * x, 0.0 * y
+    for n in range(vortex.shape[1]):
+        delta2 = vortex[w, n, Vortex.delta] * vortex[w, n, Vortex.delta]
+        along_x, along_y = induced(x - vortex[w, n, Vortex.x], y - vortex[w, n, Vortex.y], delta2, period)
+        u += vortex[w, n, Vortex.Gamma] * along_x
+        v += vortex[w, n, Vortex.Gamma] * along_y
+    share = ti.static(0.5 / math.pi / (period or 1.0))
+    return share * u, share * v
 
 
 @func
-def mutual_velocities(vortex: ti.template(), work: ti.template(), w: ti.i32, period: ti.template()):
-    """Velocities (m/s) of all centres of a world by the other vortices, into `work`.
+def load(vortex: ti.template(), work: ti.template(), w: ti.i32):
+    """Put the vortices of a world into the workspace, which is filled up with vortices of no circulation."""
+    count = vortex.shape[1]
+    for g in range(work.shape[2]):
+        for c in ti.static(range(4)):
+            row = lanes(0.0)
+            for n in ti.static(range(LANES)):
+                if g * LANES + n < count:
+                    row[n] = vortex[w, g * LANES + n, c]
+            if ti.static(c == Vortex.delta):
+                row *= row
+            work[w, c, g] = row
+        work[w, Work.start_x, g] = work[w, Work.x, g]
+        work[w, Work.start_y, g] = work[w, Work.y, g]
+        work[w, Work.mean_u, g] = lanes(0.0)
+        work[w, Work.mean_v, g] = lanes(0.0)
 
+
+@func
+def carry(work: ti.template(), w: ti.i32, count: ti.i32, period: ti.template()):
+    """2πL times the velocities (m/s) of all centres of a world from the other vortices, into the workspace.
+
+    Each vortex carries those of its own group and of the groups before, and these of groups before carry it.
     Sums are written out: `+=` on an array would be an atomic.
     """
-    for v in range(vortex.shape[1]):
-        x = vortex[w, v, Vortex.x]
-        y = vortex[w, v, Vortex.y]
-        Gamma = vortex[w, v, Vortex.Gamma]
-        own = core_squared(vortex, w, v)
-        V = vec2(0.0, 0.0)
-        for other in range(v):
-            dx = nearest(x - vortex[w, other, Vortex.x], period)
-            dy = nearest(y - vortex[w, other, Vortex.y], period)
-            delta2 = own + core_squared(vortex, w, other)
-            turn = core_factor((dx * dx + dy * dy) / delta2) / (TWO_PI * delta2)
-            V += vortex[w, other, Vortex.Gamma] * turn * vec2(-dy, dx)
-            work[w, other, Work.u] = work[w, other, Work.u] + Gamma * turn * dy
-            work[w, other, Work.v] = work[w, other, Work.v] - Gamma * turn * dx
-            if ti.static(period > 0):
-                more = images(dx, dy, period)
-                V += vortex[w, other, Vortex.Gamma] * more
-                work[w, other, Work.u] = work[w, other, Work.u] - Gamma * more[0]
-                work[w, other, Work.v] = work[w, other, Work.v] - Gamma * more[1]
-        work[w, v, Work.u] = V[0]
-        work[w, v, Work.v] = V[1]
+    lane = ti.Vector(ti.static(list(range(LANES))), ti.i32)
+    for g in range(work.shape[2]):
+        work[w, Work.u, g] = lanes(0.0)
+        work[w, Work.v, g] = lanes(0.0)
+    for i in range(count):
+        own, n = i // LANES, i % LANES
+        x, y = work[w, Work.x, own][n], work[w, Work.y, own][n]
+        Gamma, delta2 = work[w, Work.Gamma, own][n], work[w, Work.delta2, own][n]
+        back_u, back_v = lanes(0.0), lanes(0.0)
+        for g in range(own + 1):
+            u, v = induced(work[w, Work.x, g] - x, work[w, Work.y, g] - y, work[w, Work.delta2, g] + delta2, period)
+            work[w, Work.u, g] = work[w, Work.u, g] + Gamma * u
+            work[w, Work.v, g] = work[w, Work.v, g] + Gamma * v
+            if g < own:
+                back_u += work[w, Work.Gamma, g] * u
+                back_v += work[w, Work.Gamma, g] * v
+        if own > 0:
+            here = ti.select(lane == n, lanes(1.0), lanes(0.0))
+            work[w, Work.u, own] = work[w, Work.u, own] - here * back_u.sum()
+            work[w, Work.v, own] = work[w, Work.v, own] - here * back_v.sum()
 
 
 @kernel
 def _evolve(
     serial: ti.template(),
     vortex: array3,
-    work: array3,
+    work: blocks3,
     dt: ti.f32,
     viscosity: ti.f32,
     mutual: ti.i32,
@@ -208,33 +231,31 @@ def _evolve(
 ):
     ti.loop_config(serialize=serial)
     for w in range(vortex.shape[0]):
-        for v in range(vortex.shape[1]):
-            work[w, v, Work.x] = vortex[w, v, Vortex.x]
-            work[w, v, Work.y] = vortex[w, v, Vortex.y]
-            work[w, v, Work.delta2] = core_squared(vortex, w, v)
-            work[w, v, Work.mean_u] = 0.0
-            work[w, v, Work.mean_v] = 0.0
+        count = vortex.shape[1]
         if mutual != 0:
-            for stage in ti.static(range(4)):
-                mutual_velocities(vortex, work, w, eddies.period)
-                weight = ti.static((1 / 6, 1 / 3, 1 / 3, 1 / 6)[stage])
-                time = ti.static((0.5, 0.5, 1.0, 0.0)[stage]) * dt
-                for v in range(vortex.shape[1]):
+            load(vortex, work, w)
+            for stage in range(4):
+                carry(work, w, count, eddies.period)
+                weight = ti.select(stage == 1 or stage == 2, 1.0 / 3.0, 1.0 / 6.0)
+                time = ti.select(stage == 2, dt, 0.5 * dt)
+                grown = 4.0 * viscosity * (time - ti.select(stage == 0, 0.0, 0.5 * dt))
+                share = ti.static(0.5 / math.pi / (eddies.period or 1.0) * eddies.column)
+                for g in range(work.shape[2]):
                     for axis in ti.static(range(2)):
-                        if ti.static(eddies.column != 1.0):
-                            work[w, v, Work.u + axis] = eddies.column * work[w, v, Work.u + axis]
-                        work[w, v, Work.mean_u + axis] = (
-                            work[w, v, Work.mean_u + axis] + weight * work[w, v, Work.u + axis]
-                        )
-                        vortex[w, v, axis] = work[w, v, axis] + time * work[w, v, Work.u + axis]
-                    vortex[w, v, Vortex.delta] = ti.sqrt(work[w, v, Work.delta2] + 4.0 * viscosity * time)
-        for v in range(vortex.shape[1]):
-            for axis in ti.static(range(2)):
-                vortex[w, v, axis] = work[w, v, axis] + dt * work[w, v, Work.mean_u + axis]
-                if ti.static(eddies.period > 0):
-                    middle = ti.static(eddies.centre[axis])
-                    vortex[w, v, axis] = middle + nearest(vortex[w, v, axis] - middle, eddies.period)
-            vortex[w, v, Vortex.delta] = ti.sqrt(work[w, v, Work.delta2] + 4.0 * viscosity * dt)
+                        velocity = share * work[w, Work.u + axis, g]
+                        work[w, Work.mean_u + axis, g] = work[w, Work.mean_u + axis, g] + weight * velocity
+                        work[w, Work.x + axis, g] = work[w, Work.start_x + axis, g] + time * velocity
+                    work[w, Work.delta2, g] = work[w, Work.delta2, g] + grown
+            for v in range(count):
+                for axis in ti.static(range(2)):
+                    place = vortex[w, v, axis] + dt * work[w, Work.mean_u + axis, v // LANES][v % LANES]
+                    if ti.static(eddies.period > 0):
+                        middle = ti.static(eddies.centre[axis])
+                        place = middle + nearest(place - middle, eddies.period)
+                    vortex[w, v, axis] = place
+        for v in range(count):
+            delta = vortex[w, v, Vortex.delta]
+            vortex[w, v, Vortex.delta] = ti.sqrt(delta * delta + 4.0 * viscosity * dt)
 
 
 @kernel
@@ -244,29 +265,34 @@ def _sample_current(
     out: array3,
     period: ti.template(),
 ):
-    for w, p in ti.ndrange(points.shape[0], points.shape[1]):
-        V = current(vortex, w, points[w, p, 0], points[w, p, 1], period)
-        out[w, p, 0] = V[0]
-        out[w, p, 1] = V[1]
+    for w, g in ti.ndrange(points.shape[0], (points.shape[1] + PLACES - 1) // PLACES):
+        x, y = places(0.0), places(0.0)
+        for n in ti.static(range(PLACES)):
+            point = ti.min(g * PLACES + n, points.shape[1] - 1)
+            x[n], y[n] = points[w, point, 0], points[w, point, 1]
+        u, v = current(vortex, w, x, y, period)
+        for n in ti.static(range(PLACES)):
+            point = ti.min(g * PLACES + n, points.shape[1] - 1)
+            out[w, point, 0], out[w, point, 1] = u[n], v[n]
 
 
-def evolution(
-    vortex: torch.Tensor, work: torch.Tensor, dt: float, viscosity: float, mutual: bool, eddies: Eddies = ENDLESS
-) -> Launch:
+def evolution(vortex: torch.Tensor, dt: float, viscosity: float, mutual: bool, eddies: Eddies = ENDLESS) -> Launch:
     """A launch that lets vortices spread and move one another for a time, in place: classical Runge–Kutta method.
 
     Centres of a periodic pattern that leave its square come in at the opposite side.
 
     Args:
         vortex: (W, V, 4) float32.
-        work: (W, V, 7) float32, workspace.
         dt: s; a vortex should not move further than a fraction of a core radius in it.
         viscosity: ν ≥ 0, m²/s.
         mutual: whether the centres move.
         eddies: their period and the speed of their columns.
     """
-    serial = runtime.better_alone(vortex.shape[0] * vortex.shape[1])
-    return Launch(_evolve, serial, vortex, work, dt, viscosity, int(mutual), eddies)
+    worlds, count = vortex.shape[:2]
+    work = vortex.new_zeros((worlds, len(Work.names), -(-count // LANES), LANES))
+    serial = runtime.better_alone(worlds * count)
+    settings = runtime.vectors_in_registers()
+    return Launch(_evolve, serial, vortex, work, dt, viscosity, int(mutual), eddies, settings=settings)
 
 
 def sample_current(vortex: torch.Tensor, points: torch.Tensor, period: float = 0.0) -> torch.Tensor:

@@ -98,10 +98,9 @@ class SeaSimulation:
         self._evolve_vortices = None
         current, self._pieces = scenario.current, math.ceil(interval / scenario.mission.step)
         if (current.viscosity > 0 or current.mutual) and self._vortex.shape[1]:
-            room = self._vortex.new_zeros((*self._vortex.shape[:2], 7))
             step = interval / self._pieces
             spread_and_move = current.viscosity, current.mutual
-            self._evolve_vortices = vortex.evolution(self._vortex, room, step, *spread_and_move, site.eddies)
+            self._evolve_vortices = vortex.evolution(self._vortex, step, *spread_and_move, site.eddies)
         self._flow = site.current
         flow_changes = self._flow is not None and len(self._flow.times) > 1
         self.steady = self._evolve_vortices is None and not flow_changes

@@ -217,12 +217,7 @@ class World:
         eddies = scenario.current
         if eddies.viscosity > 0 or eddies.mutual:
             self._evolve_vortices = vortex.evolution(
-                self.vortex,
-                self._zeros(*self.vortex.shape[:2], 7),
-                scenario.mission.step,
-                eddies.viscosity,
-                eddies.mutual,
-                self.site.eddies,
+                self.vortex, scenario.mission.step, eddies.viscosity, eddies.mutual, self.site.eddies
             )
         self._constants = self._upload_tables()
         whole, own = (seeds, 0) if batch is None else (Seeds.of(seed, batch), first_world)

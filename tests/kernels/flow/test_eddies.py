@@ -36,7 +36,7 @@ class Carried:
 
     def __init__(self, device, vortices, dt, eddies=PATTERN) -> None:
         self.now = torch.tensor(np.asarray(vortices), dtype=torch.float32, device=device)
-        self._step = evolution(self.now, self.now.new_zeros((*self.now.shape[:2], 7)), dt, 0.0, True, eddies)
+        self._step = evolution(self.now, dt, 0.0, True, eddies)
 
     def after(self, steps: int) -> np.ndarray:
         for _ in range(steps):
