@@ -14,6 +14,8 @@ from usvauv import env, policies
 from usvauv.env import Scenario, World, plugins
 from usvauv.env.world import observation
 from usvauv.kernels.mission.columns import AuvColumn, NodeColumn
+from usvauv.kernels.vehicles.fleet import Fleet
+from usvauv.kernels.vehicles.vehicle import Command
 
 ROOT = Path(__file__).parents[1]
 OWN_POLICY = ROOT / "examples" / "own_policy.py"
@@ -106,6 +108,20 @@ def test_observation_term():
     (index,) = range(*world.observation_layout.slice("backlog").indices(world.observation_size))
     assert (observation[..., index] - backlog / 5000).abs().max() < 1e-6
     assert backlog.min() > 0
+
+
+def test_vehicle(evaluated):
+    """It pays for the speed of `straight` by its own law, and turns on its own radius."""
+    rows = evaluated("vehicle.py", "--set", "auv.model=dubins", "--set", "nodes.service=passing")
+    speed = Scenario.load("ideal").reference.straight_speed
+    for row in rows:
+        assert float(row["ec"]) == pytest.approx(15.0 + 4.0 * speed**3, rel=0.02)
+    auvs = Fleet(3, "dubins", {"radius": 12.0})
+    auvs.set(Command, speed=1.5, depth=20.0)
+    auvs.trim()
+    auvs.set(Command, heading=[2.0, -2.0, 0.0])
+    auvs.flight(1, commanded=True)()
+    assert auvs.numpy("r") == pytest.approx([1.5 / 12.0, -1.5 / 12.0, 0.0])
 
 
 def test_a_policy_of_ones_own(tmp_path):

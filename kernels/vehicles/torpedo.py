@@ -318,29 +318,7 @@ def trim(table: ti.template(), speed, depth, heading) -> Body:
     for lane in ti.static(range(LANES)):
         cos[lane] = ti.cos(0.5 * heading[lane])
         sin[lane] = ti.sin(0.5 * heading[lane])
-    zero = speed * 0.0
-    return Body(
-        north=zero,
-        east=zero,
-        depth=depth,
-        q0=cos * upright,
-        q1=cos * heeled,
-        q2=sin * heeled,
-        q3=sin * upright,
-        u=speed,
-        v=zero,
-        w=zero,
-        p=zero,
-        q=zero,
-        r=zero,
-        rudder=zero,
-        stern=zero,
-        propeller=n,
-        energy=zero,
-        time=zero,
-        surfaced=zero,
-        grounded=zero,
-    )
+    return Body(depth=depth, q0=cos * upright, q1=cos * heeled, q2=sin * heeled, q3=sin * upright, u=speed, propeller=n)
 
 
 @func

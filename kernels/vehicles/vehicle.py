@@ -183,7 +183,8 @@ class Vehicle(NamedTuple):
             velocities, actuators with their lags and limits, energy.
         control: (table, body, memory, command, surroundings, depth_error, dt) → (Actuators, Memory), the autopilot;
             `depth_error` is what its depth sensor adds, m.
-        trim: (table, speed, depth, heading) → Body, level and straight at a speed through the water (m/s).
+        trim: (table, speed, depth, heading) → Body, level and straight at a speed through the water (m/s); fields that
+            are left out are 0.
         drive: (table, rudder, stern, propeller) → Actuators, what numbers in [−1, 1] tell the actuators: shares of
             their limits.
         substep: longest dt, s.

@@ -43,7 +43,9 @@ from usvauv.kernels.mission.tasks.task import RewardTerm, Task, tasks
 from usvauv.kernels.mission.worlds import Strategy, Worlds, normals, uniforms
 from usvauv.kernels.positioning.sonar import ambient_noise_laws
 from usvauv.kernels.types import vec2
+from usvauv.kernels.vehicles.kinematics import velocity_of_water
 from usvauv.kernels.vehicles.vehicle import (
+    LANES,
     Actuators,
     Body,
     Command,
@@ -52,6 +54,7 @@ from usvauv.kernels.vehicles.vehicle import (
     Surroundings,
     Vehicle,
     lanes,
+    positive,
     vehicles,
 )
 from usvauv.policies.algorithms import ALGORITHMS, Batch, DeterministicLearner, Learner, Settings, Sizes
@@ -63,6 +66,7 @@ __all__ = [
     "ALGORITHMS",
     "FRAMES",
     "HEURISTICS",
+    "LANES",
     "Actuators",
     "AuvColumn",
     "Batch",
@@ -113,6 +117,7 @@ __all__ = [
     "normals",
     "observation_terms",
     "position_error",
+    "positive",
     "rewards",
     "rotate",
     "serves",
@@ -125,4 +130,5 @@ __all__ = [
     "unrotate",
     "vec2",
     "vehicles",
+    "velocity_of_water",
 ]
