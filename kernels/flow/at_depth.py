@@ -17,10 +17,13 @@ import taichi as ti
 
 from usvauv.kernels.flow import airy, current, vortex
 from usvauv.kernels.flow.airy import TWO_PI, half_cosine, half_sine, lanes
+from usvauv.kernels.flow.vortex import PLACES, places
 from usvauv.kernels.functions import func
 from usvauv.kernels.types import Level, columns, mat3, vec2, vec3
 
 REACH = 1.0  # m, of the differences; cores are at least as large
+EAST = [0.0, REACH, -REACH, *(PLACES - 3) * [0.0]]  # from a place, the places of the differences
+NORTH = [0.0, 0.0, 0.0, REACH, -REACH, *(PLACES - 5) * [0.0]]
 Deep = columns("k", "speed", "lift", "bottom", "cosine", "sine")  # columns of a sea after those of its levels
 DEEP = airy.LEVEL + 2 * len(Level.names)
 LARGEST = 40.0  # of the exponents, beyond which e^{−x} counts as e^{−40}
@@ -123,27 +126,25 @@ def real_current(water: ti.template(), x: ti.f32, y: ti.f32, share: ti.f32) -> v
 
 
 @func
-def steady(water: ti.template(), w: ti.i32, x: ti.f32, y: ti.f32, fade: ti.f32, share: ti.f32) -> vec2:
-    """Velocity (m/s) of `fade` times the vortices, and of real currents as `real_current` has them."""
-    u, v = vortex.current(water.vortex, w, x, y, water.eddies.period)
-    return fade * vec2(u, v) + real_current(water, x, y, share)
+def steady(water: ti.template(), w: ti.i32, x: places, y: places, fade: ti.f32, share: ti.f32):
+    """Velocity (u, v) in m/s of `fade` times the vortices, and of real currents as `real_current` has them."""
+    along_x, along_y = vortex.current(water.vortex, w, x, y, water.eddies.period)
+    u, v = fade * along_x, fade * along_y
+    if water.stream.shape[1] > 1:
+        for n in range(PLACES):
+            V = real_current(water, x[n], y[n], share)
+            u[n] += V[0]
+            v[n] += V[1]
+    return u, v
 
 
 @func
-def without_waves(
-    water: ti.template(), w: ti.i32, x: ti.f32, y: ti.f32, depth: ti.f32, cruise: ti.f32, decay: ti.f32
-) -> vec2:
-    """Velocity (m/s) of vortices and real currents of world w at (x, y) and a depth, m; arguments as of `around`."""
-    return steady(water, w, x, y, fade_at(depth, decay), ti.math.clamp(depth / cruise, 0.0, 1.0))
-
-
-@func
-def fade_at(depth: ti.f32, decay: ti.f32) -> ti.f32:
-    """Speed of vortices at a depth over that at the surface."""
+def at(depth: ti.f32, cruise: ti.f32, decay: ti.f32):
+    """Speed of vortices at a depth over that at the surface, and the share of `real_current`; arguments of `around`."""
     fade = 1.0
     if decay > 0.0:
         fade = ti.exp(-depth / decay)
-    return fade
+    return fade, ti.math.clamp(depth / cruise, 0.0, 1.0)
 
 
 @func
@@ -155,12 +156,11 @@ def around(water: ti.template(), w: ti.i32, x: ti.f32, y: ti.f32, depth: ti.f32,
         cruise: depth of `Level.cruise`, m. decay: in which vortices fade, m; 0: they do not.
     """
     found = storm(water.wave, water.sea_index[w], x, y, depth)
-    fade = fade_at(depth, decay)
+    fade, share = at(depth, cruise, decay)
     fading = ti.select(decay > 0.0, 1.0 / decay, 0.0)
-    share = ti.math.clamp(depth / cruise, 0.0, 1.0)
-    here = steady(water, w, x, y, fade, share)
-    along_x = steady(water, w, x + REACH, y, fade, share) - steady(water, w, x - REACH, y, fade, share)
-    along_y = steady(water, w, x, y + REACH, fade, share) - steady(water, w, x, y - REACH, fade, share)
+    u, v = steady(water, w, x + ti.Vector(ti.static(EAST)), y + ti.Vector(ti.static(NORTH)), fade, share)
+    here = vec2(u[0], v[0])
+    along_x, along_y = vec2(u[1] - u[2], v[1] - v[2]), vec2(u[3] - u[4], v[3] - v[4])
     shear = fading * (here - real_current(water, x, y, share))
     if depth < cruise:
         shear += (real_current(water, x, y, 0.0) - real_current(water, x, y, 1.0)) / cruise

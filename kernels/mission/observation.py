@@ -29,7 +29,11 @@ BEAMS, BEAM_ANGLE = 3, 1.0  # rad
 PROFILE_CELLS, BEAM_CELL = 2, 25.0  # m
 DEPTH_UNIT = 10.0  # m
 PROFILE_POINTS = BEAMS * PROFILE_CELLS
-COSINE, SINE = math.cos(BEAM_ANGLE), math.sin(BEAM_ANGLE)
+# From an AUV, ahead and to the left, m: itself, and its profiler's points.
+AHEAD, LEFT = (
+    [0.0, *(BEAM_CELL * (n // BEAMS + 1) * f(BEAM_ANGLE * (n % BEAMS - 1)) for n in range(PROFILE_POINTS)), 0.0]
+    for f in (math.cos, math.sin)
+)
 
 
 @func
@@ -103,26 +107,23 @@ def current_vector(worlds: ti.template(), w, k, first):
 
 
 @func
-def current_profile(worlds: ti.template(), w, k, first):
-    """Components of the current, without waves, at the points of the profiler."""
+def current_profile(worlds: ti.template(), w, k, first) -> vec2:
+    """Components of the current, without waves, at the points of the profiler; returns that at the AUV."""
     towards = target_offset(worlds, w, k)
     bearing = vec2(1.0, 0.0)
     if towards.norm() > 1e-9:
         bearing = towards.normalized()
-    for point in range(PROFILE_POINTS):
-        side = point % BEAMS - 1
-        reach = BEAM_CELL * (point // BEAMS + 1)
-        cosine = ti.select(side == 0, 1.0, COSINE)
-        sine = side * SINE
-        x = worlds.auv[w, k, AuvColumn.x] + reach * (cosine * bearing[0] - sine * bearing[1])
-        y = worlds.auv[w, k, AuvColumn.y] + reach * (sine * bearing[0] + cosine * bearing[1])
-        there = vec2(0.0)
-        if ti.static(worlds.program.vehicle):
-            there = at_depth.without_waves(worlds.water, w, x, y, *vehicles.depths(worlds, w, k))
-        else:
-            there = current.without_waves(worlds.water, Level.cruise, w, x, y)
-        worlds.observation[w, k, first + 2 * point] = there[0]
-        worlds.observation[w, k, first + 1 + 2 * point] = there[1]
+    ahead, left = ti.Vector(ti.static(AHEAD)), ti.Vector(ti.static(LEFT))
+    x = worlds.auv[w, k, AuvColumn.x] + ahead * bearing[0] - left * bearing[1]
+    y = worlds.auv[w, k, AuvColumn.y] + left * bearing[0] + ahead * bearing[1]
+    fade, share = ti.cast(worlds.water.eddies.cruise, ti.f32), 1.0
+    if ti.static(worlds.program.vehicle):
+        fade, share = at_depth.at(*vehicles.depths(worlds, w, k))
+    u, v = at_depth.steady(worlds.water, w, x, y, fade, share)
+    for n in ti.static(range(PROFILE_POINTS)):
+        worlds.observation[w, k, first + 2 * n] = u[1 + n]
+        worlds.observation[w, k, first + 2 * n + 1] = v[1 + n]
+    return vec2(u[0], v[0])
 
 
 @func
@@ -176,16 +177,21 @@ def motion(worlds: ti.template(), w, k, first):
 
 @func
 def sense_current(worlds: ti.template(), w, k):
-    """Store the velocity of the water at AUV k, which also carries it during the coming step."""
+    """Store the velocity of the water at AUV k, which also carries it during the coming step, and its profile."""
+    terms = ti.static(worlds.program.observation)
     here = vec2(0.0)
+    if ti.static(current_profile in terms):
+        here = current_profile(worlds, w, k, worlds.observation_first[ti.static(terms.index(current_profile))])
     if ti.static(worlds.program.vehicle):
         here = vehicles.sense(worlds, w, k)
     else:
         x = worlds.auv[w, k, AuvColumn.x]
         y = worlds.auv[w, k, AuvColumn.y]
-        storm = airy.motion(worlds.water.wave, worlds.water.sea_index[w], Level.cruise, x, y)
-        here = vec2(storm[3], storm[4])
-        here += current.velocity(worlds.water, Level.cruise, w, x, y)
+        if ti.static(current_profile not in terms):
+            here = current.without_waves(worlds.water, Level.cruise, w, x, y)
+        sea = worlds.water.sea_index[w]
+        storm = airy.motion(worlds.water.wave, sea, Level.cruise, x, y)
+        here += vec2(storm[3], storm[4]) + current.long_wave_velocity(worlds.water, sea, x, y)
     worlds.auv[w, k, AuvColumn.current_x] = here[0]
     worlds.auv[w, k, AuvColumn.current_y] = here[1]
 
@@ -196,6 +202,7 @@ def write(worlds: ti.template(), w, k):
     sense_current(worlds, w, k)
     terms = ti.static(worlds.program.observation)
     for t in ti.static(range(len(terms))):
-        terms[t](worlds, w, k, worlds.observation_first[t])
+        if ti.static(terms[t] != current_profile):  # which was written together with the AUV's own
+            terms[t](worlds, w, k, worlds.observation_first[t])
     if ti.cast(target_of(worlds, w, k), ti.f32) != worlds.auv[w, k, AuvColumn.target]:
         worlds.observation[w, k, 0] = ti.math.nan
