@@ -147,7 +147,7 @@ def test_another_strategy_or_rule_goes_on_with_the_state():
     assert session.figures() is not None
     assert session.figures().usv == "belief"
     old = session.world
-    with pytest.raises(ScenarioError, match="gone since"):
+    with pytest.raises(ScenarioError, match="no longer there"):
         session.set_strategy("fim-horizon")
     assert session.world is old, "the run goes on"
 

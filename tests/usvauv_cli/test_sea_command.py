@@ -197,7 +197,7 @@ class TestFigure:
             assert picture.std() > 20
 
     def test_spectrum_of_the_storm_is_its_target(self):
-        scenario = Scenario.load("extreme", ["sea.irregular_rms=0", "sea.start_rms=0", "sea.fine_cells=16"])
+        scenario = Scenario.load("extreme", ["sea.irregular_rms=0", "sea.fine_cells=16"])
         sea = SeaSimulation(scenario, 1, (12, 12), 0.5)
         records = []
         for _ in range(1200):

@@ -279,7 +279,7 @@ class TestPlans:
         ([], "hold:1,2,3,4", "expected hold:X,Y, for example hold:100,100$"),
         ([], "hold:1,inf", "expected hold:X,Y"),
         ([], "fim:3", "usv: 'fim:3': allowed are fim, .*belief, agent, hold:X,Y"),
-        ([], "fim-horizon", "^usv: 'fim-horizon': gone since 0.3$"),
+        ([], "fim-horizon", "^usv: 'fim-horizon': no longer there$"),
         (["navigation.sensor=none", "channel.schedule=every-step"], "belief", "needs navigation.sensor to be ground"),
     ],
 )

@@ -83,16 +83,6 @@ class TestParts:
         assert variance == pytest.approx(0.5 * square, rel=1e-4)  # η = 1 m: Hs = 4 m
         assert omega == pytest.approx(math.sqrt(change / square), rel=1e-4)
 
-    def test_standing_waves_of_the_start(self):
-        """The energy decays while the mission lasts; the frequency is that of the mean square of k along the width."""
-        drag = "sea.drag=0.002"
-        ((variance, omega),) = current_parts(site("sea.start_rms=0.4", "sea.start_modes=3", drag))
-        decay = np.mean(np.exp(-0.002 * np.linspace(0, 1000, 100001)))
-        assert variance == pytest.approx(G * 0.4**2 / (4 * DEPTH) * decay, rel=1e-4)
-        numbers = np.stack(np.meshgrid(range(4), range(4)), axis=-1)
-        squares = np.mean(np.sum((math.pi * numbers / WIDTH) ** 2, axis=-1))
-        assert omega == pytest.approx(math.sqrt(squares * G * DEPTH), rel=1e-6)
-
     @pytest.mark.parametrize(("edge", "across"), [("east", WIDTH), ("south", LENGTH)])
     def test_forced_waves_before_a_wall(self, edge, across):
         """The mean square of √(g/h) sin ks/cos kL over the way from the wall; of both axes, only one moves."""
@@ -180,16 +170,13 @@ class TestBound:
 
     @pytest.mark.parametrize(("edge", "across"), [("west", WIDTH), ("north", LENGTH)])
     def test_long_waves(self, edge, across):
-        """Forced ones in phase before a wall, √(g/h) |sin ks|/|cos kL|, and the start's by Cauchy and Schwarz."""
+        """Forced ones in phase before a wall, √(g/h) |sin ks|/|cos kL|."""
         forced = [f"sea.forced_edge={edge}", "sea.regular_amplitude=0.5", "sea.regular_period=40"]
-        start = ["sea.start_rms=0.2", "sea.start_modes=3"]
         k = 2 * math.pi / 40 / math.sqrt(G * DEPTH)
         s = np.linspace(0, across, 65)
         wave = 0.5 * math.sqrt(G / DEPTH) * np.abs(np.sin(k * s)).max() / abs(math.cos(k * across))
-        modes = 2 * 0.2 * 4 * math.sqrt(G / DEPTH)
         assert speed_bound(site(*forced)) == pytest.approx(wave, rel=1e-6)
-        assert speed_bound(site(*start)) == pytest.approx(modes)
-        assert speed_bound(site(*forced, *start)) == pytest.approx(wave + modes, rel=1e-6)
+        assert speed_bound(site()) == 0.0
         incident = speed_bound(site(*forced, "sea.forcing=incident"))
         assert incident == pytest.approx(2 * wave * abs(math.cos(k * across)), rel=1e-6)
         out = {"west": "east", "north": "south"}[edge]

@@ -223,7 +223,7 @@ class TestSpaces:
         """An AUV drifting through a lone vortex meets nearly the bound, never more."""
         lone = ["current.count=1", "current.circulation_min=220", "observation.current=vector"]
         lone += ["current.core_radius_min=30", "current.core_radius_max=30", "storm.spectrum=none"]
-        lone += ["sea.irregular_rms=0", "sea.start_rms=0", "current.period=0", "current.decay_depth=0"]
+        lone += ["sea.irregular_rms=0", "current.period=0", "current.decay_depth=0"]
         scenario = Scenario.load("extreme", lone)
         speed = World(scenario, 2000, seed=2).reset()[..., 8]
         bound = auv_observation_space(Site(scenario)).high[8]

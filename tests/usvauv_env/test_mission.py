@@ -67,7 +67,6 @@ def storm_at(world: World, xy: torch.Tensor, level: int) -> torch.Tensor:
 
 class TestStorm:
     quiet = (
-        "sea.start_rms=0",
         "sea.forced_edge=none",
         "sea.irregular_rms=0",
         "current.circulation_min=0",

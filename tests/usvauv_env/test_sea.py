@@ -35,7 +35,7 @@ def between_cells(fine: np.ndarray, cells: tuple[int, int]) -> np.ndarray:
     return fine
 
 
-STORM = {"forced_edge": "west", "irregular_rms": 0.5, "regular_amplitude": 0.3, "start_rms": 0.4}
+STORM = {"forced_edge": "west", "irregular_rms": 0.5, "regular_amplitude": 0.3}
 
 
 class TestSeeds:
@@ -69,15 +69,6 @@ class TestStatistics:
             np.testing.assert_array_equal(np.floor(band), np.arange(12))
             assert np.ptp(phase[1:]) > 2
         assert (waves.period[0, 1:] != waves.period[1, 1:]).all()
-
-    @pytest.mark.parametrize("side", ["none", "west", "north"])
-    def test_start_rms_is_exact(self, side):
-        """The modes are orthogonal on the grid too, so the rms over the cells is that over the area, in f32."""
-        sea = sea_of(scenario(start_rms=0.7, forced_edge=side), 5, 2, (40, 30))
-        eta = sea.elevation()
-        np.testing.assert_allclose(np.sqrt((eta.astype(float) ** 2).mean(axis=(1, 2))), 0.7, rtol=1e-6)
-        if side == "none":
-            assert np.abs(sea.mass()).max() < 1e-6 * 200 * 200
 
 
 class TestForcing:
@@ -141,9 +132,9 @@ class TestForcing:
 
 class TestResolution:
     def test_table_1_and_fine_grid_see_the_same_storm(self):
-        """With forcing, drag and start: the error against 512² is what Richardson predicts from 25² and 50², a third of
+        """With forcing and drag: the error against 512² is what Richardson predicts from 25² and 50², a third of
         their difference; half of it is allowed."""
-        sea = {"forced_edge": "south", "irregular_rms": 0.5, "start_rms": 0.3, "start_modes": 2, "drag": 0.01}
+        sea = {"forced_edge": "south", "irregular_rms": 0.5, "drag": 0.01}
         storm = scenario(**sea, update_interval=2.0)
         coarse, middle, fine = (sea_of(storm, 9, 1, cells) for cells in ((25, 25), (50, 50), (512, 512)))
         predicted, found = 0.0, 0.0
@@ -158,7 +149,7 @@ class TestResolution:
         assert math.sqrt(found / 10) < 0.05 * np.std(seen)
 
 
-CALM = {"forced_edge": "south", "irregular_rms": 0.02, "start_rms": 0.01, "start_modes": 2, "update_interval": 2.0}
+CALM = {"forced_edge": "south", "irregular_rms": 0.02, "update_interval": 2.0}
 
 
 class TestNonlinear:

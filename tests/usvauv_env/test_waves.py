@@ -292,7 +292,7 @@ class TestDrawn:
         assert energy.sum() / 256 == pytest.approx((spectrum.significant_height / 4) ** 2, rel=1e-6)
 
     def test_waves_that_break_or_reach_the_auvs(self, tmp_path):
-        shallow = ["area.depth=6", "auv.depth=5", "sea.irregular_rms=0", "sea.start_rms=0", "storm.shortest_wave=5"]
+        shallow = ["area.depth=6", "auv.depth=5", "sea.irregular_rms=0", "storm.shortest_wave=5"]
         with pytest.raises(ScenarioError, match=r"waves.nc: significant height = 5.0\d*: must not be above 3.6 m"):
             wave_systems(Site(scenario_of(ww3(WIND_SEA), tmp_path, *shallow)))
         with pytest.raises(ScenarioError, match=r"auv.depth = 3: must be below the troughs"):
@@ -334,7 +334,7 @@ class TestInAScenario:
         assert total_height(wave_systems(Site(scenario))) == pytest.approx(5.0, rel=0.01)
 
     def test_a_world_sails_on_it(self, tmp_path):
-        scenario = scenario_of(ww3(WIND_SEA), tmp_path, "sea.irregular_rms=0", "sea.start_rms=0", "sea.realisations=1")
+        scenario = scenario_of(ww3(WIND_SEA), tmp_path, "sea.irregular_rms=0", "sea.realisations=1")
         world = World(scenario, num_worlds=1, seed=1)
         place = np.linspace(0, 200, 60)
         squares = []

@@ -217,7 +217,7 @@ class TestStart:
         The boat lies on the solver's elevation and its slopes. Waves of 75 s and more are resolved to a thousandth; the
         transports are half a substep (0.04 s) old.
         """
-        only = ["current.count=0", "storm.spectrum=none", "sea.realisations=2", "sea.start_rms=0", "area.length=140"]
+        only = ["current.count=0", "storm.spectrum=none", "sea.realisations=2", "area.length=140"]
         only += [f"sea.equations={equations}", f"sea.forced_edge={edge}", "sea.radiating_edges=[]", "sea.cell_size=4"]
         only += ["sea.forcing=elevation", "sea.irregular_rms=2", "sea.drag=0.002"]
         world = World(Scenario.load("extreme", [*only, "boat.top_speed=1e-3"]), num_worlds=64, seed=2)

@@ -30,16 +30,20 @@ LONGEST_NAME = 120  # bytes; the name of a file, of which it is a part, may have
 MOST_CHANGES = 12  # that `repr` lists
 VEHICLE_TERMS = "attitude", "depth", "motion"  # observation terms of vehicles with dynamics
 MOST_CHIPS = 1000  # of a coded pulse; codes are chosen by their correlations
-# Fields of 0.2 that are gone since 0.3, or values of a field; none: all. A stored scenario is read without them.
+# Fields that are gone, or values of a field; none: all. A stored scenario is read without them.
 RETIRED: dict[str, tuple[object, ...]] = {
     "planner.horizon": (),
     "planner.objective": ("e",),
     "auv.refused_power": (),
+    "sea.start_rms": (),
+    "sea.start_modes": (),
 }
-# What 0.2 printed into every file and has no effect on what is left; read without it.
+# What earlier versions printed into every file and has no effect on what is left; read without it.
 UNUSED: dict[str, tuple[object, ...]] = {
     "planner.horizon": (10,),
     "auv.refused_power": ("travelling", "hovering"),
+    "sea.start_rms": (0.0,),
+    "sea.start_modes": (4,),
 }
 
 
@@ -211,14 +215,14 @@ class Scenario(Section):
 
     @property
     def highest_long_wave(self) -> float:
-        """Elevation that long waves rarely exceed at the forced edge and at the start, m."""
+        """Elevation that long waves rarely exceed at the forced edge, m."""
         rms = self.sea.irregular_rms
         if rms == "storm":  # of the peak's period, which is longer than the mean one; a file's waves are not known yet
             systems = () if self.water.waves else self.storm.systems
             squares = sum((system.significant_height * system.peak_period) ** 2 for system in systems)
             root = math.sqrt(self.sea.gravity / self.area.depth)
             rms = INFRAGRAVITY / 4 * root * squares / max(self.storm.total_height, 1e-9)
-        return self.sea.regular_amplitude + 4 * math.hypot(rms, self.sea.start_rms)
+        return self.sea.regular_amplitude + 4 * rms
 
     def _check_long_waves(self) -> None:
         sea, area = self.sea, self.area
@@ -237,8 +241,8 @@ class Scenario(Section):
             )
         if not self.water.bathymetry and self.highest_long_wave > area.depth / 2:
             raise ValueError(
-                f"sea.regular_amplitude + 4 √(sea.irregular_rms² + sea.start_rms²) = {self.highest_long_wave:.3g} m:"
-                f" must not be above half of area.depth, {area.depth / 2:g} m"
+                f"sea.regular_amplitude + 4 sea.irregular_rms = {self.highest_long_wave:.3g} m: must not be above half"
+                f" of area.depth, {area.depth / 2:g} m"
             )
         self.check_troughs(0.0 if self.water.waves else self.storm.total_height)
 
@@ -298,7 +302,7 @@ class Scenario(Section):
     @property
     def random_seas(self) -> int:
         """Number of different random seas that the worlds of a seed take turns on; 0 where all have the same."""
-        drawn = self.storm.spectrum != "none" or self.water.waves or self.sea.irregular_rms or self.sea.start_rms
+        drawn = self.storm.spectrum != "none" or self.water.waves or self.sea.irregular_rms
         return self.sea.realisations if drawn else 0
 
     @property
@@ -390,7 +394,7 @@ class Scenario(Section):
             for section, field in _retired(data):
                 name, value = f"{section}.{field}", data[section][field]
                 if not stored and value not in UNUSED.get(name, ()):
-                    raise ScenarioError(f"{source}: {name} = {value!r}: gone since 0.3")
+                    raise ScenarioError(f"{source}: {name} = {value!r}: no longer there")
                 data = {**data, section: {name: value for name, value in data[section].items() if name != field}}
             return cls.model_validate(data)
         except text_files.TextFileError as error:

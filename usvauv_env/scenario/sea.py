@@ -67,7 +67,7 @@ class Mission(Section):
 
 
 class Sea(Section):
-    """Shallow-water surface (Eq. 6), its forcing at one edge and its start."""
+    """Shallow-water surface (Eq. 6) and its forcing at one edge."""
 
     equations: Literal["linear", "nonlinear"] = Field(
         "linear", description="linear long waves, or nonlinear ones with bores and dry shores, which cost far more"
@@ -114,10 +114,6 @@ class Sea(Section):
     irregular_components: int = Field(16, ge=1, le=256, description="number of their components, equal energy each")
     irregular_period_min: float = Field(75.0, ge=1, le=1e6, description="their shortest period, s")
     irregular_period_max: float = Field(300.0, ge=1, le=1e6, description="their longest period, s")
-    start_rms: float = Field(
-        0.0, ge=0, le=10, description="rms elevation of the seeded standing waves the sea starts with, m"
-    )
-    start_modes: int = Field(4, ge=1, le=16, description="highest number of half wavelengths across the area in them")
 
     @model_validator(mode="after")
     def _check(self) -> Sea:

@@ -190,9 +190,9 @@ class BoundaryWaves(NamedTuple):
     phase: np.ndarray
 
 
-def _stream(seed: int, index: int, which: int) -> np.random.Generator:
-    """Random numbers of one sea: 0 those of its forcing, 1 of its start."""
-    return np.random.Generator(np.random.Philox(np.random.SeedSequence(seed, spawn_key=(index, which))))
+def _stream(seed: int, index: int) -> np.random.Generator:
+    """Random numbers of one sea's forcing."""
+    return np.random.Generator(np.random.Philox(np.random.SeedSequence(seed, spawn_key=(index, 0))))
 
 
 def boundary_waves(site: Site, seas: Sequence[tuple[int, int]]) -> BoundaryWaves:
@@ -204,7 +204,7 @@ def boundary_waves(site: Site, seas: Sequence[tuple[int, int]]) -> BoundaryWaves
     sea = site.scenario.sea
     count = sea.irregular_components
     low, high = 1 / sea.irregular_period_max, 1 / sea.irregular_period_min
-    drawn = np.stack([_stream(seed, index, 0).random((2, count)) for seed, index in seas])
+    drawn = np.stack([_stream(seed, index).random((2, count)) for seed, index in seas])
     frequency = low + (high - low) * (np.arange(count) + drawn[:, 0]) / count
     irregular = long_wave_rms(site) * math.sqrt(2 / count), 1 / frequency, 2 * math.pi * drawn[:, 1]
     table = np.empty((3, len(seas), count + 1))
@@ -241,37 +241,8 @@ def start(
     """Start of the seas: elevation (seas, ny, nx) and velocities (seas, ny, nx + 1), (seas, ny + 1, nx)."""
     nx, ny = cells
     eta, u, v = (np.zeros((len(seas), *shape)) for shape in ((ny, nx), (ny, nx + 1), (ny + 1, nx)))
-    if scenario.sea.start_rms > 0:
-        for own, (seed, index) in zip(eta, seas, strict=True):
-            own[:] = start_elevation(scenario, _stream(seed, index, 1), nx, ny)
     add_response(scenario, waves, depth, eta, u, v)
     return eta, u, v
-
-
-def start_elevation(scenario: Scenario, random: np.random.Generator, nx: int, ny: int) -> np.ndarray:
-    """Sum of standing waves at their crests, (ny, nx), m, with the rms elevation `start_rms` over the area.
-
-    Along an axis between walls they are cos(nπx/L), n = 0 … `start_modes`; between a wall and the forced boundary
-    cos((n + ½)πs/L), n below `start_modes`, s the distance from the wall. All carry the same variance in the mean; the
-    constant is left out.
-    """
-    sea = scenario.sea
-    axes = []
-    for cells, ends in ((ny, ("south", "north")), (nx, ("west", "east"))):
-        along = (np.arange(cells) + 0.5) / cells
-        if sea.forced_edge in ends:
-            numbers = np.arange(sea.start_modes) + 0.5
-            along = along if sea.forced_edge == ends[1] else 1 - along
-        else:
-            numbers = np.arange(sea.start_modes + 1.0)
-        mean_square = np.where(numbers == 0, 1.0, 0.5)
-        axes.append((np.cos(math.pi * along[:, None] * numbers), mean_square))
-    (modes_y, square_y), (modes_x, square_x) = axes
-    amplitude = random.standard_normal((len(square_y), len(square_x)))
-    if sea.forced_edge == "none":
-        amplitude[0, 0] = 0.0
-    amplitude *= sea.start_rms / math.sqrt((amplitude**2).sum())
-    return modes_y @ (amplitude / np.sqrt(np.outer(square_y, square_x))) @ modes_x.T
 
 
 def add_response(
@@ -320,15 +291,10 @@ def add_response(
 
 
 def speed_bound(site: Site) -> float:
-    """Bound on the speed of the water in long waves, m/s, except in resonance without drag.
-
-    Forced components in their steady state, all in phase, and the start's modes likewise (by Cauchy and Schwarz), each
-    mode with the speed √(g/h) of a progressive wave of its elevation.
-    """
+    """Bound on the speed of the water in long waves, m/s, except in resonance without drag: all components in phase."""
     scenario, sea, depth = site.scenario, site.scenario.sea, site.mean_depth
-    start = 2 * sea.start_rms * (sea.start_modes + 1) * math.sqrt(sea.gravity / depth)
     if sea.forced_edge == "none":
-        return start
+        return 0.0
     band = np.linspace(1 / sea.irregular_period_max, 1 / sea.irregular_period_min, 257)
     gains = []
     for frequency in (np.array([1 / sea.regular_period]), band):
@@ -338,7 +304,7 @@ def speed_bound(site: Site) -> float:
         speed = np.abs(sea.gravity * k / ((1j * omega + sea.drag) * at_boundary) * (shape - R / shape)).max()
         gains.append(min(float(speed), RESONANT_GAIN))
     irregular = long_wave_rms(site) * math.sqrt(2 * sea.irregular_components)
-    return start + sea.regular_amplitude * gains[0] + irregular * gains[1]
+    return sea.regular_amplitude * gains[0] + irregular * gains[1]
 
 
 def forced_gain(scenario: Scenario, shortest: float, longest: float, depth: float) -> tuple[float, float]:

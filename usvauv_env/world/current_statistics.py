@@ -32,16 +32,13 @@ LEAST_CURRENT_BOUND = 0.1  # m/s; a box without extent is not a valid space
 def current_parts(site: Site) -> list[tuple[float, float]]:
     """Variance per axis (m²/s²) and root mean square frequency (rad/s) of each part of the current at the AUVs."""
     scenario = site.scenario
-    sea, area, speed = scenario.sea, scenario.area, scenario.reference.straight_speed
+    speed = scenario.reference.straight_speed
     variance, change = _eddy_part(scenario)
     parts = [(variance * scenario.eddies_at_cruise**2, change)] if variance > 0 else []
     for waves in wave_systems(site):
-        spectrum = density(waves, scenario.storm.shortest_wave, area.depth, sea.gravity)
-        depth = -scenario.auv.depth, area.depth, sea.gravity
-        parts.append(orbital_motion(*spectrum, waves.significant_height, *depth))
-    if sea.start_rms > 0:
-        clock = sea.gravity, sea.drag, scenario.mission.duration
-        parts.append(standing_waves(sea.start_rms, sea.start_modes, area.width, area.depth, *clock))
+        water = scenario.area.depth, scenario.sea.gravity
+        spectrum = density(waves, scenario.storm.shortest_wave, *water)
+        parts.append(orbital_motion(*spectrum, waves.significant_height, -scenario.auv.depth, *water))
     for square, period in _forced_waves(site):
         parts.append((square * _forced_share(scenario, period), 2 * math.pi / period))
     flow = site.current
@@ -187,24 +184,6 @@ def orbital_motion(
     orbital = (omega * airy.decay(airy.wavenumber(omega, depth, gravity), z, depth)[0]) ** 2 * S
     variance = 0.5 * (significant_height / 4.0) ** 2 * orbital.sum() / S.sum()
     return float(variance), float(math.sqrt((omega**2 * orbital).sum() / orbital.sum()))
-
-
-def standing_waves(
-    rms: float, modes: int, length: float, depth: float, gravity: float, drag: float, duration: float
-) -> tuple[float, float]:
-    """Variance per axis (m²/s²) and frequency (rad/s) of the current in shallow standing waves, a mission's mean.
-
-    Mean kinetic energy equals mean potential energy, half of that at the crests: g rms²/(4h) per axis. All numbers of
-    half waves from 0 to `modes` are equally likely in both axes, so (π/L)² modes (2 modes + 1)/3 is the mean of k².
-    Under linear drag r energy decays as e^{−rt}.
-
-    Args:
-        rms: elevation at the crests, m. length: L of the area, m. depth: h, m. gravity: g, m/s².
-        drag: r, 1/s. duration: of the mission, s.
-    """
-    left = -math.expm1(-drag * duration) / (drag * duration) if drag > 0.0 else 1.0
-    k = math.pi / length * math.sqrt(modes * (2.0 * modes + 1.0) / 3.0)
-    return 0.25 * gravity / depth * rms * rms * left, k * math.sqrt(gravity * depth)
 
 
 def ornstein_uhlenbeck(

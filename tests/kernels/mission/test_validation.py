@@ -78,7 +78,7 @@ def test_a_kidnapped_auv_is_found(tracked):
 
 def test_without_a_prediction_two_directions_alike_are_dropped():
     """d = 0.8 λ, both phase differences near π: that AUV may as well be opposite, at the same depth."""
-    calm = ["storm.spectrum=none", "sea.start_rms=0", "sea.irregular_rms=0", "sea.regular_amplitude=0"]
+    calm = ["storm.spectrum=none", "sea.irregular_rms=0", "sea.regular_amplitude=0"]
     settings = [*PLAIN, "usbl.spacing=0.08", "usbl.tilt=false", "current.count=0", *calm, "auv.count=1"]
     world = World(Scenario.load("extreme", settings), 4, seed=1, usv="hold:0,0")
     world.reset()
