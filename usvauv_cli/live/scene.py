@@ -1,12 +1,13 @@
-"""The scene in the tab: sea, boats, AUVs, nodes, currents, estimated positions; meshes and rotations.
+"""The scene in the tab: sea, boats, AUVs, nodes, currents, estimated positions.
 
-x east, y north, z up, m. Meshes are of about unit size, bow towards +x, up +z; rotations are quaternions (w, x, y, z).
+x east, y north, z up, m; rotations are quaternions (w, x, y, z).
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from usvauv.cli.live.session import Session
 from usvauv.env.exchange.poses import afloat, turn
 from usvauv.env.render import style
 from usvauv.env.render.map import error_axes
+from usvauv.env.render.scene import BOAT_BODY, Body, auv_body, tube
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn
 
 TRAIL = 90  # states
@@ -27,88 +29,20 @@ SLOWEST = 0.08  # m/s, below which there is no arrow
 CIRCLE = np.linspace(0, 2 * math.pi, ELLIPSE + 1)
 
 
-class Mesh(NamedTuple):
-    """Triangles: vertices (V, 3) float32 and their indices (F, 3)."""
-
-    vertices: np.ndarray
-    faces: np.ndarray
-
-    def scaled(self, size: float) -> np.ndarray:
-        """Vertices of a mesh of another size."""
-        return (self.vertices * size).astype(np.float32)
-
-
-def lofted(sections: list[np.ndarray]) -> Mesh:
-    """A closed body through sections of equally many points (N, 3), each a ring."""
-    count = len(sections[0])
-    faces = []
-    for first in range(0, count * (len(sections) - 1), count):
-        for i in range(count):
-            a, b = first + i, first + (i + 1) % count
-            faces += [(a, b, b + count), (a, b + count, a + count)]
-    ends = [section.mean(axis=0) for section in (sections[0], sections[-1])]
-    start, end = count * len(sections), count * len(sections) + 1
-    for i in range(count):
-        j = (i + 1) % count
-        faces += [(start, j, i), (end, start - count + i, start - count + j)]
-    return Mesh(np.concatenate([*sections, ends]).astype(np.float32), np.array(faces, np.uint32))
-
-
-def joined(*meshes: Mesh) -> Mesh:
-    """Several bodies as one."""
-    offsets = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes[:-1])])
-    faces = [mesh.faces + np.uint32(offset) for mesh, offset in zip(meshes, offsets, strict=True)]
-    return Mesh(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces))
-
-
-def _box(low: tuple[float, float, float], high: tuple[float, float, float]) -> Mesh:
-    (x0, y0, z0), (x1, y1, z1) = low, high
-    corners = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
-    return lofted([np.column_stack([corners, np.full(4, z)]) for z in (z0, z1)])
-
-
-def _outline(beam: float, height: float, length: float = 1.0) -> np.ndarray:
-    """A deck with a pointed bow, anticlockwise from above."""
-    x = length * np.array([-0.5, 0.1, 0.35, 0.5, 0.35, 0.1, -0.5])
-    y = beam * np.array([-0.45, -0.5, -0.3, 0.0, 0.3, 0.5, 0.45])
-    return np.column_stack([x, y, np.full(7, height)])
-
-
-def hull_mesh() -> Mesh:
-    """A boat's hull, its water line at z = 0."""
-    return lofted([_outline(0.16, -0.14, 0.85), _outline(0.38, 0.0, 0.95), _outline(0.42, 0.14)])
-
-
-def cabin_mesh() -> Mesh:
-    """What stands on its deck: a cabin and a mast."""
-    return joined(_box((-0.32, -0.13, 0.14), (0.08, 0.13, 0.32)), _box((-0.2, -0.015, 0.32), (-0.17, 0.015, 0.6)))
-
-
-def torpedo_mesh() -> Mesh:
-    """An AUV: a round body with fins at its stern."""
-    profile = ((-0.5, 0.03), (-0.34, 0.1), (0.3, 0.12), (0.42, 0.1), (0.48, 0.06), (0.5, 0.02))
-    angles = np.linspace(0, 2 * math.pi, 14, endpoint=False)
-    rings = [np.column_stack([np.full(14, x), r * np.cos(angles), r * np.sin(angles)]) for x, r in profile]
-    across = _box((-0.5, -0.22, -0.012), (-0.36, 0.22, 0.012))
-    upright = _box((-0.5, -0.012, -0.22), (-0.36, 0.012, 0.22))
-    return joined(lofted(rings), across, upright)
-
-
-def sensor_mesh() -> Mesh:
+def sensor_body() -> Body:
     """A node: a short drum on a foot, its foot at z = 0."""
     angles = np.linspace(0, 2 * math.pi, 16, endpoint=False)
-    profile = ((0.5, 0.0), (0.5, 0.1), (0.33, 0.14), (0.33, 0.75), (0.2, 0.95))
-    return lofted([np.column_stack([r * np.cos(angles), r * np.sin(angles), np.full(16, z)]) for r, z in profile])
+    profile = ((0.01, 0.0), (0.5, 0.0), (0.5, 0.1), (0.33, 0.14), (0.33, 0.75), (0.2, 0.95), (0.01, 0.95))
+    rings = [np.column_stack([r * np.cos(angles), r * np.sin(angles), np.full(16, z)]) for r, z in profile]
+    return Body.of(*tube(rings, [style.WHITE] * (len(rings) - 1)))
 
 
-def ball_mesh() -> Mesh:
-    """A sphere of diameter 1."""
-    angles = np.linspace(0, 2 * math.pi, 16, endpoint=False)
-    rings = []
-    for latitude in np.linspace(-0.48, 0.48, 9) * math.pi:
-        r, z = 0.5 * math.cos(latitude), 0.5 * math.sin(latitude)
-        rings.append(np.column_stack([r * np.cos(angles), r * np.sin(angles), np.full(16, z)]))
-    return lofted(rings)
+def mesh(body: Body, some: Any = slice(None)) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices (V, 3) float32 and triangles (F, 3) of a body, or of some of its faces."""
+    corners = body.corners[some]
+    first = 4 * np.arange(len(corners))[:, None]
+    triangles = np.concatenate([first + np.array(three) for three in ((0, 1, 2), (0, 2, 3))])
+    return corners.reshape(-1, 3).astype(np.float32), triangles.astype(np.uint32)
 
 
 def field_faces(columns: int, rows: int) -> np.ndarray:
@@ -118,9 +52,9 @@ def field_faces(columns: int, rows: int) -> np.ndarray:
     return np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
 
 
-def rgb(colour: style.Colour) -> tuple[int, int, int]:
+def rgb(colour: Iterable[float]) -> tuple[int, int, int]:
     """A colour of the videos, which have it blue first."""
-    blue, green, red = colour
+    blue, green, red = map(round, colour)
     return red, green, blue
 
 
@@ -181,11 +115,11 @@ class Scene:
             "/edges", np.concatenate(edges), rgb(style.DARK.muted), thickness=1.2, thickness_units="screen"
         )
         nodes = session.history.latest.node
-        self._sensor = sensor_mesh()
+        vertices, faces = mesh(sensor_body())
         self.nodes = scene.add_batched_meshes_simple(
             "/nodes",
-            self._sensor.scaled(0.55 * self._unit),
-            self._sensor.faces,
+            0.55 * self._unit * vertices,
+            faces,
             np.tile((1.0, 0.0, 0.0, 0.0), (len(nodes), 1)),
             self._node_places(nodes),
             batched_colors=self._node_colours(nodes),
@@ -196,36 +130,20 @@ class Scene:
 
     def _add_vehicles(self) -> None:
         scene, unit = self._server.scene, self._unit
-        torpedo, hull, cabin, ball = torpedo_mesh(), hull_mesh(), cabin_mesh(), ball_mesh()
-        plain: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}
+        plain: dict[str, Any] = {"subdivisions": 2, "cast_shadow": False, "receive_shadow": False}
         self._auvs, self._labels, self._known = [], [], []
         for k, colour in enumerate(self._colours):
             name = f"/auv {k + 1}"
-            self._auvs.append(
-                scene.add_mesh_simple(name, torpedo.scaled(1.3 * unit), torpedo.faces, color=tuple(colour), **plain)
-            )
+            self._auvs.append(self._add_body(name, auv_body(style.auv_colour(k))))
             self._labels.append(scene.add_label(f"{name} name", f"AUV {k + 1}", font_screen_scale=0.8))
             self._known.append(
-                scene.add_mesh_simple(
-                    f"{name} estimate",
-                    ball.scaled(0.4 * unit),
-                    ball.faces,
-                    color=tuple(colour),
-                    opacity=0.55,
-                    **plain,
-                )
+                scene.add_icosphere(f"{name} estimate", 0.2 * unit, tuple(colour), opacity=0.55, **plain)
             )
         self.boats, self._goals = [], []
         for b in range(self._session.scenario.boat.count):
             name = f"/boat {b + 1}"
-            white, deck = rgb(style.BOAT), rgb(style.BOAT_DECK)
-            self.boats.append(scene.add_mesh_simple(name, hull.scaled(1.3 * unit), hull.faces, color=white, **plain))
-            scene.add_mesh_simple(f"{name}/cabin", cabin.scaled(1.3 * unit), cabin.faces, color=deck, **plain)
-            self._goals.append(
-                scene.add_mesh_simple(
-                    f"{name} goal", ball.scaled(0.35 * unit), ball.faces, color=(255, 210, 80), **plain
-                )
-            )
+            self.boats.append(self._add_body(name, BOAT_BODY))
+            self._goals.append(scene.add_icosphere(f"{name} goal", 0.175 * unit, (255, 210, 80), **plain))
         nothing = np.zeros((1, 2, 3), np.float32)
         black = np.zeros((1, 2, 3), np.uint8)
         self._lines = {
@@ -240,6 +158,25 @@ class Scene:
             head_radius=0.16 * unit,
             head_length=0.4 * unit,
         )
+
+    def _add_body(self, name: str, body: Body) -> Any:
+        """Meshes of a body, one for each colour; those of fewer faces move with the first, whose handle is returned."""
+        inks, counts = np.unique(body.colours, axis=0, return_counts=True)
+        handles = []
+        for place, ink in enumerate(inks[np.argsort(-counts)]):
+            vertices, faces = mesh(body, (body.colours == ink).all(axis=1))
+            handles.append(
+                self._server.scene.add_mesh_simple(
+                    f"{name}/{place}" if place else name,
+                    1.3 * self._unit * vertices,
+                    faces,
+                    color=rgb(ink),
+                    flat_shading=True,
+                    cast_shadow=False,
+                    receive_shadow=False,
+                )
+            )
+        return handles[0]
 
     def show(self, moment: Moment, surface: np.ndarray, history: History) -> None:
         """Draw a moment with its surface, (Y, X), m."""

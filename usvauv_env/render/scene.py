@@ -270,7 +270,7 @@ def turned(heading: float, slope: np.ndarray) -> np.ndarray:
     return np.array([forward, (b * z - c * y, c * x - a * z, a * y - b * x), up])
 
 
-def _tube(rings: list[np.ndarray], colours: list[Colour]) -> tuple[list[np.ndarray], list[Colour]]:
+def tube(rings: list[np.ndarray], colours: list[Colour]) -> tuple[list[np.ndarray], list[Colour]]:
     """Faces between rings (N, 3) of corners, each ring with a colour for the faces up to the next."""
     faces, inks = [], []
     for low, high, ink in zip(rings[:-1], rings[1:], colours, strict=True):
@@ -296,12 +296,12 @@ def _boat() -> Body:
     keel = _deck(((-0.46, -0.12), (0.02, -0.14), (0.24, -0.08), (0.38, -0.005)), -0.08)
     line = _deck(((-0.48, -0.16), (0.03, -0.185), (0.29, -0.1), (0.46, -0.005)), 0.02)
     rail = _deck(((-0.5, -0.19), (0.04, -0.21), (0.32, -0.13), (0.56, -0.005)), 0.12)
-    faces, inks = _tube([keel, line, rail], [style.colour("#c8402f"), style.BOAT])
+    faces, inks = tube([keel, line, rail], [style.colour("#c8402f"), style.BOAT])
     faces += _lid(rail)
     inks += [style.colour("#b9c4ce")] * 3
     room = [_deck(((-0.3, -0.13), (0.14, -0.13)), 0.12), _deck(((-0.29, -0.12), (0.09, -0.12)), 0.22)]
     room += [_deck(((-0.28, -0.115), (0.03, -0.115)), 0.34)]
-    walls, shades = _tube(room, [style.BOAT, style.BOAT_DECK])
+    walls, shades = tube(room, [style.BOAT, style.BOAT_DECK])
     faces += [*walls, *_lid(room[-1])]
     inks += [*shades, style.BOAT]
     return Body.of(faces, inks)
@@ -313,7 +313,7 @@ def auv_body(colour: Colour) -> Body:
     profile = ((-0.5, 0.02), (-0.24, 0.1), (0.34, 0.1), (0.5, 0.02))  # along the axis, radius
     rings = [np.stack([np.full(6, x), r * np.cos(turns), r * np.sin(turns)], 1) for x, r in profile]
     band = style.mix(colour, style.WHITE, 0.55)
-    faces, inks = _tube(rings, [colour, colour, band])
+    faces, inks = tube(rings, [colour, colour, band])
     fin = np.array([(-0.46, 0.03), (-0.28, 0.07), (-0.36, 0.25), (-0.48, 0.25)])
     for y, z in ((1, 0), (-1, 0), (0, 1), (0, -1)):
         blade = np.stack([fin[:, 0], fin[:, 1] * y, fin[:, 1] * z], 1)
