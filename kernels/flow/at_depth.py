@@ -15,9 +15,9 @@ and stand for `sea.update_interval`, and the rate of vortices and real currents,
 import numpy as np
 import taichi as ti
 
-from usvauv.kernels.flow import airy, current, vortex
+from usvauv.kernels.flow import airy, current
 from usvauv.kernels.flow.airy import TWO_PI, half_cosine, half_sine, lanes
-from usvauv.kernels.flow.vortex import PLACES, places
+from usvauv.kernels.flow.vortex import PLACES
 from usvauv.kernels.functions import func
 from usvauv.kernels.types import Level, columns, mat3, vec2, vec3
 
@@ -114,33 +114,8 @@ def storm(wave: ti.template(), sea: ti.i32, x: ti.f32, y: ti.f32, depth: ti.f32)
 
 
 @func
-def real_current(water: ti.template(), x: ti.f32, y: ti.f32, share: ti.f32) -> vec2:
-    """Velocity (m/s) of real currents at a share of the way from the surface to cruise depth."""
-    V = vec2(0.0, 0.0)
-    if water.stream.shape[1] > 1:
-        for axis in ti.static(range(2)):
-            top = current.grid_sample(water.stream, Level.surface, axis, x, y, water.width, water.length)
-            below = current.grid_sample(water.stream, Level.cruise, axis, x, y, water.width, water.length)
-            V[axis] = top + share * (below - top)
-    return V
-
-
-@func
-def steady(water: ti.template(), w: ti.i32, x: places, y: places, fade: ti.f32, share: ti.f32):
-    """Velocity (u, v) in m/s of `fade` times the vortices, and of real currents as `real_current` has them."""
-    along_x, along_y = vortex.current(water.vortex, w, x, y, water.eddies.period)
-    u, v = fade * along_x, fade * along_y
-    if water.stream.shape[1] > 1:
-        for n in range(PLACES):
-            V = real_current(water, x[n], y[n], share)
-            u[n] += V[0]
-            v[n] += V[1]
-    return u, v
-
-
-@func
 def at(depth: ti.f32, cruise: ti.f32, decay: ti.f32):
-    """Speed of vortices at a depth over that at the surface, and the share of `real_current`; arguments of `around`."""
+    """`fade` and `share` of `current.without_waves` at a depth; arguments as of `around`."""
     fade = 1.0
     if decay > 0.0:
         fade = ti.exp(-depth / decay)
@@ -158,12 +133,12 @@ def around(water: ti.template(), w: ti.i32, x: ti.f32, y: ti.f32, depth: ti.f32,
     found = storm(water.wave, water.sea_index[w], x, y, depth)
     fade, share = at(depth, cruise, decay)
     fading = ti.select(decay > 0.0, 1.0 / decay, 0.0)
-    u, v = steady(water, w, x + ti.Vector(ti.static(EAST)), y + ti.Vector(ti.static(NORTH)), fade, share)
+    u, v = current.without_waves(water, w, x + ti.Vector(ti.static(EAST)), y + ti.Vector(ti.static(NORTH)), fade, share)
     here = vec2(u[0], v[0])
     along_x, along_y = vec2(u[1] - u[2], v[1] - v[2]), vec2(u[3] - u[4], v[3] - v[4])
-    shear = fading * (here - real_current(water, x, y, share))
+    shear = fading * (here - current.real_current(water, x, y, share))
     if depth < cruise:
-        shear += (real_current(water, x, y, 0.0) - real_current(water, x, y, 1.0)) / cruise
+        shear += (current.real_current(water, x, y, 0.0) - current.real_current(water, x, y, 1.0)) / cruise
     waves = current.long_wave_velocity(water, water.sea_index[w], x, y)
     for axis in ti.static(range(2)):
         found.velocity[axis] += here[axis] + waves[axis]

@@ -12,11 +12,12 @@ import taichi as ti
 import torch
 
 from usvauv.kernels.flow import vortex
-from usvauv.kernels.flow.vortex import ENDLESS, Eddies
+from usvauv.kernels.flow.vortex import ENDLESS, PLACES, Eddies, places
 from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.shallow_water.discretisation import LANES
 from usvauv.kernels.types import Level, array1, array3, array4, index1, mask1, vec2, vec3
 
+LANE = [float(n) for n in range(PLACES)]
 SHALLOWEST = 1.0  # m; over less water a transport makes no velocity that a vehicle would meet
 
 
@@ -179,23 +180,48 @@ def long_wave_velocity(water: ti.template(), sea: ti.i32, x: ti.f32, y: ti.f32) 
 
 
 @func
-def without_waves(water: ti.template(), level: ti.i32, w: ti.i32, x: ti.f32, y: ti.f32) -> vec2:
-    """Velocity (m/s) of vortices and real currents at (x, y) in world w."""
-    u, v = vortex.current(water.vortex, w, x, y, water.eddies.period)
-    V = vec2(u, v)
-    if ti.static(water.eddies.cruise != 1.0):
-        V *= ti.select(level == Level.cruise, ti.cast(water.eddies.cruise, ti.f32), 1.0)
+def at_level(water: ti.template(), level: ti.i32):
+    """`fade` and `share` at a level, as of `without_waves`."""
+    deep = level == Level.cruise
+    return ti.select(deep, ti.cast(water.eddies.cruise, ti.f32), 1.0), ti.cast(deep, ti.f32)
+
+
+@func
+def real_current(water: ti.template(), x: ti.f32, y: ti.f32, share: ti.f32) -> vec2:
+    """Velocity (m/s) of real currents at a share of the way from the surface to cruise depth."""
+    V = vec2(0.0, 0.0)
     if water.stream.shape[1] > 1:
         for axis in ti.static(range(2)):
-            V[axis] += grid_sample(water.stream, level, axis, x, y, water.width, water.length)
+            top = grid_sample(water.stream, Level.surface, axis, x, y, water.width, water.length)
+            below = grid_sample(water.stream, Level.cruise, axis, x, y, water.width, water.length)
+            V[axis] = top + share * (below - top)
     return V
+
+
+@func
+def without_waves(water: ti.template(), w: ti.i32, x: places, y: places, fade: ti.f32, share: ti.f32):
+    """Velocity (u, v) in m/s of vortices and real currents at PLACES places side by side in world w.
+
+    Args:
+        fade: speed of vortices over that at the surface. share: of the way from the surface to cruise depth.
+    """
+    along_x, along_y = vortex.current(water.vortex, w, x, y, water.eddies.period)
+    u, v = fade * along_x, fade * along_y
+    if water.stream.shape[1] > 1:
+        for n in range(PLACES):
+            V = real_current(water, x[n], y[n], share)
+            u[n] += V[0]
+            v[n] += V[1]
+    return u, v
 
 
 @func
 def velocity(water: ti.template(), level: ti.i32, w: ti.i32, x: ti.f32, y: ti.f32) -> vec2:
     """Velocity (m/s) at (x, y) in world w."""
+    fade, share = at_level(water, level)
+    u, v = vortex.current(water.vortex, w, x, y, water.eddies.period)
     waves = long_wave_velocity(water, water.sea_index[w], x, y)
-    return without_waves(water, level, w, x, y) + waves
+    return fade * vec2(u, v) + real_current(water, x, y, share) + waves
 
 
 @kernel
@@ -224,14 +250,20 @@ def on_grid(
         water = ti.static(
             Water(vortices, stream, size[0], size[1], bed, None, U, V, unit_x, unit_y, nx, ny, sea_index, None, eddies)
         )
+        fade, share = at_level(water, Level.cruise)
         y = margin + (size[1] - 2.0 * margin) * i / (flow.shape[1] - 1)
-        for j in range(flow.shape[2]):
-            here = vec2(flow[w, i, j, 0], flow[w, i, j, 1])
+        for g in range((flow.shape[2] + PLACES - 1) // PLACES):
+            first = g * PLACES
+            x = margin + (first + ti.Vector(ti.static(LANE))) * ((size[0] - 2.0 * margin) / (flow.shape[2] - 1))
+            u, v = places(0.0), places(0.0)
             if mask[w] != 0:
-                x = margin + (size[0] - 2.0 * margin) * j / (flow.shape[2] - 1)
-                here = velocity(water, Level.cruise, w, x, y)
-            flow[w, i, j, 0] = here[0]
-            flow[w, i, j, 1] = here[1]
+                u, v = without_waves(water, w, x, places(y), fade, share)
+            for n in range(ti.min(PLACES, flow.shape[2] - first)):
+                here = vec2(flow[w, i, first + n, 0], flow[w, i, first + n, 1])
+                if mask[w] != 0:
+                    here = vec2(u[n], v[n]) + long_wave_velocity(water, sea_index[w], x[n], y)
+                flow[w, i, first + n, 0] = here[0]
+                flow[w, i, first + n, 1] = here[1]
 
 
 @kernel
@@ -245,14 +277,21 @@ def _trace_paths(
     path: array3,
     eddies: ti.template(),
 ):
-    for n in range(path.shape[0]):
+    for g in range((path.shape[0] + PLACES - 1) // PLACES):
         water = ti.static(Water(vortices, stream, width, length, eddies=eddies))
+        fade, share = at_level(water, level)
+        x, y = places(0.0), places(0.0)
+        for n in ti.static(range(PLACES)):  # those beyond the last follow its path
+            particle = ti.min(g * PLACES + n, path.shape[0] - 1)
+            x[n], y[n] = path[particle, 0, 0], path[particle, 0, 1]
         for t in range(1, path.shape[1]):
-            at = vec2(path[n, t - 1, 0], path[n, t - 1, 1])
-            middle = at + 0.5 * step * without_waves(water, level, 0, at[0], at[1])
-            V = without_waves(water, level, 0, middle[0], middle[1])
-            path[n, t, 0] = at[0] + step * V[0]
-            path[n, t, 1] = at[1] + step * V[1]
+            u, v = without_waves(water, 0, x, y, fade, share)
+            u, v = without_waves(water, 0, x + 0.5 * step * u, y + 0.5 * step * v, fade, share)
+            x += step * u
+            y += step * v
+            for n in ti.static(range(PLACES)):
+                particle = ti.min(g * PLACES + n, path.shape[0] - 1)
+                path[particle, t, 0], path[particle, t, 1] = x[n], y[n]
 
 
 def particle_paths(

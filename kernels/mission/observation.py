@@ -116,10 +116,10 @@ def current_profile(worlds: ti.template(), w, k, first) -> vec2:
     ahead, left = ti.Vector(ti.static(AHEAD)), ti.Vector(ti.static(LEFT))
     x = worlds.auv[w, k, AuvColumn.x] + ahead * bearing[0] - left * bearing[1]
     y = worlds.auv[w, k, AuvColumn.y] + left * bearing[0] + ahead * bearing[1]
-    fade, share = ti.cast(worlds.water.eddies.cruise, ti.f32), 1.0
+    fade, share = current.at_level(worlds.water, Level.cruise)
     if ti.static(worlds.program.vehicle):
         fade, share = at_depth.at(*vehicles.depths(worlds, w, k))
-    u, v = at_depth.steady(worlds.water, w, x, y, fade, share)
+    u, v = current.without_waves(worlds.water, w, x, y, fade, share)
     for n in ti.static(range(PROFILE_POINTS)):
         worlds.observation[w, k, first + 2 * n] = u[1 + n]
         worlds.observation[w, k, first + 2 * n + 1] = v[1 + n]
@@ -187,11 +187,13 @@ def sense_current(worlds: ti.template(), w, k):
     else:
         x = worlds.auv[w, k, AuvColumn.x]
         y = worlds.auv[w, k, AuvColumn.y]
-        if ti.static(current_profile not in terms):
-            here = current.without_waves(worlds.water, Level.cruise, w, x, y)
         sea = worlds.water.sea_index[w]
+        if ti.static(current_profile in terms):
+            here += current.long_wave_velocity(worlds.water, sea, x, y)
+        else:
+            here = current.velocity(worlds.water, Level.cruise, w, x, y)
         storm = airy.motion(worlds.water.wave, sea, Level.cruise, x, y)
-        here += vec2(storm[3], storm[4]) + current.long_wave_velocity(worlds.water, sea, x, y)
+        here += vec2(storm[3], storm[4])
     worlds.auv[w, k, AuvColumn.current_x] = here[0]
     worlds.auv[w, k, AuvColumn.current_y] = here[1]
 
