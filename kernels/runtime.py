@@ -26,7 +26,7 @@ import numpy as np
 import taichi as ti
 import torch
 from taichi._lib import core
-from taichi.lang import impl
+from taichi.lang import impl, matrix_ops  # noqa: F401  # or the first kernel that is read imports it
 
 from usvauv.kernels import kernel_cache
 from usvauv.kernels.errors import UserError, choices

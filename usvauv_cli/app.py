@@ -55,6 +55,7 @@ class _Text(io.TextIOWrapper):
 
 def main() -> NoReturn:
     """Entry point of the installed command."""
+    gc.set_threshold(100_000, 20, 20)  # imports leave hardly any cycles, and there is much to search for them
     interruption = Interruption()
     interruption.install()
     threading.excepthook, sys.unraisablehook = in_thread, _in_callback

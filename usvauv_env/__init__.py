@@ -4,6 +4,11 @@ From outside: the names below, `plugins.load`, and what the rooms' own pages nam
 environments.
 """
 
+# Before torch: while Taichi is imported, it looks through all modules that are, again and again.
+from usvauv.kernels import runtime  # noqa: F401
+
+# isort: split
+
 from gymnasium.envs.registration import register
 
 from usvauv.env.faces.pettingzoo_env import parallel_env
