@@ -1,9 +1,10 @@
 """A scenario: every number of a simulation, with its unit, range, default and meaning, in sections.
 
-All values are SI: metres, seconds, radians, watts, hertz. `scenario` reads, checks and writes the whole; a section's
-field is the one place where its number is described: comments of files and the reference are made of it.
+All values are SI: metres, seconds, radians, watts, hertz. `files` reads, `scenario` checks and writes the whole; a
+section's field is the one place where its number is described: comments of files and the reference are made of it.
 """
 
-from usvauv.env.scenario.scenario import Scenario, ScenarioError
+from usvauv.env.scenario.files import ScenarioError
+from usvauv.env.scenario.scenario import Scenario
 
 __all__ = ["Scenario", "ScenarioError"]

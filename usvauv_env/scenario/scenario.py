@@ -6,23 +6,22 @@ with each field's description as a comment.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
+from usvauv.env.scenario import files
 from usvauv.env.scenario.fields import Section, known, one_line, section
+from usvauv.env.scenario.files import ScenarioError
 from usvauv.env.scenario.otter import Otter
 from usvauv.env.scenario.sea import INFRAGRAVITY, SMALLEST_PERIOD, Area, Current, Mission, Sea, Storm, Water
 from usvauv.env.scenario.sound import Acoustics, Channel, Usbl
 from usvauv.env.scenario.task import Nodes, Observation, Reference, Reward, Stations, TaskParameters
 from usvauv.env.scenario.vehicles import Auv, Boat, Navigation, Planner, Torpedo, Tracker
 from usvauv.env.storage import text_files
-from usvauv.kernels.errors import UserError, choices
 from usvauv.kernels.mission.tasks.task import Task, tasks
 from usvauv.kernels.positioning.pulse import FEWEST_CHIPS, FEWEST_PERIODS
 
@@ -30,25 +29,6 @@ LONGEST_NAME = 120  # bytes; the name of a file, of which it is a part, may have
 MOST_CHANGES = 12  # that `repr` lists
 VEHICLE_TERMS = "attitude", "depth", "motion"  # observation terms of vehicles with dynamics
 MOST_CHIPS = 1000  # of a coded pulse; codes are chosen by their correlations
-# Fields that are gone, or values of a field; none: all. A stored scenario is read without them.
-RETIRED: dict[str, tuple[object, ...]] = {
-    "planner.horizon": (),
-    "planner.objective": ("e",),
-    "auv.refused_power": (),
-    "sea.start_rms": (),
-    "sea.start_modes": (),
-}
-# What earlier versions printed into every file and has no effect on what is left; read without it.
-UNUSED: dict[str, tuple[object, ...]] = {
-    "planner.horizon": (10,),
-    "auv.refused_power": ("travelling", "hovering"),
-    "sea.start_rms": (0.0,),
-    "sea.start_modes": (4,),
-}
-
-
-class ScenarioError(UserError, ValueError):
-    """A scenario cannot be used; the message is one line naming the file, the field, its value and what is allowed."""
 
 
 class Scenario(Section):
@@ -336,8 +316,7 @@ class Scenario(Section):
     @staticmethod
     def shipped() -> list[str]:
         """Names of the scenarios inside the package."""
-        folder = resources.files("usvauv.env") / "scenarios"
-        return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
+        return files.shipped()
 
     @classmethod
     def load(cls, name_or_path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
@@ -346,9 +325,9 @@ class Scenario(Section):
         Raises:
             ScenarioError: unknown name, unreadable file, unknown field, wrong type or a value out of range.
         """
-        data, source = _read(name_or_path)
+        data, source = files.read(name_or_path)
         for override in overrides:
-            _apply(data, override)
+            files.override_field(data, override)
         return cls.from_dict(data, source)
 
     def with_targets(self, rule: str | None) -> Scenario:
@@ -384,16 +363,16 @@ class Scenario(Section):
             data: as `to_dict` returns them.
             source: names them in an error message.
             stored: by this version or an earlier one, as in a checkpoint or a trace: fields and values that are gone
-                since (`RETIRED`) take their defaults.
+                since (`files.RETIRED`) take their defaults.
 
         Raises:
             ScenarioError: an unknown or retired field, wrong type or a value out of range.
         """
         try:
             text_files.check_plain(data)
-            for section, field in _retired(data):
+            for section, field in files.retired(data):
                 name, value = f"{section}.{field}", data[section][field]
-                if not stored and value not in UNUSED.get(name, ()):
+                if not stored and value not in files.UNUSED.get(name, ()):
                     raise ScenarioError(f"{source}: {name} = {value!r}: no longer there")
                 data = {**data, section: {name: value for name, value in data[section].items() if name != field}}
             return cls.model_validate(data)
@@ -407,7 +386,7 @@ class Scenario(Section):
         shipped = self.name in self.shipped()
         base = self.load(self.name) if shipped else self.from_dict({})
         changes = [
-            f"  {name} = {_toml(value)}, {'shipped' if shipped else 'default'} {_toml(usual)}"
+            f"  {name} = {files.as_toml(value)}, {'shipped' if shipped else 'default'} {files.as_toml(usual)}"
             for name, value, usual in _differences(self, base)
         ]
         area, auvs, boats = self.area, self.auv.count, self.boat.count
@@ -431,16 +410,16 @@ class Scenario(Section):
         for field, info in type(self).model_fields.items():
             value = getattr(self, field)
             if not isinstance(value, Section):
-                lines.append(f"{field} = {_toml(value)}  # {info.description}")
+                lines.append(f"{field} = {files.as_toml(value)}  # {info.description}")
         for field, info in type(self).model_fields.items():
             section = getattr(self, field)
             if isinstance(section, Section):
                 lines += ["", f"[{field}]  # {info.description}"]
                 lines += [
-                    f"{key} = {_toml(getattr(section, key))}  # {about.description}"
+                    f"{key} = {files.as_toml(getattr(section, key))}  # {about.description}"
                     for key, about in type(section).model_fields.items()
                 ]
-                lines += [f"{key} = {_toml(value)}" for key, value in (section.model_extra or {}).items()]
+                lines += [f"{key} = {files.as_toml(value)}" for key, value in (section.model_extra or {}).items()]
         return "\n".join(lines) + "\n"
 
 
@@ -455,55 +434,3 @@ def _differences(one: Section, other: Section, before: str = "") -> Iterator[tup
             yield from _differences(value, usual, f"{field}.")
         elif value != usual:
             yield f"{before}{field}", value, usual
-
-
-def _retired(data: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Section and field of what `RETIRED` lists."""
-    found = []
-    for name, values in RETIRED.items():
-        section, _, field = name.partition(".")
-        content = data.get(section) if isinstance(data, Mapping) else None
-        if isinstance(content, Mapping) and field in content and (not values or content[field] in values):
-            found.append((section, field))
-    return found
-
-
-def _toml(value: Any) -> str:
-    if isinstance(value, tuple):
-        return "[" + ", ".join(_toml(item) for item in value) + "]"
-    return json.dumps(value, ensure_ascii=False)
-
-
-def _read(name_or_path: str | Path) -> tuple[dict[str, Any], str]:
-    """Content of a scenario's file and how to call it in messages."""
-    name = str(name_or_path)
-    if name in Scenario.shipped():
-        text = (resources.files("usvauv.env") / "scenarios" / f"{name}.toml").read_text(encoding="utf-8")
-        return text_files.parse(text, "TOML"), name
-    try:
-        return text_files.read(name_or_path, "TOML"), name
-    except FileNotFoundError:
-        known = choices(name, Scenario.shipped(), ", or the path of a TOML file")
-        raise ScenarioError(f"scenario {name!r}: {known}") from None
-    except text_files.TextFileError as error:
-        raise ScenarioError(f"{name}: {error}") from None
-
-
-def _apply(data: dict[str, Any], override: str) -> None:
-    """Set one `section.field=value` in nested data; the value is TOML, or a bare word taken as text."""
-    key, separator, text = override.partition("=")
-    parts = key.strip().split(".")
-    if not separator or not all(parts):
-        raise ScenarioError(f"--set {override!r}: expected section.field=value, for example auv.count=3")
-    if len(parts) > text_files.DEEPEST:
-        raise ScenarioError(f"--set {override!r}: nested too deep")
-    try:
-        value = text_files.parse(f"value = {text}", "TOML")["value"]
-    except text_files.TextFileError:
-        value = text.strip()
-    place = data
-    for part in parts[:-1]:
-        place = place.setdefault(part, {})
-        if not isinstance(place, dict):
-            raise ScenarioError(f"--set {override!r}: {part} is not a section")
-    place[parts[-1]] = value
