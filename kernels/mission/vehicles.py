@@ -22,7 +22,7 @@ from usvauv.kernels.mission import motion
 from usvauv.kernels.mission.columns import Action, AuvColumn, BodyColumn, Draw, KeyColumn, Parameter, Phase
 from usvauv.kernels.types import array1, array2, array3, index2, mask1, mat3, vec2, vec3, vec4
 from usvauv.kernels.vehicles.kinematics import axes
-from usvauv.kernels.vehicles.vehicle import LANES, Body, Command, Memory, Surroundings, Vehicle, lanes
+from usvauv.kernels.vehicles.vehicle import LANES, Body, Command, Memory, Surroundings, Vehicle, blocks, load, store
 
 LEAST_ALTITUDE = 5.0  # m above the bed, of a vehicle that cruises by depth
 HALF_PI, TWO_PI = 1.5707963267948966, 6.283185307179586
@@ -207,27 +207,11 @@ def sense(worlds: ti.template(), w, k) -> vec2:
 
 COLUMNS = len(BodyColumn.names)
 COMMAND = COLUMNS  # row of a block where a command begins, behind the columns of `BodyColumn`
-NOTHING = COMMAND + 4  # row of zeros
-ROWS = NOTHING + 1
+ROWS = COMMAND + 4
 OF_A_STEP = "north", "east", "energy", "time", "surfaced", "grounded"  # begin at 0 in each mission step
-BODY = tuple(NOTHING if name in OF_A_STEP else getattr(BodyColumn, name) for name in Body.members)
+BODY = tuple(-1 if name in OF_A_STEP else getattr(BodyColumn, name) for name in Body.members)
 MEMORY = tuple(getattr(BodyColumn, f"memory_{name}") for name in Memory.members)
 SURROUNDINGS = tuple(getattr(BodyColumn, name) for name in Surroundings.members)
-blocks2 = ti.types.ndarray(dtype=lanes, ndim=2)
-
-
-@func
-def load(block: ti.template(), g, kind: ti.template(), rows: ti.template()):
-    """A structure of LANES vehicles from some rows of a block."""
-    return kind(*[block[g, row] for row in ti.static(rows)])
-
-
-@func
-def store(block: ti.template(), g, structure, rows: ti.template()):
-    """What `load` reads."""
-    for i, value in ti.static(enumerate(structure.entries.values())):
-        if ti.static(rows[i] != NOTHING):
-            block[g, rows[i]] = value
 
 
 @func
@@ -302,7 +286,7 @@ def move(
     auv: array3,
     state: array2,
     numbers: array3,
-    block: blocks2,
+    block: blocks,
 ):
     """Deploy the vehicles of the worlds that are chosen (`Phase.reset`), or move all through a mission step.
 

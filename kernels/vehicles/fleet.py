@@ -1,7 +1,4 @@
-"""Many vehicles alone in water that is given: for studies of control, and to see how fast they are.
-
-A structure of LANES vehicles lies in memory as vectors: `load` and `store` fit all of `vehicle`.
-"""
+"""Many vehicles alone in water that is given: for studies of control, and to see how fast they are."""
 
 import math
 from collections import namedtuple
@@ -13,13 +10,23 @@ import taichi as ti
 import torch
 
 from usvauv.kernels import runtime
-from usvauv.kernels.functions import func, kernel
+from usvauv.kernels.functions import kernel
 from usvauv.kernels.launch import Launch
 from usvauv.kernels.types import array1
 from usvauv.kernels.vehicles import torpedo  # noqa: F401 registers it
-from usvauv.kernels.vehicles.vehicle import LANES, Actuators, Body, Command, Memory, Surroundings, lanes, vehicles
+from usvauv.kernels.vehicles.vehicle import (
+    LANES,
+    Actuators,
+    Body,
+    Command,
+    Memory,
+    Surroundings,
+    blocks,
+    load,
+    store,
+    vehicles,
+)
 
-vectors = ti.types.ndarray(dtype=lanes, ndim=1)
 # Functions of a vehicle, and whether its autopilot steers.
 Flight = namedtuple("Flight", "advance control trim commanded")
 KINDS: tuple[Any, ...] = (Body, Memory, Command, Actuators, Surroundings)
@@ -27,57 +34,43 @@ NAMES = {kind: tuple(kind.members) for kind in KINDS}
 SIZES = tuple(len(NAMES[kind]) for kind in KINDS)
 
 
-@func
-def load(array: ti.template(), first, kind: ti.template()):
-    """A structure of LANES vehicles from vectors that follow one another, its fields in their order."""
-    return kind(*[array[first + i] for i in ti.static(range(len(kind.members)))])
-
-
-@func
-def store(array: ti.template(), first, structure):
-    """What `load` reads."""
-    for i, value in ti.static(enumerate(structure.entries.values())):
-        array[first + i] = value
-
-
 @kernel
 def fly(
-    state: vectors,
-    memory: vectors,
-    command: vectors,
-    told: vectors,
-    water: vectors,
+    state: blocks,
+    memory: blocks,
+    command: blocks,
+    told: blocks,
+    water: blocks,
     table: array1,
-    blocks: ti.i32,
     steps: ti.i32,
     dt: ti.f32,
     flight: ti.template(),
 ):
     """Advance blocks of LANES vehicles by `steps` substeps of `dt` s."""
     ti.loop_config(block_dim=1)
-    for b in range(blocks):
-        body = load(state, b * SIZES[0], Body)
-        kept = load(memory, b * SIZES[1], Memory)
-        wanted = load(command, b * SIZES[2], Command)
-        actuators = load(told, b * SIZES[3], Actuators)
-        around = load(water, b * SIZES[4], Surroundings)
+    for b in range(state.shape[0]):
+        body = load(state, b, Body, ti.static(range(SIZES[0])))
+        kept = load(memory, b, Memory, ti.static(range(SIZES[1])))
+        wanted = load(command, b, Command, ti.static(range(SIZES[2])))
+        actuators = load(told, b, Actuators, ti.static(range(SIZES[3])))
+        around = load(water, b, Surroundings, ti.static(range(SIZES[4])))
         for _ in range(steps):
             if ti.static(flight.commanded):
                 actuators, kept = flight.control(table, body, kept, wanted, around, body.depth * 0.0, dt)
             body = flight.advance(table, body, actuators, around, dt)
-        store(state, b * SIZES[0], body)
-        store(memory, b * SIZES[1], kept)
+        store(state, b, body, ti.static(range(SIZES[0])))
+        store(memory, b, kept, ti.static(range(SIZES[1])))
 
 
 @kernel
-def place(state: vectors, memory: vectors, command: vectors, table: array1, blocks: ti.i32, flight: ti.template()):
+def place(state: blocks, memory: blocks, command: blocks, table: array1, flight: ti.template()):
     """Trim the vehicles at what they are commanded, with empty memories."""
     ti.loop_config(block_dim=1)
-    for b in range(blocks):
-        wanted = load(command, b * SIZES[2], Command)
-        store(state, b * SIZES[0], flight.trim(table, wanted.speed, wanted.depth, wanted.heading))
-        for i in ti.static(range(SIZES[1])):
-            memory[b * SIZES[1] + i] = wanted.speed * 0.0
+    for b in range(state.shape[0]):
+        wanted = load(command, b, Command, ti.static(range(SIZES[2])))
+        trimmed = flight.trim(table, wanted.speed, wanted.depth, wanted.heading)
+        store(state, b, trimmed, ti.static(range(SIZES[0])))
+        store(memory, b, Memory(), ti.static(range(SIZES[1])))
 
 
 class Fleet:
@@ -127,10 +120,8 @@ class Fleet:
 
     def trim(self) -> None:
         """Put the vehicles level and straight at the speed, depth and heading that they are commanded."""
-        arrays = (tensor.view(-1, LANES) for tensor in (self.state, self.memory, self.command))
-        Launch(
-            place, *arrays, self._table, self._blocks, self._flight(False), settings=runtime.vectors_in_registers()
-        )()
+        arrays = self.state, self.memory, self.command, self._table
+        Launch(place, *arrays, self._flight(False), settings=runtime.vectors_in_registers())()
 
     def _flight(self, commanded: bool) -> Flight:
         return Flight(self._vehicle.advance, self._vehicle.control, self._vehicle.trim, commanded)
@@ -144,8 +135,8 @@ class Fleet:
         packed = (self.state, self.memory, self.command, self.actuators, self.water)
         return Launch(
             fly,
-            *(tensor.view(-1, LANES) for tensor in packed),
-            *(self._table, self._blocks, steps, self.substep if dt is None else dt),
+            *packed,
+            *(self._table, steps, self.substep if dt is None else dt),
             self._flight(commanded),
             settings=runtime.vectors_in_registers(),
         )

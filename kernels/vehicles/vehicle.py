@@ -20,6 +20,7 @@ from usvauv.kernels.registry import Registry
 
 LANES = 16
 lanes = ti.types.vector(LANES, ti.f32)
+blocks = ti.types.ndarray(dtype=lanes, ndim=2)
 
 
 @func
@@ -156,6 +157,20 @@ class Memory:
     depth_integral: lanes
     speed_integral: lanes
     begun: lanes
+
+
+@func
+def load(block: ti.template(), g, kind: ti.template(), rows: ti.template()):
+    """A structure of LANES vehicles from rows of block g, its fields in their order; 0 where the row is −1."""
+    return kind(**{name: block[g, row] for name, row in ti.static(zip(kind.members, rows, strict=True)) if row >= 0})
+
+
+@func
+def store(block: ti.template(), g, structure, rows: ti.template()):
+    """What `load` reads; nothing where the row is −1."""
+    for i, value in ti.static(enumerate(structure.entries.values())):
+        if ti.static(rows[i] >= 0):
+            block[g, rows[i]] = value
 
 
 class Quantity(NamedTuple):

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import taichi as ti
 import torch
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
@@ -16,9 +17,19 @@ from usvauv.kernels.functions import kernel
 from usvauv.kernels.launch import Launch
 from usvauv.kernels.types import array1
 from usvauv.kernels.vehicles import torpedo
-from usvauv.kernels.vehicles.fleet import Fleet, load, store, vectors
+from usvauv.kernels.vehicles.fleet import Fleet
 from usvauv.kernels.vehicles.numbers import lamb_factors
-from usvauv.kernels.vehicles.vehicle import LANES, Actuators, Body, Command, Surroundings, vehicles
+from usvauv.kernels.vehicles.vehicle import (
+    LANES,
+    Actuators,
+    Body,
+    Command,
+    Surroundings,
+    blocks,
+    load,
+    store,
+    vehicles,
+)
 
 TORPEDO = vehicles["torpedo"]
 DEFAULTS = {name: number.default for name, number in TORPEDO.numbers.items()}
@@ -31,11 +42,12 @@ RHO, L, D, m = (DEFAULTS[name] for name in ("density", "length", "diameter", "ma
 
 
 @kernel
-def measure(state: vectors, water: vectors, table: array1, found: vectors):
-    for _ in range(1):
-        body, around = load(state, 0, Body), load(water, 0, Surroundings)
-        store(found, 0, torpedo.forces(table, body, body.p, body.q, body.r, around))
-        store(found, 6, torpedo.rates(table, body, around))
+def measure(state: blocks, water: blocks, table: array1, found: blocks):
+    for b in range(1):
+        body = load(state, b, Body, ti.static(range(len(Body.members))))
+        around = load(water, b, Surroundings, ti.static(range(len(Surroundings.members))))
+        store(found, b, torpedo.forces(table, body, body.p, body.q, body.r, around), ti.static(range(6)))
+        store(found, b, torpedo.rates(table, body, around), ti.static(range(6, 16)))
 
 
 def fleet(numbers: dict[str, float], told=(0.0, 0.0, 0.0), water: Water | None = None, **state) -> Fleet:
@@ -53,10 +65,10 @@ def fleet(numbers: dict[str, float], told=(0.0, 0.0, 0.0), water: Water | None =
 
 def measured(auvs: Fleet, numbers: dict[str, float]) -> tuple[np.ndarray, np.ndarray]:
     """Forces and moments, and time derivatives of ν: each (LANES, 6)."""
-    found, table = torch.zeros(16, LANES), torch.from_numpy(TORPEDO.table_of(numbers))
-    arrays = (tensor.view(-1, LANES).cpu() for tensor in (auvs.state, auvs.water))
+    found, table = torch.zeros(1, 16, LANES), torch.from_numpy(TORPEDO.table_of(numbers))
+    arrays = (tensor.cpu() for tensor in (auvs.state, auvs.water))
     Launch(measure, *arrays, table, found, settings=runtime.vectors_in_registers())()
-    return found[:6].double().numpy().T, found[9:15].double().numpy().T
+    return found[0, :6].double().numpy().T, found[0, 9:15].double().numpy().T
 
 
 def fields(auvs: Fleet, *names: str) -> np.ndarray:
