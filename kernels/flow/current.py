@@ -191,10 +191,10 @@ def real_current(water: ti.template(), x: ti.f32, y: ti.f32, share: ti.f32) -> v
     """Velocity (m/s) of real currents at a share of the way from the surface to cruise depth."""
     V = vec2(0.0, 0.0)
     if water.stream.shape[1] > 1:
-        for axis in ti.static(range(2)):
-            top = grid_sample(water.stream, Level.surface, axis, x, y, water.width, water.length)
-            below = grid_sample(water.stream, Level.cruise, axis, x, y, water.width, water.length)
-            V[axis] = top + share * (below - top)
+        for level in range(2):
+            weight = ti.select(level == Level.cruise, share, 1.0 - share)
+            for axis in ti.static(range(2)):
+                V[axis] += weight * grid_sample(water.stream, level, axis, x, y, water.width, water.length)
     return V
 
 
