@@ -30,7 +30,7 @@ class _Graph(nn.Module):
     def __init__(self, policy: LearnedPolicy) -> None:
         super().__init__()
         self.actor = policy.actor
-        self.act = policy.act
+        self.act = policy.actions
 
     def forward(self, observation: Tensor) -> Tensor:
         return self.act(observation)
@@ -39,9 +39,9 @@ class _Graph(nn.Module):
 def export(policy: LearnedPolicy, path: Path) -> None:
     """Write a learned policy as ONNX: input "observation" (N, K, O), output "action" (N, K, A), float32, any N.
 
-    The graph is a trace of `policy.act`, from the world's observation to its action. The file has metadata, each value
-    JSON: "observation" and "action" list index, quantity, unit, low and high of every number of an AUV; "policy" gives
-    the scenario it is for, and the command and commit by which it was trained.
+    The graph is a trace of `policy.actions`, from the world's observation to its action. The file has metadata, each
+    value JSON: "observation" and "action" list index, quantity, unit, low and high of every number of an AUV; "policy"
+    gives the scenario it is for, and the command and commit by which it was trained.
 
     Raises:
         PolicyError: a library is missing.

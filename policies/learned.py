@@ -13,7 +13,7 @@ from torch import Tensor
 from usvauv.env.scenario import Scenario
 from usvauv.policies.frames import FRAMES
 from usvauv.policies.networks import StackedMLP, stack, unstack
-from usvauv.policies.policy import Policy, PolicyError
+from usvauv.policies.policy import Policy, PolicyError, by_pieces
 
 CLIP = 8.0
 LEAST_DEVIATION = 1e-3  # of a feature that is scaled
@@ -108,8 +108,11 @@ class LearnedPolicy(Policy):
             self.name, scenario, self.frame_name, self.standardizer, self.actor, self.shared, self.about
         )
 
-    @torch.no_grad()
     def act(self, observation: Tensor) -> Tensor:
+        return by_pieces(self.actions, observation)
+
+    def actions(self, observation: Tensor) -> Tensor:
+        """The same of all worlds at once, with gradients."""
         with FRAMES.calling(self.frame_name):
             features = self.standardizer(self.frame.encode(observation))
             action = unstack(self.actor(stack(features, self.shared)), observation.shape[1])

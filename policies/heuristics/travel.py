@@ -12,6 +12,7 @@ from usvauv.env.scenario import Scenario
 from usvauv.env.world.world import World
 from usvauv.policies.guidance import SpeedToFly, clear_of_others, command, crab, unit
 from usvauv.policies.heuristics.heuristic import Heuristic, number
+from usvauv.policies.policy import by_pieces
 
 
 class ConstantSpeed(Heuristic):
@@ -87,8 +88,11 @@ class Pace(Heuristic):
         return unit(self.target(observation))
 
     def act(self, observation: Tensor) -> Tensor:
+        return by_pieces(self.actions, observation, self.world.current().to(observation))
+
+    def actions(self, observation: Tensor, current: Tensor) -> Tensor:
+        """Actions of all worlds in a current at the AUVs, (W, K, 2), m/s."""
         track = self.track(observation)
-        current = self.world.current().to(track)
         speed = self.speed_to_fly(track, torch.full_like(track[..., 0], self.argument), current)
         return command(crab(track, speed, current), speed, self.scenario)
 

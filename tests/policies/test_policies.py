@@ -12,6 +12,7 @@ from tests.slowly import slowly
 from usvauv import policies
 from usvauv.env import Scenario, World, evaluate
 from usvauv.policies import PolicyError, Trainer
+from usvauv.policies import policy as policy_base
 from usvauv.policies.guidance import unit, unrotate
 
 
@@ -23,6 +24,16 @@ def observe(toy, worlds=64, seed=0):
 
 def angle(vector):
     return torch.atan2(vector[..., 1], vector[..., 0])
+
+
+@pytest.mark.parametrize("name", ["clear", "sac-extreme"])
+def test_actions_of_many_worlds_are_those_of_each(name, monkeypatch):
+    world = World(Scenario.load("extreme"), 2100)
+    observation, policy = world.reset(), policies.load(name, world)
+    divided = policy.act(observation)
+    monkeypatch.setattr(policy_base, "PIECE", 1 << 30)
+    torch.testing.assert_close(divided, policy.act(observation), rtol=0, atol=0)
+    assert divided.shape == (2100, 2, 2)
 
 
 class TestFace:
