@@ -4,12 +4,15 @@
 
 Each command runs in a terminal of its own, first with an empty cache of compiled kernels, then with the one that this
 left. `processor` is the time of all its threads, which other programs lengthen less than the time by the clock. Stages
-are processor time of a new process that imports, makes one world and steps it once.
+are processor time of a new process that imports, makes one world and steps it once; imports of other packages, each in
+a bare process, stand beside them. Python's bytecode is stored, in a folder of the benchmark's own, as it is wherever
+packages are installed by pip.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import pty
 import shutil
@@ -18,20 +21,12 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any, NamedTuple
 from unittest import mock
 
-import torch
-from taichi.lang import impl, kernel_impl
-
-from benchmarks.machine import describe
-from usvauv.env import Scenario, World
-from usvauv.kernels import runtime
-
 CACHE = "TI_OFFLINE_CACHE_FILE_PATH"
+IMPORTS = ("numpy", "taichi", "torch", "usvauv.env", "usvauv.env, usvauv.policies")
 COMMANDS = (
     "policies",
     "plan --auv 60,80,100 --auv 140,120,100",
@@ -82,10 +77,23 @@ def run(command: str, folder: Path, cache: str) -> Run:
     return Run(first, time.perf_counter() - begin, used.ru_utime + used.ru_stime)
 
 
-def stages(scenario: str, cache: str) -> dict[str, float]:
-    """Processor seconds of a new process until a world has made its first step."""
-    begin = time.process_time()  # since the process began: all is imported
-    os.environ[CACHE] = cache
+def child(code: str, cache: str = "") -> Any:
+    """What a new process of Python's prints last, in JSON."""
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=os.environ | {CACHE: cache}, capture_output=True, text=True, check=True
+    )
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def stages(scenario: str) -> dict[str, float]:
+    """Processor seconds of this process, which is new, until a world has made its first step."""
+    from usvauv.env import Scenario, World  # isort: split
+    import torch
+    from taichi.lang import impl, kernel_impl
+
+    from usvauv.kernels import runtime
+
+    begin = time.process_time()
     runtime.start()
     spent: dict[str, float] = dict.fromkeys(("sources read", "compiled", "machine code made, and run"), 0.0)
 
@@ -115,21 +123,44 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rounds", type=int, default=3, help="of which the least counts")
     rounds = parser.parse_args().rounds
-    print(describe(), flush=True)
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    with tempfile.TemporaryDirectory() as bytecode:
+        os.environ["PYTHONPYCACHEPREFIX"] = bytecode
+        print(child("import json; from benchmarks.machine import describe; print(json.dumps(describe()))"), flush=True)
+        imports(rounds)
+        stages_of_a_step(rounds)
+        commands(rounds)
+
+
+def imports(rounds: int) -> None:
+    """Print what imports take."""
+    print("| processor s of | " + " | ".join(f"`import {names}`" for names in IMPORTS) + " |")
+    code = "import {}, json, time; print(json.dumps(time.process_time()))"
+    least = [
+        min(child(code.format(names)) for _ in range(rounds + 1)) for names in IMPORTS
+    ]  # the first stores bytecode
+    print("| | " + " | ".join(f"{seconds:.2f}" for seconds in least) + " |", flush=True)
+
+
+def stages_of_a_step(rounds: int) -> None:
+    """Print what the stages until a first step take."""
     print(
         "| stage, s | " + " | ".join(f"{name}, {state}" for name in ("extreme", "wide") for state in ("cold", "warm"))
     )
     found: list[dict[str, float]] = []
     for name in ("extreme", "wide"):
+        code = f"from benchmarks.start import stages; import json; print(json.dumps(stages({name!r})))"
         tries = []
         for _ in range(rounds):
             with tempfile.TemporaryDirectory() as cache:
-                for _ in range(2):
-                    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-                        tries.append(pool.submit(stages, name, cache).result())
+                tries += [child(code, cache) for _ in range(2)]
         found += (min(tries[first::2], key=lambda spent: spent["all"]) for first in (0, 1))
     for stage in found[0]:
         print(f"| {stage} | " + " | ".join(f"{spent[stage]:.2f}" for spent in found) + " |", flush=True)
+
+
+def commands(rounds: int) -> None:
+    """Print what commands take."""
     print("| command | cold: first output, end, processor, s | warm | compiling, processor s |")
     with tempfile.TemporaryDirectory() as place:
         for position, command in enumerate(COMMANDS):
