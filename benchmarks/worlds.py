@@ -95,15 +95,6 @@ def measure_batch(num_worlds: int, scenario: Scenario, policy: str, seconds: flo
     }
 
 
-def measure_scaling(section: str, values: tuple[int, ...], worlds: int, seconds: float) -> list[dict[str, object]]:
-    """Cost of the environment alone as a count of the scenario grows."""
-    rows = []
-    for value in values:
-        scenario = Scenario.load("extreme", [f"{section}.count={value}"])
-        rows.append({"count": value, "worlds": worlds, **rates(World(scenario, worlds), None, seconds)})
-    return rows
-
-
 def tensors(thing: object) -> list[torch.Tensor]:
     """Every tensor among an object's attributes, also inside tuples."""
     found = []
@@ -112,22 +103,19 @@ def tensors(thing: object) -> list[torch.Tensor]:
     return found
 
 
-def measure_memory() -> dict[str, float]:
+def measure_memory(world: World) -> dict[str, float]:
     """Bytes of a world's tensors by what they are: one's own, shared by all worlds, the pool of seas."""
-    worlds = 4096
-    world = World(Scenario.load("extreme"), worlds)
-    world.reset()
     sea = {tensor.data_ptr(): tensor for tensor in tensors(world.sea)}
     own, shared = 0, 0
     for tensor in tensors(world):
         if tensor.data_ptr() in sea:
             continue
-        if tensor.shape[0] == worlds:
+        if tensor.shape[0] == world.num_worlds:
             own += tensor.nbytes
         else:
             shared += tensor.nbytes
     return {
-        "bytes_per_world": own / worlds,
+        "bytes_per_world": own / world.num_worlds,
         "bytes_shared": shared,
         "bytes_sea_pool": sum(tensor.nbytes for tensor in sea.values()),
     }
@@ -183,7 +171,6 @@ def measure(largest: int, seconds: float) -> dict[str, object]:
         for size in sizes_up_to(largest)
     ]
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024  # of the batches, before VMAS
-    worlds = min(1024, largest)
     vmas = measure_vmas(machine["threads"], seconds)
     best = max(row["environment"]["agent_steps_per_second"] for row in batches)
     navigation = vmas["navigation"]
@@ -193,9 +180,7 @@ def measure(largest: int, seconds: float) -> dict[str, object]:
         "batches": batches,
         "best_agent_steps_per_second": best,
         "over_vmas_navigation": best / navigation["agent_steps_per_second"] if navigation else None,
-        "auvs": measure_scaling("auv", (2, 4, 8, 16), worlds, seconds),
-        "nodes": measure_scaling("nodes", (30, 100, 500), worlds, seconds),
-        "memory": measure_memory(),
+        "memory": measure_memory(World(scenario, 4096)),
         "start_seconds": measure_start(),
         "vmas": vmas,
         "peak_resident_bytes": peak,
@@ -232,9 +217,6 @@ def main() -> None:
     for row in result["batches"]:
         columns = (row[name]["agent_steps_per_second"] for name in ("environment", "with_policy", "with_training"))
         print(f"{row['worlds']:6d} worlds:" + "".join(f"{column:14,.0f}" for column in columns))
-    for name, rows in (("AUVs", result["auvs"]), ("nodes", result["nodes"])):
-        for row in rows:
-            print(f"{row['worlds']} worlds, {row['count']} {name}: {row['world_steps_per_second']:,.0f} world-steps/s")
     print("memory:", result["memory"])
     print("start, s:", result["start_seconds"])
     print("VMAS:", result["vmas"])
