@@ -10,6 +10,8 @@ import torch
 from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.record.recorder import record
 from usvauv.kernels.mission.columns import AuvColumn, BodyColumn
+from usvauv.kernels.vehicles.fleet import Fleet
+from usvauv.kernels.vehicles.vehicle import Body, Command, Surroundings
 
 TORPEDO = ["auv.model=torpedo", "nodes.service=passing", "mission.duration=60"]
 
@@ -38,6 +40,48 @@ def test_it_turns_to_its_course_and_keeps_its_depth(trace):
     assert np.sqrt(np.mean(np.square(trace.auv_depth[20:] - 100.0))) < 0.5
     assert not trace.auv_touched.any()
     assert trace.power[-1].min() > 15.0
+
+
+def test_it_moves_as_vehicles_alone_in_the_same_water():
+    """Across an eddy: Lamb and Oseen's velocity and gradient, by NumPy, in the vehicles' axes."""
+    circulation, core, middle, action = 500.0, 80.0, np.array([300.0, 300.0]), np.array([-0.6, 0.5])
+    eddy = [f"current.circulation_{end}={circulation}" for end in ("min", "max")]
+    eddy += [f"current.core_radius_{end}={core}" for end in ("min", "max")]
+    place = [
+        "area.width=600",
+        "area.length=600",
+        "auv.start_margin=200",
+        "current.centres=[[300.0, 300.0]]",
+        "auv.depth_noise=0",
+    ]
+    exact = ["current.alternate=false", "auv.depth_noise=0"]
+    world = World(Scenario.load("ideal", [*TORPEDO, *place, *eddy, *exact]), 3, seed=5)
+    world.reset()
+    auvs = Fleet(world.num_worlds * world.num_auvs)
+    begun = world.body.reshape(auvs.count, -1).double().cpu().numpy()
+    of_a_step = ("north", "east", "energy", "time", "surfaced", "grounded")
+    auvs.set(**{name: begun[:, getattr(BodyColumn, name)] for name in Body.members if name not in of_a_step})
+    speed = world.scenario.auv.speed_max * np.linalg.norm(action)
+    auvs.set(Command, heading=np.arctan2(*action), speed=speed, depth=100.0, altitude=5.0)
+    auvs.set(Surroundings, bed=120.0)
+    second = auvs.flight(20, 0.05, commanded=True)
+    at = world.auv[..., AuvColumn.span("x", "y")].reshape(-1, 2).double().cpu().numpy()
+    for _ in range(30):
+        world.step(torch.tensor(action, dtype=torch.float32, device=world.device).expand(3, 2, 2))
+        x, y = (at - middle).T
+        r2 = x * x + y * y
+        left = np.exp(-r2 / core**2)
+        f = circulation / (2 * math.pi * r2) * (1 - left)  # velocity (−y, x) f, and its slope over r²
+        slope = circulation / (2 * math.pi * r2) * left / core**2 - f / r2
+        auvs.set(Surroundings, north=x * f, east=-y * f, depth=auvs.numpy("depth"), nn=2 * x * y * slope)
+        auvs.set(Surroundings, ne=f + 2 * x * x * slope, en=-f - 2 * y * y * slope, ee=-2 * x * y * slope)
+        auvs.set(**dict.fromkeys(of_a_step, 0.0))
+        second()
+        at = at + np.stack((auvs.numpy("east"), auvs.numpy("north")), -1)
+    assert np.ptp(x * f) > 0.1
+    np.testing.assert_allclose(world.auv[..., AuvColumn.span("x", "y")].reshape(-1, 2).cpu(), at, atol=0.01)
+    np.testing.assert_allclose(world.body[..., BodyColumn.depth].reshape(-1).cpu(), auvs.numpy("depth"), atol=2e-3)
+    np.testing.assert_allclose(world.body[..., BodyColumn.r].reshape(-1).cpu(), auvs.numpy("r"), atol=2e-4)
 
 
 def test_a_world_is_the_same_in_any_batch_and_after_its_state():
