@@ -19,6 +19,7 @@ from typing import Any
 
 import torch
 from matplotlib.figure import Figure
+from matplotlib.ticker import EngFormatter
 
 from benchmarks.machine import best_time, describe
 from benchmarks.worlds import measure_memory, rates
@@ -121,6 +122,7 @@ def draw(found: dict[str, list[dict[str, float]]], ground: Ground) -> Figure:
         axes.set_title(name)
     for axes in panels[::3]:
         axes.set_ylabel("agent-steps a second")
+        axes.yaxis.set_major_formatter(EngFormatter(sep=""))
     panels[-1].axis("off")
     panels[-1].legend(*panels[0].get_legend_handles_labels(), loc="center")
     return figure
