@@ -221,7 +221,7 @@ def test_is_what_happens_in_worlds():
 
 @pytest.fixture(scope="module")
 def scenario() -> Scenario:
-    return Scenario.load("ideal", ["mission.duration=10"])
+    return Scenario.load("extreme", ["mission.duration=10"])
 
 
 def texts(rows):

@@ -71,11 +71,10 @@ def test_says_where_the_storm_is_wrong(tmp_path):
     assert uneven_bed_warning(Site(load())) == ""
 
 
-def test_eval_says_it_too(tmp_path, run_usvauv):
+def test_a_command_says_it_too(tmp_path, run_usvauv):
     bed = write(sloping(), tmp_path / "bed.nc")
     place = ["water.longitude=5.05", "water.latitude=60", "area.width=2000", "area.length=2000", "sea.cell_size=100"]
     sea = ["auv.depth=20", "storm.significant_height=4", "storm.peak_period=18", SWELL.replace("16.0", "28.0")]
     changes = [part for change in (*place, *sea, f"water.bathymetry={bed}") for part in ("--set", change)]
-    few = ("--episodes", 1, "--set", "mission.duration=2", "--policy", "straight", "--out", "m.csv")
-    code, _, said = run_usvauv("eval", "extreme", *few, *changes)
-    assert (code, said.count("warning: storm: its waves are those of the mean depth")) == (0, 1)
+    code, said, _ = run_usvauv("scenarios", "extreme", "--check", *changes)
+    assert (code, " ".join(said.split()).count("warning storm: its waves are those of the mean depth")) == (0, 1)

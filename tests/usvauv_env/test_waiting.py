@@ -26,7 +26,7 @@ def elsewhere(monkeypatch, device):
     ("name", "settings"),
     [
         ("extreme", []),
-        ("extreme", [*EVERY_STEP, "tracker.enabled=true"]),
+        ("extreme", [*EVERY_STEP, "tracker.enabled=true", "boat.strategy=centroid"]),
         ("paper-extreme", []),
         ("station-keeping", []),
     ],
