@@ -10,6 +10,9 @@ The figures: steady speed and turning circle of the REMUS 100 of `usvauv.kernels
 were computed with Fossen's public simulator (explicit Euler, 0.02 s, still water), and of a vehicle with the numbers of
 an LRAUV beside what was measured at sea; speed and turning circle of the Otter of `usvauv.kernels.vehicles.otter`
 beside Fossen's simulator.
+
+Missions: what a step of 4,096 worlds costs with vehicles over one with points, which take turns, the median of the
+ratios; and agent-steps a second where the action is the fins, at short mission steps.
 """
 
 from __future__ import annotations
@@ -22,7 +25,10 @@ import numpy as np
 import torch
 
 from benchmarks.machine import batch, best_time, describe, parse
+from benchmarks.step_profile import seconds as seconds_of
+from benchmarks.worlds import stepper
 from tests.kernels.vehicles.reference import Reference
+from usvauv.env import Scenario, World
 from usvauv.env.scenario.otter import Otter
 from usvauv.kernels.vehicles import otter
 from usvauv.kernels.vehicles.fleet import Fleet
@@ -64,6 +70,12 @@ LRAUV = {
     "thrust_deduction": 0.0,
     "propeller_limit": 8.0,
 }
+
+WORLDS, ROUNDS, REPEATS = 4096, 7, 5
+PASSING = "nodes.service=passing"
+# Scenario, changes that both have, and the one of the vehicle.
+MODELS = {"torpedo": ("extreme", [PASSING], "auv.model=torpedo"), "otter": ("wide", [], "boat.model=otter")}
+FIN_STEPS = (0.05, 0.1, 0.2)  # s
 
 
 class WithoutMunk(Reference):
@@ -117,6 +129,27 @@ def rates(count: int, seconds: float) -> dict[str, float]:
     return found | {"over_numpy": found["fins"] / found["numpy"], "over_marinegym": found["fins"] / MARINEGYM}
 
 
+def step_times(scenarios: list[Scenario]) -> np.ndarray:
+    """Seconds of a step of `WORLDS` worlds, (rounds, scenarios), which take turns; the first round is not counted."""
+    worlds = [World(scenario, WORLDS) for scenario in scenarios]
+    steps = [stepper(world, None) for world in worlds]
+    rounds = range(ROUNDS + 1)
+    return np.array([[seconds_of(*of, REPEATS) for of in zip(worlds, steps, strict=True)] for _ in rounds])[1:]
+
+
+def missions() -> dict[str, float]:
+    """Cost of a mission step over that with points, by model; agent-steps a second by fins, by the mission step."""
+    found = {}
+    for model, (name, both, own) in MODELS.items():
+        point, vehicle = step_times([Scenario.load(name, [*both, *more]) for more in ([], [own])]).T
+        found[f"{model} over point in {name}"] = float(np.median(vehicle / point))
+    fins = [PASSING, "auv.model=torpedo", "auv.action=fins"]
+    scenarios = [Scenario.load("extreme", [*fins, f"mission.step={step}"]) for step in FIN_STEPS]
+    for step, scenario, best in zip(FIN_STEPS, scenarios, step_times(scenarios).min(0), strict=True):
+        found[f"fins, steps of {step} s"] = scenario.auv.count * WORLDS / best
+    return found
+
+
 def settled(numbers: dict[str, float], revolutions: object, rudder: object = 0.0) -> tuple[np.ndarray, np.ndarray]:
     """Speed (m/s) and rate of turn (rad/s) after five minutes at revolutions a second and an angle of the rudder."""
     fleet = Fleet(LANES, numbers=numbers)
@@ -124,6 +157,22 @@ def settled(numbers: dict[str, float], revolutions: object, rudder: object = 0.0
     fleet.set(Actuators, propeller=revolutions, rudder=rudder)
     fleet.flight(6000, DT)()
     return np.hypot(fleet.numpy("u"), fleet.numpy("v")), fleet.numpy("r")
+
+
+def yo_yo() -> tuple[float, float, float]:
+    """Pitch half way (degrees), least and greatest depth (m) of the LRAUV, which turns at 2 and at 20 m, at 1 m/s."""
+    fleet, wanted, rows = Fleet(LANES, numbers=LRAUV | {"pitch_limit": math.radians(20.0)}), 200.0, []
+    fleet.set(Command, speed=1.0, depth=2.0)
+    fleet.trim()
+    second = fleet.flight(20, DT, commanded=True)
+    for _ in range(600):
+        q0, q1, q2, q3, depth = (fleet.numpy(name)[0] for name in ("q0", "q1", "q2", "q3", "depth"))
+        wanted = 0.0 if depth >= 20.0 else 200.0 if depth <= 2.0 else wanted
+        fleet.set(Command, depth=wanted)
+        second()
+        rows.append((depth, math.degrees(math.asin(2.0 * (q0 * q2 - q3 * q1)))))
+    depth, pitch = np.array(rows[100:]).T
+    return float(np.abs(pitch[np.abs(depth - 11.0) < 3.0]).mean()), depth.min(), depth.max()
 
 
 def radius_without_munk(degrees: float) -> float:
@@ -172,9 +221,14 @@ def figures() -> list[dict[str, object]]:
     speed, turn = settled(LRAUV, 5.0, np.resize(np.deg2rad([0.0, 9.0]), LANES))
     rows.append({"what": "LRAUV, 300/min: speed, m/s", "theirs": 1.0, "ours": speed[0], "why": ""})
     why = "the fins' lift is that in free flow, not in the hull's wake"
+    round_again = "how far it goes on while it turns"
+    pitch, least, greatest = yo_yo()
     return [
         *rows,
         {"what": "LRAUV, rudder 9°: turn, rad/s", "theirs": 0.037, "ours": turn[1], "why": why},
+        {"what": "LRAUV, yo-yo: pitch, °", "theirs": 20.0, "ours": pitch, "why": ""},
+        {"what": "LRAUV, yo-yo: least depth, m", "theirs": 2.0, "ours": least, "why": round_again},
+        {"what": "LRAUV, yo-yo: greatest depth, m", "theirs": 20.0, "ours": greatest, "why": round_again},
         *otter_figures(),
     ]
 
@@ -186,7 +240,7 @@ def main() -> None:
     arguments = parse(parser)
     count = arguments.vehicles or batch(16384, 1 << 20)
     result = {"machine": describe(), "vehicles": count, "steps_per_second": rates(count, arguments.seconds)}
-    result["figures"] = figures()
+    result |= {"missions": missions(), "figures": figures()}
     if arguments.json:
         print(json.dumps(result, indent=1, default=float))
         return
@@ -198,6 +252,9 @@ def main() -> None:
     print(
         f"  over NumPy {found['over_numpy']:,.0f}, over MarineGym's {MARINEGYM:,} frames {found['over_marinegym']:,.0f}"
     )
+    print(f"{WORLDS} worlds: cost of a mission step, or agent-steps a second")
+    for name, value in result["missions"].items():
+        print(f"  {name:30} {value:14,.2f}" if "over" in name else f"  {name:30} {value:14,.0f}")
     for row in result["figures"]:
         print(f"{row['what']:34} theirs {row['theirs']:6.3g}  ours {row['ours']:6.3g}  {row['why']}")
 

@@ -56,7 +56,7 @@ def sizes_up_to(largest: int) -> list[int]:
 def stepper(world: World, act: Callable[[torch.Tensor], torch.Tensor] | None) -> Callable[[], None]:
     """One world-step of all worlds, with a reset where the episode ends; `act` None takes random actions."""
     generator = torch.Generator().manual_seed(0)
-    shape = (ACTIONS, world.num_worlds, world.num_auvs, 2)
+    shape = (ACTIONS, world.num_worlds, world.num_auvs, world.action_size)
     actions = (2 * torch.rand(shape, generator=generator) - 1).to(world.device)
     observation, done = world.reset(), 0
 
