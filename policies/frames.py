@@ -9,22 +9,27 @@ features, so no information is lost.
 from __future__ import annotations
 
 import math
-from typing import ClassVar
+from typing import ClassVar, cast
 
 import torch
 from torch import Tensor
 
 from usvauv.env.scenario import Scenario
 from usvauv.env.world.observation import ObservationLayout
+from usvauv.env.world.world import World
 from usvauv.kernels.registry import Registry
 from usvauv.policies.guidance import TINY, SpeedToFly, clear_of_others, command, crab, rotate, unit, unrotate
+from usvauv.policies.heuristics.passing import Pass
 from usvauv.policies.policy import PolicyError
 
+PASS_PRICE = 60.0  # W
+PASSING_TERMS = ("current", "service", "next", "attitude", "motion")  # which `PassingFrame` needs
+TURN = 0.5 * math.pi  # rad, largest offset of a heading
 BORDER_MARGIN = 4.0  # m, more than a step at full speed
 PRICE, PRICE_GAIN = 80.0, 4.0  # W and 1: prices from a watt and a half to some kilowatts, for all speeds in any current
 RELATIVE = ("others", "target")  # terms that `TargetFrame` replaces by features of its own
-CURRENT_VECTORS = ("current", "current_profile")
-CURRENTS = ("current_speed", *CURRENT_VECTORS)
+CURRENTS = ("current_speed", "current", "current_profile")
+VECTORS = {"current": 2, "current_profile": None, "next": 2, "attitude": 2}  # how many of their numbers are vectors
 
 
 class Frame:
@@ -109,8 +114,10 @@ class TargetFrame(Frame):
             value = self.term(observation, name)
             if name in CURRENTS:
                 value = value / self.scenario.auv.speed_max
-            if name in CURRENT_VECTORS:
-                value = unrotate(value.unflatten(-1, (-1, 2)), bearing.unsqueeze(-2)).flatten(-2)
+            if name in VECTORS:
+                vectors = value[..., : VECTORS[name]]
+                parts.append(unrotate(vectors.unflatten(-1, (-1, 2)), bearing.unsqueeze(-2)).flatten(-2))
+                value = value[..., vectors.shape[-1] :]
             parts.append(value)
         return torch.cat(parts, -1)
 
@@ -171,7 +178,72 @@ class GuidedFrame(TargetFrame):
         return torch.where(along.norm(dim=-1, keepdim=True) > TINY, unit(along), track)
 
 
+class Observed:
+    """What heuristics read of a world, as the observation has it.
+
+    Attributes:
+        observation: of now, (W, K, O).
+    """
+
+    observation: Tensor
+
+    def __init__(self, frame: Frame) -> None:
+        self.scenario, self.term = frame.scenario, frame.term
+
+    def current(self) -> Tensor:
+        """Velocity of the water at each AUV, (W, K, 2), m/s."""
+        return self.term(self.observation, "current")
+
+    def water_velocity(self) -> Tensor:
+        """Velocity of each AUV through the water, (W, K, 2), m/s."""
+        forward, starboard = self.term(self.observation, "motion")[..., :2].unbind(-1)
+        return rotate(torch.stack((forward, -starboard), -1), self.term(self.observation, "attitude")[..., :2])
+
+
+class PassingFrame(TargetFrame):
+    """Features as `TargetFrame`, and the velocity through the water that the heuristic `pass` commands; actions are
+    offsets from it.
+
+    a_0 turns the heading by up to `TURN` to the left, a_1 adds to the speed, 1 being the span from the lowest to the
+    highest; the sum is kept within these. Action 0 is `pass` at `PASS_PRICE`.
+
+    Raises:
+        PolicyError: the observation lacks one of `PASSING_TERMS`.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        super().__init__(scenario)
+        if missing := [name for name in PASSING_TERMS if name not in self.layout]:
+            raise PolicyError(
+                f"training: frame = 'passing': scenario {scenario.name!r} does not observe {', '.join(missing)}"
+            )
+        self.features += 2
+        self.start = f"pass:{PASS_PRICE:g}"
+        self.seen = Observed(self)
+        self.heuristic = Pass(self.start, cast(World, self.seen), PASS_PRICE)
+
+    def encode(self, observation: Tensor) -> Tensor:
+        heading, speed = self._steer(observation)
+        velocity = heading * (speed / self.scenario.auv.speed_max).unsqueeze(-1)
+        bearing = unit(self.term(observation, "target"))
+        return torch.cat((super().encode(observation), unrotate(velocity, bearing)), -1)
+
+    def decode(self, observation: Tensor, action: Tensor) -> Tensor:
+        auv = self.scenario.auv
+        heading, speed = self._steer(observation)
+        speed = speed + action[..., 1] * (auv.speed_max - auv.speed_min)
+        turn = TURN * action[..., 0]
+        heading = rotate(torch.stack((torch.cos(turn), torch.sin(turn)), -1), heading)
+        return command(heading, speed.clamp(auv.speed_min, auv.speed_max), self.scenario)
+
+    def _steer(self, observation: Tensor) -> tuple[Tensor, Tensor]:
+        """Heading and speed of the heuristic."""
+        self.seen.observation = observation
+        return self.heuristic.steer(observation)
+
+
 FRAMES: Registry[type[Frame]] = Registry("frame", PolicyError, Frame)
 FRAMES.register("guided", GuidedFrame)
 FRAMES.register("target", TargetFrame)
 FRAMES.register("world", WorldFrame)
+FRAMES.register("passing", PassingFrame)

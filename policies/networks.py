@@ -19,6 +19,7 @@ from torch.nn import functional
 LOG_STD_MIN, LOG_STD_MAX = -5.0, 1.0  # range of a Gaussian actor's log standard deviation
 FUSED = 1024  # inputs from which on a layer of oneDNN takes less time than one of MKL and its ReLU
 EPSILON = 1e-5  # added to the variance that normalises
+MOST_ACTION = 0.99999  # of a Gaussian actor: that of which the distance from 0 before the tanh is read
 ACTION_GAIN = 5.0  # factor on the actions that enter a critic
 
 
@@ -132,6 +133,12 @@ class GaussianActor(StackedMLP):
         middle, half = (LOG_STD_MAX + LOG_STD_MIN) / 2, (LOG_STD_MAX - LOG_STD_MIN) / 2
         return mean, middle + half * torch.tanh(log_std)
 
+    @torch.no_grad()
+    def set_deviation(self, deviation: float) -> None:
+        """Begin near a deviation before the tanh."""
+        middle, half = (LOG_STD_MAX + LOG_STD_MIN) / 2, (LOG_STD_MAX - LOG_STD_MIN) / 2
+        self.biases[-1].chunk(2, dim=-1)[1].add_(math.atanh((math.log(deviation) - middle) / half))
+
     def forward(self, observation: Tensor, /) -> Tensor:
         """The mode's action, (S, B, A) in [−1, 1]."""
         return torch.tanh(super().forward(observation).chunk(2, dim=-1)[0])
@@ -144,6 +151,12 @@ class GaussianActor(StackedMLP):
         # log(1 − tanh² x) = 2 (log 2 − x − softplus(−2x)), which stays finite where tanh x rounds to 1.
         log_slope = 2.0 * (math.log(2.0) - raw - functional.softplus(-2.0 * raw))
         return torch.tanh(raw), (log_normal - log_slope).sum(-1)
+
+    def log_density(self, observation: Tensor, action: Tensor) -> Tensor:
+        """Log-probability density (S, B) of actions (S, B, A), but for a term that no weight of the network changes."""
+        mean, log_std = self._distribution(observation)
+        raw = torch.atanh(action.clamp(-MOST_ACTION, MOST_ACTION))
+        return (-0.5 * ((raw - mean) / log_std.exp()).square() - log_std).sum(-1)
 
 
 class Critic(nn.Module):

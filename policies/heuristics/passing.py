@@ -111,14 +111,18 @@ class Loiter(Clear):
         within = (observation[..., self._service][..., 0] > 0.5) | (offset.norm(dim=-1) < self.inside)
         return self.circling(offset, observation), torch.where(within, 0.0, math.inf)
 
-    def act(self, observation: Tensor) -> Tensor:
+    def steer(self, observation: Tensor) -> tuple[Tensor, Tensor]:
+        """Heading (unit vectors, (W, K, 2)) and speed through the water (W, K), m/s."""
         track, most = self.plan(self.target(observation) * self.scenario.area.diagonal, observation)
         track = self.clear(track, observation)
         current = self.world.current().to(track)
         fast, slow = (self.speed_to_fly(track, torch.full_like(most, price), current) for price in (self.argument, 0.0))
         along = (current * track).sum(-1)
         speed = torch.maximum(torch.minimum(fast, most - along), slow)
-        return command(crab(track, speed, current), speed, self.scenario)
+        return crab(track, speed, current), speed
+
+    def act(self, observation: Tensor) -> Tensor:
+        return command(*self.steer(observation), self.scenario)
 
 
 class Pass(Loiter):

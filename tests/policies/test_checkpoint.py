@@ -155,7 +155,7 @@ class TestRefusal:
         edit(saved[1], POLICY, {field: value})
         self.refused(saved[1], part)
 
-    @pytest.mark.parametrize(("field", "value"), [("hidden", [16, 8]), ("algorithm", "ppo"), ("speed", 3)])
+    @pytest.mark.parametrize(("field", "value"), [("hidden", [16, 8]), ("algorithm", "a2c"), ("speed", 3)])
     def test_settings_that_do_not_fit_the_tensors(self, saved, field, value):
         training = checkpoint.read(saved[1], POLICY)[0]["training"]
         edit(saved[1], POLICY, {"training": {**training, field: value}})

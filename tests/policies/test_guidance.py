@@ -10,7 +10,9 @@ from scipy.optimize import minimize_scalar
 
 from tests.policies.toy import ToyWorld, scenario
 from usvauv import policies
-from usvauv.policies.frames import BORDER_MARGIN, PRICE, GuidedFrame, TargetFrame
+from usvauv.env import Scenario, World
+from usvauv.policies import PolicyError
+from usvauv.policies.frames import BORDER_MARGIN, PASS_PRICE, PRICE, TURN, GuidedFrame, PassingFrame, TargetFrame
 from usvauv.policies.guidance import (
     SpeedToFly,
     clear_of_others,
@@ -191,20 +193,48 @@ class TestGuidedFrame:
         assert float(ground.norm()) > 0.5
 
 
+class TestPassingFrame:
+    def test_no_action_is_the_heuristic_pass_and_actions_are_offsets_from_it(self):
+        world = World(Scenario.load("extreme-torpedo"), 8, 3)
+        frame, heuristic = PassingFrame(world.scenario), policies.load(f"pass:{PASS_PRICE}", world)
+        observation, same = world.reset(), []
+        for _ in range(40):
+            action = heuristic.act(observation)
+            plain = frame.decode(observation, torch.zeros(8, 2, 2))
+            same.append(((plain - action).abs() < 0.01).all(-1))
+            offset = frame.decode(observation, torch.tensor([0.5, -0.25]).expand(8, 2, 2))
+            observation = world.step(action)[0]
+        assert torch.stack(same).float().mean() > 0.95  # the course of `pass` is the true one, with the storm in it
+        auv = world.scenario.auv
+        turned = angle(unrotate(offset, unit(plain)))
+        torch.testing.assert_close(turned, torch.full_like(turned, 0.5 * TURN), atol=1e-4, rtol=0)
+        speed = (plain.norm(dim=-1) * auv.speed_max - 0.25 * (auv.speed_max - auv.speed_min)).clamp_min(auv.speed_min)
+        torch.testing.assert_close(offset.norm(dim=-1) * auv.speed_max, speed)
+
+    def test_it_says_what_a_scenario_does_not_observe(self):
+        with pytest.raises(PolicyError, match=r"'passing': scenario 'wide' does not observe service, next, attitude"):
+            PassingFrame(Scenario.load("wide"))
+
+
 class TestFrames:
     def turned(self, observation, layout, turn):
         """The observation of the same team with the world turned about the AUV by an angle."""
         observation = observation.clone()
         direction = torch.tensor([math.cos(turn), math.sin(turn)])
-        for name in ("others", "target", "current"):
-            vectors = observation[..., layout.slice(name)]
+        for name in ("others", "target", "current", "current_profile", "next", "attitude"):
+            if name not in layout:
+                continue
+            vectors = observation[..., layout.slice(name)][..., : 2 if name == "attitude" else None]
             vectors.copy_(rotate(vectors.unflatten(-1, (-1, 2)), direction).flatten(-2))
         return observation
 
-    def test_target_frame_turns_with_the_target(self):
+    @pytest.mark.parametrize("name", ["toy", "wide-torpedo"])
+    def test_target_frame_turns_with_the_target(self, name):
         toy = scenario(auv={"count": 3})
-        frame = TargetFrame(toy)
+        frame = TargetFrame(toy if name == "toy" else Scenario.load(name))
         observation, _ = observe(toy)
+        if name != "toy":
+            observation = torch.randn((5, 8, frame.layout.size), generator=torch.Generator().manual_seed(1))
         before, after = frame.encode(observation), frame.encode(self.turned(observation, frame.layout, 0.7))
         assert before.shape[-1] == frame.features
         bearing = [2, 3]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -142,9 +145,16 @@ class TestNetworks:
         torch.testing.assert_close(area, torch.tensor(1.8), rtol=0.02, atol=0)
         torch.testing.assert_close(actor(torch.zeros(1, 1, 3)).flatten(), torch.tensor([0.3]).tanh())
 
+    def test_the_density_of_an_action_is_that_of_its_draw_but_for_the_slope(self):
+        actor = GaussianActor(2, (3, 8, 4), seeded())
+        observation, noise = torch.randn((2, 50, 3), generator=seeded(1)), torch.randn((2, 50, 2), generator=seeded(2))
+        action, log_density = actor.sample(observation, noise)
+        expected = log_density + (1.0 - action.square()).log().sum(-1) + math.log(2.0 * math.pi)
+        torch.testing.assert_close(actor.log_density(observation, action), expected, rtol=1e-3, atol=1e-3)
+
 
 class TestLearners:
-    @pytest.mark.parametrize("algorithm", ["sac", "td3", "ddpg"])
+    @pytest.mark.parametrize("algorithm", ["sac", "td3", "ddpg", "ppo"])
     def test_an_agent_learns_nothing_from_the_data_of_another(self, algorithm):
         learners = []
         for scale in (1.0, 5.0):
@@ -174,6 +184,18 @@ class TestLearners:
         future = learner.target_critics(batch.next_observation, learner.target_actor(batch.next_observation))[0]
         expected = (value - batch.reward - 0.9 * future).square().mean()
         assert float(learner.update(batch)["critic_loss"]) == pytest.approx(float(expected.detach()), rel=1e-5)
+
+    def test_ppo_finds_the_action_that_pays_most(self):
+        """Reward −|a − a*|², a* = (0.3, −0.2), in a single step; the value does not depend on the action."""
+        learner = ALGORITHMS["ppo"](Sizes(1, 5, 2), replace(LEARNING, tau=0.1), seeded())
+        best = torch.tensor([0.3, -0.2])
+        for step in range(400):
+            observation, noise = (torch.randn((1, 256, n), generator=seeded(2 * step + n)) for n in (5, 2))
+            action = learner.explore(observation, noise)
+            reward = -(action - best).square().sum(-1)
+            learner.learn(Batch(observation, action, reward, torch.zeros_like(reward), observation))
+        assert (learner.actor(observation) - best).abs().mean() < 0.05
+        assert (learner.value(observation)[..., 0] - reward.mean()).abs().mean() < 0.02
 
     def test_td3_waits_before_it_moves_its_actor(self):
         learner = ALGORITHMS["td3"](Sizes(1, 5, 2), LEARNING, seeded())

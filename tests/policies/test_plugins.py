@@ -56,7 +56,7 @@ def test_a_policy_leads_its_target_by_the_drift(tmp_path):
 
 
 def test_an_algorithm_trains_and_its_policy_is_kept(tmp_path):
-    with pytest.raises(PolicyError, match=r"algorithm = 'ensemble': allowed are sac, td3, ddpg$"):
+    with pytest.raises(PolicyError, match=r"algorithm = 'ensemble': allowed are sac, td3, ddpg, ppo$"):
         dataclasses.replace(LEARNING, algorithm="ensemble")
     load_example("algorithm.py", tmp_path)
     config = dataclasses.replace(LEARNING, algorithm="ensemble", warmup=320)

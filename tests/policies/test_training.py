@@ -83,7 +83,7 @@ class TestConfig:
     @pytest.mark.parametrize(
         ("changes", "part"),
         [
-            ({"algorithm": "ppo"}, "algorithm = 'ppo': allowed are sac, td3, ddpg"),
+            ({"algorithm": "a2c"}, "algorithm = 'a2c': allowed are sac, td3, ddpg, ppo"),
             ({"tau": float("nan")}, "tau = nan: must be from 1e-06 to 1.0"),
             ({"batch": 1.5}, "batch = 1.5: must be of type int"),
             ({"hidden": (64, 10**9)}, "hidden = (64, 1000000000): must be from 1 to 16 widths, each from 1 to 8192"),
