@@ -7,6 +7,7 @@ import os
 import re
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from importlib import resources
 from pathlib import Path
@@ -110,7 +111,11 @@ def about(name: str) -> str:
 
 
 def default(scenario: Scenario) -> str:
-    """The default policy, the baseline of learned ones: `pass` where data are taken in passing, else the task's."""
+    """The default policy: the scenario's own where it fits, `pass` where data are taken in passing, else the task's."""
+    if own := scenario.reference.policy:
+        with suppress(PolicyError):
+            check(own, scenario)
+            return own
     return "pass" if scenario.collects_in_passing else scenario.task_definition.heuristic
 
 

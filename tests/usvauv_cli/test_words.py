@@ -52,7 +52,7 @@ class TestLists:
             (
                 "policies",
                 [*HEURISTICS, *trained()],
-                {"pass[:PRICE]": "Default in extreme-torpedo, wide-torpedo.", "keep": "Default in station-keeping"},
+                {"pass[:PRICE]": "Default in extreme-torpedo.", "keep": "Default in station-keeping"},
             ),
             (
                 "boats",

@@ -143,6 +143,7 @@ class Reward(Section):
 class Reference(Section):
     """Best speeds and prices of time of the heuristics, found once by `usvauv eval` and recorded here."""
 
+    policy: str = Field("", description="default policy where it fits; empty: the task's heuristic")
     straight_speed: float = Field(1.2, ge=0.01, le=10, description="best constant speed of `straight`, m/s")
     crab_speed: float = Field(1.2, ge=0.01, le=10, description="best constant speed of `crab`, m/s")
     pace_price: Price = Field(0.0, description="best price of time of `pace`, W")
