@@ -120,7 +120,7 @@ class TestRefusal:
     def test_missing(self, tmp_path):
         (tmp_path / "empty").mkdir()
         self.refused(tmp_path / "empty", "holds no best.safetensors")
-        self.refused(tmp_path / "nowhere", "allowed are sac-ideal")
+        self.refused(tmp_path / "nowhere", "allowed are ppo-wide-torpedo, sac-ideal")
         (tmp_path / "empty" / "policy.json").write_text('{"format": 2}')
         self.refused(tmp_path / "empty", "damaged")
         with pytest.raises(PolicyError, match=r"last\.safetensors: checkpoint is missing"):

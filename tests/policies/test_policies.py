@@ -49,7 +49,7 @@ class TestFace:
     @pytest.mark.parametrize(
         ("name", "part"),
         [
-            ("nonsense", "allowed are sac-ideal"),
+            ("nonsense", "allowed are ppo-wide-torpedo, sac-ideal"),
             ("straight:fast", "'fast' is not a speed"),
             ("straight:nan", "between 1.2 and 2.2 m/s"),
             ("zermelo:2.3", "between 1.2 and 2.2 m/s"),
