@@ -35,7 +35,7 @@ import torch
 
 from usvauv.kernels.functions import func, kernel
 
-LANES = 8
+LANES = 16
 TURNS_X, TURNS_Y, PHASE, AMPLITUDE, LEVEL = range(5)
 TWO_PI = 2.0 * math.pi
 
