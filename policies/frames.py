@@ -9,6 +9,7 @@ features, so no information is lost.
 from __future__ import annotations
 
 import math
+import threading
 from typing import ClassVar, cast
 
 import torch
@@ -178,8 +179,8 @@ class GuidedFrame(TargetFrame):
         return torch.where(along.norm(dim=-1, keepdim=True) > TINY, unit(along), track)
 
 
-class Observed:
-    """What heuristics read of a world, as the observation has it.
+class Observed(threading.local):
+    """What heuristics read of a world, as the observation has it; parts of a batch are acted on in several threads.
 
     Attributes:
         observation: of now, (W, K, O).

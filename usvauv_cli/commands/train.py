@@ -41,7 +41,7 @@ FOLDER = "seed-"  # and the seed: the folder of one of several runs
 
 def train(
     scenario: ScenarioName = "extreme",
-    algorithm: Annotated[str, typer.Option(help="sac, td3 or ddpg.")] = "sac",
+    algorithm: Annotated[str, typer.Option(help="sac, td3, ddpg or ppo.")] = "sac",
     steps: Annotated[
         int | None,
         typer.Option(
@@ -74,12 +74,12 @@ def train(
     overrides: Overrides = None,
     plugins: Plugins = None,
 ) -> None:
-    """Train a policy with SAC, TD3 or DDPG and keep its best and last checkpoint, with curves for TensorBoard beside
-    them or in Weights & Biases.
+    """Train a policy with SAC, TD3, DDPG or PPO and keep its best and last checkpoint, with curves for TensorBoard
+    beside them or in Weights & Biases.
 
     An untrained network steers much like the heuristic `clear`. It is evaluated before training and ten times during
-    it, in other worlds and beside `clear` (in station-keeping `keep`): its margin is shown with a 95 % interval. Ctrl-C
-    ends the run cleanly; `--resume` goes on.
+    it, in other worlds and beside the default policy (most often `clear`): its margin is shown with a 95 % interval.
+    Ctrl-C ends the run cleanly; `--resume` goes on.
 
     **Examples:**
 

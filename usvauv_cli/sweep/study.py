@@ -36,7 +36,7 @@ class StudyRun(Section):
     scenario: str = Field(default="extreme", description="shipped name or path of a TOML file")
     set: tuple[str, ...] = Field(default=(), description="changes of the scenario, SECTION.FIELD=VALUE")
     policy: str = Field(default="", description="as `usvauv eval --policy` takes it")
-    algorithm: str = Field(default="", description="sac, td3 or ddpg: the policy is learned first")
+    algorithm: str = Field(default="", description="sac, td3, ddpg or ppo: the policy is learned first")
     steps: int = Field(default=2_000_000, ge=1, description="world-steps of the training")
     worlds: int = Field(default=128, ge=1, description="worlds stepped together in it")
     shared: bool = Field(default=False, description="one network for all AUVs")
