@@ -144,6 +144,7 @@ ARTEFACTS = {
     "world-rates": _study("performance.md", "worlds"),
     "learning": _study("performance.md", "learning"),
     "start": _study("performance.md", "start"),
+    "curves": _study("performance.md", "curves", picture="curves"),
     "step-profile": _study("performance.md", "step_profile", picture="step-profile"),
     "step-profile-wide": _study("performance.md", "step_profile", "wide", picture="step-profile-wide"),
     "planner": _study("performance.md", "plan", "--json"),
