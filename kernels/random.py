@@ -51,24 +51,9 @@ def uniforms(address: uint4, key: uint2) -> vec4:
 
 
 @func
-def logarithm(x: ti.f32) -> ti.f32:
-    """ln x of a normal number x > 0, within 1.2e-7 of its magnitude, or of 1e-7 near x = 1, without branches.
-
-    x = 2ⁿ m with √½ ≤ m < √2; ln m by a polynomial in m − 1 (Moshier's Cephes library, `logf`).
-    """
-    bits = ti.bit_cast(x, ti.i32)
-    n = (bits - 0x3F3504F3) >> 23
-    f = ti.bit_cast(bits - (n << 23), ti.f32) - 1.0
-    P = 1.4249322787e-1 + f * (-1.2420140846e-1 + f * (1.1676998740e-1 + f * (-1.1514610310e-1 + f * 7.0376836292e-2)))
-    P = 3.3333331174e-1 + f * (-2.4999993993e-1 + f * (2.0000714765e-1 + f * (-1.6668057665e-1 + f * P)))
-    e = ti.cast(n, ti.f32)
-    return f + (f * f * (f * P - 0.5) - 2.12194440e-4 * e) + 0.693359375 * e
-
-
-@func
 def gaussian_pair(u: ti.f32, v: ti.f32) -> vec2:
-    """Box–Muller: two independent standard normal numbers from two uniform ones, within 1e-6."""
-    radius = ti.sqrt(-2.0 * logarithm(u))
+    """Box–Muller: two independent standard normal numbers from two uniform ones, within 2e-6."""
+    radius = ti.sqrt(-2.0 * ti.log(u))
     half = half_sine(v - 0.5)  # of an angle π on, which turns both signs
     return radius * vec2(2.0 * half * half - 1.0, -2.0 * half * half_cosine(v - 0.5))
 

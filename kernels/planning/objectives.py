@@ -58,6 +58,7 @@ from usvauv.kernels.types import array2, array3, mat3, vec2, vec3, vec6
 
 OBJECTIVES = ("d", "a", "sum", "paper")
 D, A, SUM, PAPER = range(4)
+MOST_LOG = 80.0  # of a variance (m²), in magnitude: beyond, single precision has no room for its square
 
 
 def objective_code(measurement: str, objective: str) -> int:
@@ -85,15 +86,11 @@ def measurement_of(code: int) -> int:
 @func
 def log_sum_of_variances(f: vec3, other: vec3) -> vec3:
     """ln(e^−f + other) with its first two derivatives, from those of f and of `other`, which is not negative."""
-    log_other = ti.log(ti.max(other[0], 1e-30))
-    larger = ti.max(-f[0], log_other)
-    own = ti.exp(-f[0] - larger)
-    total = own + ti.exp(log_other - larger)
-    share = own / total
-    value = larger + ti.log(total)
-    precision = ti.exp(ti.min(-value, 80.0))
+    own = ti.exp(ti.math.clamp(-f[0], -MOST_LOG, MOST_LOG))
+    precision = 1.0 / (own + other[0])
+    share = own * precision
     slope = other[1] * precision - f[1] * share
-    return vec3(value, slope, other[2] * precision + (f[1] * f[1] - f[2]) * share - slope * slope)
+    return vec3(-ti.log(precision), slope, other[2] * precision + (f[1] * f[1] - f[2]) * share - slope * slope)
 
 
 @func
