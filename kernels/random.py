@@ -7,7 +7,6 @@ episode, step, draw). So an episode is the same for any number of worlds and thr
 
 import taichi as ti
 
-from usvauv.kernels.flow.airy import half_cosine, half_sine
 from usvauv.kernels.functions import func
 from usvauv.kernels.types import vec2, vec4
 
@@ -52,21 +51,16 @@ def uniforms(address: uint4, key: uint2) -> vec4:
 
 @func
 def gaussian_pair(u: ti.f32, v: ti.f32) -> vec2:
-    """Box–Muller: two independent standard normal numbers from two uniform ones, within 2e-6."""
+    """Box–Muller: two independent standard normal numbers from two uniform ones."""
     radius = ti.sqrt(-2.0 * ti.log(u))
-    half = half_sine(v - 0.5)  # of an angle π on, which turns both signs
-    return radius * vec2(2.0 * half * half - 1.0, -2.0 * half * half_cosine(v - 0.5))
-
-
-@func
-def normals_of(u: vec4) -> vec4:
-    """Four independent standard normal numbers from four uniform ones."""
-    a = gaussian_pair(u[0], u[1])
-    b = gaussian_pair(u[2], u[3])
-    return vec4(a[0], a[1], b[0], b[1])
+    angle = 6.283185307179586 * v
+    return vec2(radius * ti.cos(angle), radius * ti.sin(angle))
 
 
 @func
 def normals(address: uint4, key: uint2) -> vec4:
     """Four independent standard normal numbers."""
-    return normals_of(uniforms(address, key))
+    u = uniforms(address, key)
+    a = gaussian_pair(u[0], u[1])
+    b = gaussian_pair(u[2], u[3])
+    return vec4(a[0], a[1], b[0], b[1])

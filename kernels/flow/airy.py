@@ -34,6 +34,7 @@ import taichi as ti
 import torch
 
 from usvauv.kernels.functions import func, kernel
+from usvauv.kernels.trigonometry import half_cosine, half_sine
 
 LANES = 16
 TURNS_X, TURNS_Y, PHASE, AMPLITUDE, LEVEL = range(5)
@@ -44,20 +45,6 @@ lanes = ti.types.vector(LANES, ti.f32)
 waves = ti.types.ndarray(dtype=lanes, ndim=3)
 double1 = ti.types.ndarray(dtype=ti.f64, ndim=1)
 double_lanes = ti.types.ndarray(dtype=ti.types.vector(LANES, ti.f64), ndim=2)
-
-
-@func
-def half_sine(t):
-    """sin πt for |t| ≤ ½, within 6e-9 before rounding."""
-    q = t * t
-    return t * (3.14159264 + q * (-5.16770968 + q * (2.55006958 + q * (-0.59824123 + q * 0.07755864))))
-
-
-@func
-def half_cosine(t):
-    """cos πt for |t| ≤ ½, within 5e-8 before rounding."""
-    q = t * t
-    return 0.99999995 + q * (-4.93479283 + q * (4.05841135 + q * (-1.33187657 + q * 0.21968961)))
 
 
 @func

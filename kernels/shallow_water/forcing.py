@@ -7,10 +7,10 @@ import taichi as ti
 import torch
 
 from usvauv.kernels import runtime
-from usvauv.kernels.flow.airy import half_sine
 from usvauv.kernels.functions import kernel
 from usvauv.kernels.launch import DeviceArray, Launch
 from usvauv.kernels.shallow_water.discretisation import LANES, Packing, vector, vectors
+from usvauv.kernels.trigonometry import half_sine
 
 double1 = ti.types.ndarray(dtype=ti.f64, ndim=1)
 double_vectors = ti.types.ndarray(dtype=ti.types.vector(LANES, ti.f64), ndim=1)
