@@ -82,14 +82,14 @@ class PrescribedElevation:
         seas = LANES if packing.strips else packing.num_seas
         lanes = np.zeros((3, packing.blocks * LANES, self._amplitude.shape[1]))
         lanes[:, :seas] = self._amplitude, self._frequency, self._phase
-        a, frequency, phase = (
+        columns = (
             torch.from_numpy(part.reshape(packing.blocks, LANES, -1).swapaxes(1, 2).reshape(-1, LANES).copy())
             for part in lanes
         )
-        fixed = (part.to(tensor.device) for part in (a.float(), frequency, phase))
+        a, *turns = (part.to(tensor.device) for part in columns)
         each = table.view(-1, LANES)
         serial = runtime.better_alone(tensor.numel() // LANES)
-        self._tabulate = Launch(tabulate, *fixed, self._clock, time_step, packing.blocks, each, serial)
+        self._tabulate = Launch(tabulate, a.float(), *turns, self._clock, time_step, packing.blocks, each, serial)
 
     def at(self, time: float) -> np.ndarray:
         """E at a time (s), m, (num_seas, 1)."""

@@ -62,7 +62,7 @@ def open_decoded(path: str | Path) -> Iterator[xarray.Dataset]:
 
     path = Path(path)
     with reading(path):
-        options = {"engine": _engine(path)}
+        options: dict[str, Any] = {"engine": _engine(path)}
         if options["engine"] == "h5netcdf":
             check_whole(path)
             options["phony_dims"] = "access"
