@@ -97,6 +97,8 @@ def motion(wave: ti.template(), sea: ti.i32, level: ti.template(), x: ti.f32, y:
 def set_phases(start: double_lanes, frequency: double_lanes, clock: double1, wave: waves, serial: ti.template()):
     """Bring the phases of all seas to a time; `serial`: the calling thread does it all.
 
+    The amplitudes are read because Vulkan brings to the device only what a kernel reads, and takes back all of an array.
+
     Args:
         start, frequency: φ/2π and ω/2π (Hz), each (seas, groups). clock: (1,), the time, s.
     """
@@ -104,7 +106,8 @@ def set_phases(start: double_lanes, frequency: double_lanes, clock: double1, wav
     for sea in range(wave.shape[0]):
         for n in range(wave.shape[1]):
             turns = start[sea, n] - clock[0] * frequency[sea, n]
-            wave[sea, n, PHASE] = ti.cast(turns - ti.floor(turns), ti.f32)
+            phase = ti.cast(turns - ti.floor(turns), ti.f32)
+            wave[sea, n, PHASE] = ti.select(wave[sea, n, AMPLITUDE] != 0.0, phase, lanes(0.0))
 
 
 @kernel
