@@ -97,7 +97,7 @@ def motion(wave: ti.template(), sea: ti.i32, level: ti.template(), x: ti.f32, y:
 def set_phases(start: double_lanes, frequency: double_lanes, clock: double1, wave: waves, serial: ti.template()):
     """Bring the phases of all seas to a time; `serial`: the calling thread does it all.
 
-    The amplitudes are read because Vulkan brings to the device only what a kernel reads, and takes back all of an array.
+    Amplitudes are read because Vulkan brings only what a kernel reads to the device, and takes the whole array back.
 
     Args:
         start, frequency: φ/2π and ω/2π (Hz), each (seas, groups). clock: (1,), the time, s.
