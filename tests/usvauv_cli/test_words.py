@@ -52,7 +52,7 @@ class TestLists:
             (
                 "policies",
                 [*HEURISTICS, *trained()],
-                {"pass[:PRICE]": "Default in extreme-torpedo.", "keep": "Default in station-keeping"},
+                {"ppo-extreme-torpedo": "Default in extreme-torpedo.", "keep": "Default in station-keeping"},
             ),
             (
                 "boats",
