@@ -38,7 +38,9 @@ def policies(plugins: Plugins = None) -> None:
         return (f"{name}[:{argument}]", f"{argument} in {unit}{default}") if argument else (name, "")
 
     _show_registered(HEURISTICS, written, policies.default, "Not learned, shipped with usvauv:")
-    show("Learned, shipped with usvauv:", [(name, f"{policies.about(name)}.") for name in policies.trained()])
+    users = _users(policies.default)
+    learned = [(name, f"{policies.about(name)}. {users.get(name, '')}".rstrip()) for name in policies.trained()]
+    show("Learned, shipped with usvauv:", learned)
     run = "Checkpoint, or folder of a run of `usvauv train`, of which the best is taken."
     show("Your own:", [("PATH", run), ("MODULE:CLASS", "Class of a Python file in this folder, or of a module.")])
 
@@ -83,6 +85,16 @@ def targets(plugins: Plugins = None) -> None:
     _show_registered(target_rules, written, default)
 
 
+def _users(default: Callable[[Scenario], str]) -> dict[str, str]:
+    """In which shipped scenarios an item is the default, a sentence for each that is."""
+    from usvauv.env import Scenario
+
+    users: dict[str, list[str]] = {}
+    for name in Scenario.shipped():
+        users.setdefault(default(Scenario.load(name)).partition(":")[0], []).append(name)
+    return {item: f"Default in {', '.join(names)}." for item, names in users.items()}
+
+
 def _show_registered(
     registry: Registry[Any],
     written: Callable[[str], Item],
@@ -97,17 +109,12 @@ def _show_registered(
         default: scenario → name of the item that it has by default.
         title: over the package's own.
     """
-    from usvauv.env import Scenario
-
-    users: dict[str, list[str]] = {}
-    for name in Scenario.shipped():
-        users.setdefault(default(Scenario.load(name)).partition(":")[0], []).append(name)
+    users = _users(default)
     groups: dict[str, list[Item]] = {}
     for name in registry:
         form, arguments = written(name)
-        default_in = f"Default in {', '.join(users[name])}" if name in users else ""
-        sentences = [part for part in (registry.meaning(name), arguments, default_in) if part]
-        groups.setdefault(registry.file(name), []).append((form, "".join(f"{part}. " for part in sentences)))
+        sentences = [f"{part}. " for part in (registry.meaning(name), arguments) if part]
+        groups.setdefault(registry.file(name), []).append((form, "".join(sentences) + users.get(name, "")))
     for file, items in groups.items():
         show(f"Of the plugin {Path(file).name}:" if file else title, items)
 
