@@ -31,7 +31,7 @@ from usvauv.kernels.flow import vortex
 
 WORLDS = 1024
 CURVES: dict[str, tuple[str, str, tuple[int, ...]]] = {
-    "worlds": ("extreme", "", (1, 4, 16, 64, 256, 1024, 4096, 16384)),
+    "worlds": ("extreme", "", tuple(4**power for power in range(10))),
     "AUVs": ("extreme", "auv.count", (2, 4, 8, 16)),
     "nodes": ("extreme", "nodes.count", (30, 100, 250, 500)),
     "vortices": ("extreme", "current.count", (1, 4, 9, 16, 36, 64)),
@@ -103,18 +103,10 @@ def draw(found: dict[str, list[dict[str, float]]], ground: Ground) -> Figure:
     """A panel a curve: the rate and its limits, on logarithmic axes."""
     figure = Figure(figsize=(9.6, 5.4), layout="constrained")
     panels = figure.subplots(2, 3, sharey=True).ravel()
-    lines = {
-        "rate": ("measured", "-o"),
-        "memory": ("limit of memory", "--"),
-        "operations": ("limit of operations", ":"),
-    }
     for axes, (name, rows) in zip(panels, found.items(), strict=False):
         counts = [int(row["count"]) for row in rows]
-        for colour, (key, (label, style)) in zip(ground.colours, lines.items(), strict=False):
-            axes.plot(
-                [row["count"] for row in rows], [row[key] for row in rows], style, color=colour, label=label, ms=4
-            )
-        counts = [int(row["count"]) for row in rows]
+        for colour, (key, (label, style)) in zip(ground.colours, LINES.items(), strict=False):
+            axes.plot(counts, [row[key] for row in rows], style, color=colour, label=label, ms=4)
         axes.set_xscale("log", base=2)
         axes.set_yscale("log")
         axes.set_xticks(counts, [f"{count:,}" if count < 1024 else f"{count // 1024}k" for count in counts])
@@ -133,7 +125,9 @@ def main() -> None:
     parser.add_argument("--worlds", type=int, default=WORLDS, help="of the curves against other numbers")
     parser.add_argument("--seconds", type=float, default=1.0, help="time spent on each rate, s")
     parser.add_argument("--out", type=Path, help="X.png: figures X-light.png and X-dark.png to write")
+    parser.add_argument("--arch", default="auto", choices=runtime.ARCHITECTURES, help="where the kernels run")
     arguments = parser.parse_args()
+    runtime.start(arguments.arch)
     print(json.dumps(describe()))
     machine = limits_of_machine()
     print(f"{machine['bytes'] / 1e9:.1f} GB/s, {machine['operations'] / 1e9:.0f} G operations/s")
@@ -141,7 +135,7 @@ def main() -> None:
     found: dict[str, list[dict[str, float]]] = {}
     for name, (_, field, counts) in CURVES.items():
         for count in counts:
-            if not field and count > 16 * arguments.worlds:
+            if not field and count > 16 * arguments.worlds:  # which fill no more of the machine
                 continue
             row = measure(name, count, arguments.worlds, machine, arguments.seconds)
             found.setdefault(name, []).append(row)

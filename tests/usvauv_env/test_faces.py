@@ -14,6 +14,7 @@ from pettingzoo.test import parallel_api_test, parallel_seed_test, render_test, 
 from pettingzoo.utils import parallel_to_aec
 
 from tests.links import EVERY_STEP
+from tests.usvauv_env.test_faults import until_seen
 from usvauv.env import Scenario, ScenarioError, World, parallel_env
 from usvauv.env.faces.camera import FPS, SIZE
 from usvauv.env.faces.gymnasium_env import DataCollectionEnv, DataCollectionVectorEnv
@@ -329,7 +330,7 @@ def test_nothing_goes_before_reset_and_all_goes_on_after_a_divergence(short, mak
     world = env._team.world if moves else env.world
     world.auv[...] = np.nan
     with pytest.raises(DivergenceError):
-        env.step(action)
+        until_seen(lambda: env.step(action))
     env.reset()
     env.step(action)
     assert env.render() is not None

@@ -20,6 +20,7 @@ def until_seen(step):
     """One step; on a graphics card two, because what one wrote is looked at in the next."""
     for _ in range(1 if runtime.start().on_cpu else 2):
         step()
+        runtime.synchronize()
 
 
 @pytest.fixture

@@ -198,7 +198,7 @@ def test_trace_agrees_with_the_reward_the_learner_sees():
     trace = record(world, act, "still")
     rewards = torch.stack([*rewards[1:], world.reward.sum(dim=1)]).double().mean(dim=0)
     arps = [row.arps for row in episode_metrics(trace)]
-    np.testing.assert_allclose(arps, rewards.numpy(), rtol=1e-5)
+    np.testing.assert_allclose(arps, rewards.cpu().numpy(), rtol=1e-5)
 
 
 def test_is_what_happens_in_worlds():

@@ -322,6 +322,9 @@ def coarse():
     return World(Scenario.load("extreme", ["sea.cell_size=20"]), 2, seed=1)
 
 
+AT_ONCE = pytest.mark.cpu("actions that a step looks at before it begins")
+
+
 class TestAction:
     """What a step takes in place of a contiguous tensor of float32, and how it refuses the rest."""
 
@@ -358,9 +361,9 @@ class TestAction:
             ("north", "must be numbers of shape"),
             (np.zeros((2, 2, 2), complex), "must be real numbers"),
             (torch.zeros(2, 2, 2, dtype=torch.complex64), "must be real numbers"),
-            (np.full((2, 2, 2), np.nan), "must be finite"),
-            (np.full((2, 2, 2), 1e300), "must be finite"),
-            (torch.full((2, 2, 2), 1e300, dtype=torch.float64), "must be finite"),
+            pytest.param(np.full((2, 2, 2), np.nan), "must be finite", marks=AT_ONCE),
+            pytest.param(np.full((2, 2, 2), 1e300), "must be finite", marks=AT_ONCE),
+            pytest.param(torch.full((2, 2, 2), 1e300, dtype=torch.float64), "must be finite", marks=AT_ONCE),
         ],
     )
     def test_anything_else_is_refused_in_words(self, coarse, action, said):

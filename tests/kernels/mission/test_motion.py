@@ -100,7 +100,7 @@ def test_dead_reckoning_sees_the_drift(sensor, measured, adrift):
     exact = ["navigation.velocity_noise=0", "navigation.velocity_bias=0", "channel.interval=60"]
     world = serving(20.0, f"navigation.sensor={sensor}", *exact)
     step_in(world, (3.0, 0.0))
-    assert world.exchange[0, 0, ExchangeColumn.step_x] == pytest.approx(measured, abs=1e-4)
+    assert world.exchange[0, 0, ExchangeColumn.step_x].item() == pytest.approx(measured, abs=1e-4)
     assert world.exchange[0, 0, ExchangeColumn.step_adrift] == adrift
     step_in(world, (1.0, 0.0))  # which it holds against
     assert world.exchange[0, 0, ExchangeColumn.step_x] == 0
@@ -206,7 +206,7 @@ def test_stations_stand_evenly_on_a_circle_turned_at_random():
     np.testing.assert_allclose(np.diff(angle, axis=1), 2 * math.pi / 5, atol=1e-5)
     turn = np.sort(angle[:, 0] % (2 * math.pi)) / (2 * math.pi)
     assert np.abs(turn - (np.arange(200) + 0.5) / 200).max() < 1.63 / math.sqrt(200)  # Kolmogorov–Smirnov, 1 %
-    assert torch.equal(world.auv[..., AuvColumn.target], torch.arange(5.0).expand(200, 5))
+    assert torch.equal(world.auv[..., AuvColumn.target].cpu(), torch.arange(5.0).expand(200, 5))
 
 
 def test_reward_is_distance_energy_and_room():
@@ -217,15 +217,16 @@ def test_reward_is_distance_energy_and_room():
     for _ in range(30):
         _, reward, terminated, _, info = world.step(2 * torch.rand(16, 3, 2, generator=random) - 1)
         assert not terminated.any()
-    place = world.auv[..., AuvColumn.span("x", "y")].double()
-    away = (world.node[..., NodeColumn.span("x", "y")] - place).norm(dim=-1)
-    speed = world.auv[..., AuvColumn.span("water_x", "water_y")].double().norm(dim=-1)
+    auv, node = world.auv.double().cpu(), world.node.cpu()
+    place = auv[..., AuvColumn.span("x", "y")]
+    away = (node[..., NodeColumn.span("x", "y")] - place).norm(dim=-1)
+    speed = auv[..., AuvColumn.span("water_x", "water_y")].norm(dim=-1)
     power = speed.clone().apply_(travelling_power)
     apart = (place[:, :, None] - place[:, None]).norm(dim=-1) + 1e6 * torch.eye(3)
     crowding = (12 - apart).clamp(min=0).sum(-1)
-    border = world.auv[..., AuvColumn.border]
+    border = auv[..., AuvColumn.border]
     expected = -0.05 * away - 0.01 * power - 6 * crowding - 0.1 * border
-    torch.testing.assert_close(reward.double(), expected, rtol=1e-4, atol=1e-4)
+    torch.testing.assert_close(reward.double().cpu(), expected, rtol=1e-4, atol=1e-4)
     unused = [world.reward_names.index(name) for name in ("overflow", "service", "collaboration")]
     assert (info["reward_terms"][..., unused] == 0).all()
 

@@ -53,7 +53,7 @@ def test_packets_are_conserved(name, overrides):
     recorder, services = Recorder(world), 0
     for step in range(300):
         if step == 150:
-            some = torch.arange(16) % 3 == 0
+            some = torch.arange(16, device=world.device) % 3 == 0
             world.reset(some)
             held = torch.where(some, backlogs(world), held)
         if step == 230:

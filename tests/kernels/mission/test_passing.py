@@ -43,7 +43,7 @@ def fly(world, steps):
     for _ in range(steps):
         world.auv[..., AuvColumn.span("current_x", "current_y")] = 0.0
         world.step([[[SPEED / world.scenario.auv.speed_max, 0.0]]])
-        rows.append(world.auv[0, 0].double().numpy().copy())
+        rows.append(world.auv[0, 0].double().cpu().numpy())
         if rows[-1][AuvColumn.hovering] and not rows[-1][AuvColumn.hover]:
             break
     return {name: np.array(rows)[:, n] for n, name in enumerate(AuvColumn.names)}
@@ -180,7 +180,7 @@ class TestLoiter:
         rows, observation = [], world.observation
         for _ in range(140):
             observation = world.step(policy.act(observation)).observation
-            rows.append(world.auv[0, 0].double().numpy().copy())
+            rows.append(world.auv[0, 0].double().cpu().numpy())
         seen = {name: np.array(rows)[-60:, n] for n, name in enumerate(AuvColumn.names)}
         distance = np.hypot(seen["x"] - NODE[0], seen["y"] - NODE[1])
         assert distance == pytest.approx(25.0, abs=1.5)
