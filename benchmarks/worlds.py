@@ -36,7 +36,7 @@ VMAS_TASKS = {"navigation": {"n_agents": 2}, "simple_spread": {}}
 
 START = """
 import json, sys, time
-import torch, policies
+import torch
 from usvauv.env import Scenario, World
 scenario = Scenario.load("extreme")
 begin = time.perf_counter()
@@ -190,7 +190,7 @@ def measure(largest: int, seconds: float) -> dict[str, object]:
 def print_curve(scenario: Scenario, sizes: list[int], seconds: float) -> None:
     """Rates against the number of worlds alone, and with the learned policy that ships."""
     print(json.dumps(describe()))
-    name = f"sac-{scenario.name}"
+    name = scenario.reference.policy or f"sac-{scenario.name}"
     for size in sizes:
         for part, found in measure_batch(size, scenario, name, seconds).items():
             rate = found["agent_steps_per_second"]

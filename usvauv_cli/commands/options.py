@@ -94,8 +94,8 @@ def preparing(scenario: Scenario, arch: str) -> None:
     """
     from usvauv.kernels import runtime
 
-    runtime.start(arch)
-    line = f"preparing {scenario.name}; its kernels are compiled the first time, for about 6 s …"
+    seconds = 6 if runtime.start(arch).on_cpu else 25
+    line = f"preparing {scenario.name}; its kernels are compiled the first time, for about {seconds} s …"
     print(line, file=sys.stderr, flush=True)
 
 
