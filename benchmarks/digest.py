@@ -40,6 +40,8 @@ MISSIONS = [  # scenario, overrides, the boat's strategy
     ("extreme", ["usbl.model=waveform"], "fim"),
     ("survey", [], "fim"),
     ("wide", [], "belief"),
+    ("extreme-torpedo", [], "fim"),
+    ("wide-torpedo", [], "belief"),
     ("ideal", PAPER_OBJECTIVE, "fim"),
 ]
 SEAS = [

@@ -9,7 +9,7 @@ added mass,
     D ν = (d_u u, d_v v + ½ρ C_d T F, d_r r + d_rr |r| r + ½ρ C_d T G),
 
 with the draught T and the cross-flow along the hull F = ∫ |v + x r| (v + x r) dx, G = ∫ x |v + x r| (v + x r) dx from
-−L/2 to L/2, `cross_flow`. A propeller at n rad/s has the thrust k n² ahead and −k' n² astern; n follows its order with
+−L/2 to L/2. A propeller at n rad/s has the thrust k n² ahead and −k' n² astern; n follows its order with
 a lag, exactly. The propellers stand at ∓y from the centre line, so τ = (T_l + T_r, 0, y (T_l − T_r)) and the wind's
 
     X = ½ρ_a c_x A_F |V| V_x,   Y = ½ρ_a c_y A_L |V| V_y,   N = −ρ_a c_n A_L L V_x V_y,
@@ -33,11 +33,11 @@ import taichi as ti
 
 from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.types import Columns, array1, array2, vec2, vec6
+from usvauv.kernels.vehicles.vehicle import cross_flow
 
 LONGEST = 0.2  # s, of a substep
 AIR = 1.225  # kg/m³
 SEA_WATER = 1025.0  # kg/m³
-TINY = 1e-12
 
 
 class Number(Columns):
@@ -149,21 +149,6 @@ def wrap(angle: ti.f32) -> ti.f32:
 
 
 @func
-def cross_flow(v: ti.f32, r: ti.f32, length: ti.f32) -> vec2:
-    """(∫ |v + x r| (v + x r) dx, ∫ x |v + x r| (v + x r) dx) over a hull of that length, exactly; m³/s², m⁴/s².
-
-    With h = r L/2, V = max(|v|, |h|) and t = min(|v|, |h|)/V they are L V v (1 + t²/3) and ¼ L² V h (½ + s² − s⁴/6),
-    s = min(|v/h|, 1) being where on the half hull the flow changes side: |v| v L in pure sway, |r| r L⁴/32 in pure yaw.
-    """
-    h = 0.5 * length * r
-    most, least = ti.max(ti.abs(v), ti.abs(h)), ti.min(ti.abs(v), ti.abs(h))
-    t = least / ti.max(most, TINY)
-    s = least / ti.max(ti.abs(h), TINY)
-    force = length * most * v * (1.0 + t * t / 3.0)
-    return vec2(force, 0.25 * length * length * most * h * (0.5 + s * s - s * s * s * s / 6.0))
-
-
-@func
 def thrusts(table: ti.template(), n: vec2) -> vec2:
     """Of the propellers at n rad/s, left and right, N."""
     return n * ti.abs(n) * ti.select(n > 0.0, table[Number.ahead], table[Number.astern])
@@ -181,20 +166,21 @@ def rates(table: ti.template(), s: vec6, T: vec2, air: vec2) -> vec6:
     wind_x = c * air[0] + si * air[1] - u
     wind_y = c * air[1] - si * air[0] - v
     wind = ti.sqrt(wind_x * wind_x + wind_y * wind_y)
-    cross = cross_flow(v, r, table[Number.length])
+    half = 0.5 * table[Number.length]
+    cross, cross_moment = cross_flow(v, half * r)
     sideways = table[Number.m22] * v + table[Number.m23] * r
     X = T[0] + T[1] - table[Number.damping_surge] * u + table[Number.wind_surge] * wind * wind_x + sideways * r
     Y = (
         table[Number.wind_sway] * wind * wind_y
         - table[Number.damping_sway] * v
-        - table[Number.cross_flow] * cross[0]
+        - table[Number.cross_flow] * half * cross
         - table[Number.m11] * u * r
     )
     N = (
         table[Number.lever] * (T[0] - T[1])
         - table[Number.wind_yaw] * wind_x * wind_y
         - (table[Number.damping_yaw] + table[Number.damping_turn] * ti.abs(r)) * r
-        - table[Number.cross_flow] * cross[1]
+        - table[Number.cross_flow] * half * half * cross_moment
         - sideways * u
         + table[Number.m11] * u * v
     )

@@ -41,12 +41,22 @@ from usvauv.kernels.functions import func
 from usvauv.kernels.vehicles import autopilot, gains
 from usvauv.kernels.vehicles.kinematics import Triple, axes, dot, gradient, gradient_transposed, velocity_of_water
 from usvauv.kernels.vehicles.numbers import GRAVITY, NUMBERS, Constant, constants_of
-from usvauv.kernels.vehicles.vehicle import LANES, Actuators, Body, Vehicle, lanes, magnitude, positive, vehicles
+from usvauv.kernels.vehicles.vehicle import (
+    LANES,
+    TINY,
+    Actuators,
+    Body,
+    Vehicle,
+    cross_flow,
+    lanes,
+    magnitude,
+    positive,
+    vehicles,
+)
 
 SUBSTEP = 0.05  # s
 STAGES = 2
 TURNING = 10.0  # m
-TINY = 1e-12
 # Limits of velocities through the water, ahead and across, m/s, and of those of roll and turn, rad/s: beyond, drag of
 # the cross-flow is too stiff for the substep.
 AHEAD, ACROSS, ROLL, TURN = 15.0, 5.0, 20.0, 5.0
@@ -64,21 +74,6 @@ Rates = ti.types.struct(
     r=lanes,
     energy=lanes,
 )
-CrossFlow = ti.types.struct(force=lanes, moment=lanes)
-
-
-@func
-def cross_flow(v, h) -> CrossFlow:
-    """∫ |v + h s| (v + h s) ds and ∫ s |v + h s| (v + h s) ds over s from −1 to 1, without a division by h."""
-    V, H = magnitude(v), magnitude(h)
-    large, small = ti.max(V, H), ti.min(V, H)
-    t = small / ti.max(large, TINY)
-    s = small / ti.max(H, TINY)  # the flow has its sign changed at s, if it is below 1
-    s2 = s * s
-    return CrossFlow(
-        force=2.0 * v * large * (1.0 + t * t / 3.0),
-        moment=h * large * (0.5 + s2 - s2 * s2 / 6.0),
-    )
 
 
 @func
@@ -97,8 +92,8 @@ def hull(table: ti.template(), u, v, w) -> Triple:
 
 
 @func
-def fin(table: ti.template(), area, slope, angle, u, v) -> CrossFlow:
-    """Force of a pair of fins, N: `force` across and `moment` ahead, turned by an angle in a flow of velocity −(u, v).
+def fin(table: ti.template(), area, slope, angle, u, v):
+    """Force of a pair of fins across and ahead, N, turned by an angle in a flow of velocity −(u, v).
 
     With S = U sin α and K = U cos α, α = angle + arctan(v/u): C_L U² = slope S K and C_D U² = (slope S K)²/(π e AR U²);
     beyond stall those of a plate, 2 |S| S K/U and 2 |S|³/U.
@@ -114,17 +109,17 @@ def fin(table: ti.template(), area, slope, angle, u, v) -> CrossFlow:
     wing = slope * S * K
     lift = (attached * wing + plate * K) / U
     drag = (attached * table[Constant.fin_induced] * wing * wing / U2 + plate * S) / U
-    return CrossFlow(force=area * -1.0 * (lift * u + drag * v), moment=area * (lift * v - drag * u))
+    return area * -1.0 * (lift * u + drag * v), area * (lift * v - drag * u)
 
 
 @func
-def propeller(table: ti.template(), n, u) -> CrossFlow:
-    """Thrust, N, as `force`, and the torque that its shaft takes, N m, as `moment`."""
+def propeller(table: ti.template(), n, u):
+    """Thrust, N, and the torque that its shaft takes, N m."""
     turning = magnitude(n) * n
     through = ti.max(n, 0.0) * ti.max(u, 0.0)
-    return CrossFlow(
-        force=table[Constant.thrust_0] * turning + table[Constant.thrust_slope] * through,
-        moment=table[Constant.torque_0] * turning + table[Constant.torque_slope] * through,
+    return (
+        table[Constant.thrust_0] * turning + table[Constant.thrust_slope] * through,
+        table[Constant.torque_0] * turning + table[Constant.torque_slope] * through,
     )
 
 
@@ -133,24 +128,25 @@ def forces(table: ti.template(), body, p, q, r, water) -> Wrench:
     """Damping, fins and propeller. `p`, `q`, `r`: angular velocity relative to the water, as `Damping` above has it."""
     u, v, w, drag = body.u, body.v, body.w, water.drag
     half = table[Constant.half_length]
-    sway, heave = cross_flow(v, half * r), cross_flow(w, half * -1.0 * q)
+    sway, sway_moment = cross_flow(v, half * r)
+    heave, heave_moment = cross_flow(w, half * -1.0 * q)
     place = table[Constant.hull_lift_place]
     lift = hull(table, u, v + place * r, w - place * q)
     tail = table[Constant.fin_place]
     area, slope = table[Constant.rudder_area] * water.fins, table[Constant.rudder_lift]
-    rudder = fin(table, area, slope, body.rudder, u, v + tail * r)
+    rudder, rudder_ahead = fin(table, area, slope, body.rudder, u, v + tail * r)
     area, slope = table[Constant.stern_area] * water.fins, table[Constant.stern_lift]
-    stern = fin(table, area, slope, body.stern, u, w - tail * q)
-    thrust = propeller(table, body.propeller, u)
+    stern, stern_ahead = fin(table, area, slope, body.stern, u, w - tail * q)
+    thrust, torque = propeller(table, body.propeller, u)
     across, linear = table[Constant.cross_drag] * 0.5, table[Constant.linear_sway]
     turning = table[Constant.linear_turn]
     return Wrench(
-        x=drag * (lift.x - table[Constant.axial_drag] * magnitude(u) * u) + rudder.moment + stern.moment + thrust.force,
-        y=drag * (lift.y - across * sway.force - linear * v) + rudder.force,
-        z=drag * (lift.z - across * heave.force - linear * w) + stern.force,
-        roll=drag * -1.0 * table[Constant.linear_roll] * p - thrust.moment,
-        pitch=drag * (half * across * heave.moment - place * lift.z - turning * q) - tail * stern.force,
-        yaw=drag * (place * lift.y - half * across * sway.moment - turning * r) + tail * rudder.force,
+        x=drag * (lift.x - table[Constant.axial_drag] * magnitude(u) * u) + rudder_ahead + stern_ahead + thrust,
+        y=drag * (lift.y - across * sway - linear * v) + rudder,
+        z=drag * (lift.z - across * heave - linear * w) + stern,
+        roll=drag * -1.0 * table[Constant.linear_roll] * p - torque,
+        pitch=drag * (half * across * heave_moment - place * lift.z - turning * q) - tail * stern,
+        yaw=drag * (place * lift.y - half * across * sway_moment - turning * r) + tail * rudder,
     )
 
 
@@ -201,7 +197,7 @@ def rates(table: ti.template(), body, water) -> Rates:
     roll = forced.roll * share + arm * (turned_y + dot(weighed, axis.y)) - (Iz - Iy) * q * r
     pitch = forced.pitch * share - arm * (turned_x + dot(weighed, axis.x)) - (Ix - Iz) * p * r + slender * w
     yaw = forced.yaw * share - (Iy - Ix) * p * q - slender * v
-    shaft = propeller(table, body.propeller, u).moment
+    _, torque = propeller(table, body.propeller, u)
     return Rates(
         north=through.x + V.x,
         east=through.y + V.y,
@@ -212,7 +208,7 @@ def rates(table: ti.template(), body, water) -> Rates:
         p=table[Constant.vp_vp] * y + table[Constant.vp_pp] * roll,
         q=table[Constant.uq_uq] * x + table[Constant.uq_qq] * pitch,
         r=table[Constant.yaw] * yaw,
-        energy=ti.max(TWO_PI * body.propeller * shaft, 0.0) / table[Constant.efficiency] + table[Constant.hotel],
+        energy=ti.max(TWO_PI * body.propeller * torque, 0.0) / table[Constant.efficiency] + table[Constant.hotel],
     )
 
 
@@ -311,7 +307,8 @@ def trim(table: ti.template(), speed, depth, heading) -> Body:
     root = ti.sqrt(slope * slope + 4.0 * bollard * table[Constant.axial_drag] * speed * speed)
     n = ti.min((root - slope) / (2.0 * bollard), table[Constant.propeller_limit])
     righting = GRAVITY * table[Constant.mass] * table[Constant.weight_below]
-    heel = within(0.0 - propeller(table, n, speed).moment / ti.max(righting, TINY), 0.9)
+    _, torque = propeller(table, n, speed)
+    heel = within(0.0 - torque / ti.max(righting, TINY), 0.9)
     upright = ti.sqrt(0.5 + 0.5 * ti.sqrt(1.0 - heel * heel))
     heeled = 0.5 * heel / upright
     cos, sin = heading, heading

@@ -19,6 +19,7 @@ from usvauv.kernels.functions import func
 from usvauv.kernels.registry import Registry
 
 LANES = 16
+TINY = 1e-12
 lanes = ti.types.vector(LANES, ti.f32)
 blocks = ti.types.ndarray(dtype=lanes, ndim=2)
 
@@ -33,6 +34,23 @@ def magnitude(x: lanes) -> lanes:
 def positive(x: lanes) -> lanes:
     """1 where x is above 1e-30, 0 where it is not above 0: a share that takes the place of a condition."""
     return ti.min(ti.max(x * 1e30, 0.0), 1.0)
+
+
+@func
+def cross_flow(v, h):
+    """∫ |v + h s| (v + h s) ds and ∫ s |v + h s| (v + h s) ds over s from −1 to 1, exactly; numbers or vectors, m/s.
+
+    For a hull of length L with h = r L/2 they are 2/L times ∫ |v + x r| (v + x r) dx and 4/L² times
+    ∫ x |v + x r| (v + x r) dx. With V = max(|v|, |h|) and t = min(|v|, |h|)/V they are 2 v V (1 + t²/3) and
+    h V (½ + s² − s⁴/6), s = min(|v/h|, 1) being where the flow changes side: |v| v L in pure sway and |r| r L⁴/32 in
+    pure yaw.
+    """
+    V, H = ti.max(v, 0.0 - v), ti.max(h, 0.0 - h)
+    large, small = ti.max(V, H), ti.min(V, H)
+    t = small / ti.max(large, TINY)
+    s = small / ti.max(H, TINY)
+    s2 = s * s
+    return 2.0 * v * large * (1.0 + t * t / 3.0), h * large * (0.5 + s2 - s2 * s2 / 6.0)
 
 
 @ti.dataclass

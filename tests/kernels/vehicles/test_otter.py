@@ -13,6 +13,7 @@ from usvauv.kernels.functions import kernel
 from usvauv.kernels.types import array1, array2, vec2
 from usvauv.kernels.vehicles import otter
 from usvauv.kernels.vehicles.otter import HullColumn
+from usvauv.kernels.vehicles.vehicle import cross_flow
 
 NUMBERS = Otter.model_validate({}).model_dump()
 UNDAMPED = dict.fromkeys(("damping_surge", "damping_sway", "damping_yaw", "damping_turn", "cross_flow"), 0.0)
@@ -32,8 +33,9 @@ def sailed(hulls, orders, air=(0.0, 0.0), dt=0.1, time=10.0, **changes):
 @kernel
 def integrals(flow: array2, length: ti.f32, out: array2):
     for i in range(flow.shape[0]):
-        found = otter.cross_flow(flow[i, 0], flow[i, 1], length)
-        out[i, 0], out[i, 1] = found[0], found[1]
+        half = 0.5 * length
+        force, moment = cross_flow(flow[i, 0], half * flow[i, 1])
+        out[i, 0], out[i, 1] = half * force, half * half * moment
 
 
 @kernel
