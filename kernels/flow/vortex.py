@@ -16,12 +16,14 @@ In a pattern that repeats with the period L in x and y (`Eddies.period`) a vorte
 uniform vorticity −Γ/L² without which a periodic field cannot be. In complex form, with z = x + iy from the vortex to
 the nearest image, |x|, |y| ≤ L/2:
 
-    u − iv = Γ/(2πi) (ζ(z) − π z̄/L²),   ζ(z) = 1/z − Σ_k G_4k z^{4k−1}/L^{4k},
+    u − iv = Γ/(2πi) (ζ(z) − π z̄/L²),   ζ(z) = 1/z − Σ_k c_k z^{4k−1}/L^{4k},
 
-where ζ is Weierstrass' function of the square lattice and G_n = Σ' (m + in)^{−n} are its Eisenstein sums; the pole has
-the factor of the core above. Sums over the circle's other multiples vanish by symmetry, as does the constant that a
-lattice without this symmetry adds to π z̄/L². The vorticity is that of the core less Γ/L², the divergence 0. With six
-terms the velocity jumps by at most 1e-3 Γ/(2πL) where the nearest image changes. Images' cores are left out, an error
+where ζ is Weierstrass' function of the square lattice; the pole has the factor of the core above. Of its series, with
+the Eisenstein sums G_4k = Σ' (m + in)^{−4k} for c_k, four terms would be off by 4.4e-3 Γ/(2πL) in the square's corners;
+fitted to ζ on the square's edge in the uniform norm, where the error of an analytic function is greatest, four are off
+by 1.3e-4 at most, and by twice that the velocity jumps where the nearest image changes. Sums over the circle's other
+multiples vanish by symmetry, as does the constant that a lattice without this symmetry adds to π z̄/L². The vorticity is
+that of the core less Γ/L², the divergence 0, whatever the c_k. Images' cores are left out, an error
 of e^{−(L/2δ)²} of the velocity. The centres then follow Hamilton's equations on a torus, so by Liouville's theorem
 centres that are uniform and independent once are so for ever: the field is stationary.
 Source: Weiss and McWilliams (1991), doi 10.1063/1.858014; Whittaker and Watson, "A Course of Modern Analysis", ch. XX.
@@ -40,9 +42,9 @@ from usvauv.kernels.types import Columns, array3, columns
 
 LANES = 16  # vortices side by side
 PLACES = 8  # places side by side
-IMAGES = 6  # terms of ζ besides the pole
+IMAGES = 3.15120262, 4.25286493, 3.82483015, 2.82903353  # c_k of ζ
 FAR = 16.0  # r²/δ² from which on 1 − e^{−r²/δ²} counts as that at 16, within 2e-7 of 1
-LEAST = 1e-30  # of r²
+LEAST = 1e-30  # added to r²
 
 lanes = ti.types.vector(LANES, ti.f32)
 blocks3 = ti.types.ndarray(dtype=lanes, ndim=3)
@@ -68,21 +70,6 @@ class Eddies(NamedTuple):
 ENDLESS = Eddies()
 
 
-def eisenstein_sums(count: int) -> list[float]:
-    """G_4, G_8, …, G_4·count of the lattice of whole complex numbers.
-
-    G_4 = Γ(1/4)⁸/(960 π²), and c_n = (2n − 1) G_2n of the series of ℘ has c_n = 3/((2n + 1)(n − 3)) Σ c_m c_{n−m}
-    over m from 2 to n − 2. Source: Abramowitz and Stegun, 18.5.3.
-    """
-    c = {2: 3.0 * math.gamma(0.25) ** 8 / (960.0 * math.pi**2)}
-    for n in range(4, 2 * count + 1, 2):
-        c[n] = 3.0 / ((2 * n + 1) * (n - 3)) * sum(c[m] * c[n - m] for m in range(2, n - 1, 2))
-    return [c[2 * k] / (4 * k - 1) for k in range(1, count + 1)]
-
-
-EISENSTEIN = tuple(eisenstein_sums(IMAGES))
-
-
 class Vortex(Columns):
     """A vortex, (W, V, 4)."""
 
@@ -94,13 +81,13 @@ class Vortex(Columns):
 
 # Rows of the workspace of a step, LANES vortices side by side: vortices with δ², what `carry` finds, where centres
 # began, and the weighted mean of the stages' velocities.
-Work = columns("x", "y", "Gamma", "delta2", "u", "v", "start_x", "start_y", "mean_u", "mean_v")
+Work = columns("x", "y", "Gamma", "width2", "u", "v", "start_x", "start_y", "mean_u", "mean_v")
 
 
 @func
-def core(s):
-    """n(s) = 1 − e^{−s} for s ≥ 0, within 4e-7 of itself: a polynomial for n(s/16), and n(2t) = n(t) (2 − n(t))."""
-    t = ti.min(s, FAR) * (1.0 / 16.0)
+def core(t):
+    """n = 1 − e^{−16t} for t ≥ 0, within 4e-7 of itself: a polynomial for 1 − e^{−t}, and n(2t) = n(t) (2 − n(t))."""
+    t = ti.min(t, 1.0)
     high = 0.0414065988 - t * (0.00782370753 - t * 0.000907157727)
     n = t * (0.999999921 - t * (0.499994584 - t * (0.166605221 - t * high)))
     for _ in ti.static(range(4)):
@@ -109,21 +96,21 @@ def core(s):
 
 
 @func
-def images(x, y, r2):
-    """Real and imaginary part of Σ_k G_4k z^{4k−2} for z = x + iy, r2 = |z|², |x|, |y| ≤ ½.
+def images(x, y, x2, y2):
+    """Real and imaginary part of Σ_k c_k z^{4k−2} for z = x + iy, x2 = x², y2 = y², |x|, |y| ≤ ½.
 
     The polynomial in q = z⁴ is summed by Horner's rule for real coefficients, b_k = c_k + 2 Re(q) b_{k+1} −
     |q|² b_{k+2} (Knuth, "Seminumerical Algorithms", §4.6.4).
     """
-    real, imaginary = x * x - y * y, 2.0 * x * y  # of z²
-    r4 = r2 * r2
+    real, imaginary = x2 - y2, (x + x) * y  # of z²
+    r4 = (x2 + y2) * (x2 + y2)
     size = r4 * r4
-    q = r4 - 2.0 * imaginary * imaginary
-    after = ti.static(EISENSTEIN[-2]) + 2.0 * q * ti.static(EISENSTEIN[-1])
-    b = ti.static(EISENSTEIN[-3]) + 2.0 * q * after - size * ti.static(EISENSTEIN[-1])
-    for k in ti.static(range(IMAGES - 4, 0, -1)):
-        b, after = ti.static(EISENSTEIN[k]) + 2.0 * q * b - size * after, b
-    series, turned = ti.static(EISENSTEIN[0]) + q * b - size * after, 2.0 * real * imaginary * b
+    half = imaginary * imaginary
+    q = r4 - (half + half)
+    q2 = q + q
+    b3 = ti.static(IMAGES[2]) + q2 * ti.static(IMAGES[3])
+    b2 = ti.static(IMAGES[1]) + q2 * b3 - size * ti.static(IMAGES[3])
+    series, turned = ti.static(IMAGES[0]) + q * b2 - size * b3, (real + real) * imaginary * b2
     return real * series - imaginary * turned, real * turned + imaginary * series
 
 
@@ -134,22 +121,30 @@ def nearest(d: ti.f32, period: ti.template()) -> ti.f32:
 
 
 @func
-def induced(dx, dy, delta2, period: ti.template()):
-    """2πL times the velocity (m/s) at (dx, dy), m, from a vortex of circulation 1 m²/s; L is 1 m without a period.
+def per_length(period: ti.template()):
+    """1/L, of which lengths are shares in `induced`; 1 without a period."""
+    return ti.static(1.0 / (period or 1.0))
+
+
+@func
+def induced(x, y, width2, period: ti.template()):
+    """2πL times the velocity (m/s) at (x, y) from a vortex of circulation 1 m²/s.
 
     Numbers or vectors of numbers, without branches. A vortex adds exactly 0 at its centre.
+
+    Args:
+        x, y: over L. width2: `FAR` δ²/L².
     """
-    per_length = ti.static(1.0 / (period or 1.0))
-    x, y = dx * per_length, dy * per_length
-    background = ti.static(math.pi if period > 0 else 0.0)
     if ti.static(period > 0):
         x, y = x - ti.floor(x + 0.5), y - ti.floor(y + 0.5)
-    r2 = ti.max(x * x + y * y, LEAST)
-    turn = core(r2 / (delta2 * ti.static(per_length * per_length))) / r2
-    u, v = (background - turn) * y, (turn - background) * x
+    x2, y2 = x * x, y * y
+    r2 = x2 + y2 + LEAST
+    turn = core(r2 / width2) / r2
+    u, v = (0.0 - turn) * y, turn * x
     if ti.static(period > 0):
-        real, imaginary = images(x, y, r2)
-        u, v = u - (y * real + x * imaginary), v + (y * imaginary - x * real)
+        real, imaginary = images(x, y, x2, y2)
+        turn = math.pi - turn
+        u, v = (turn - real) * y - x * imaginary, y * imaginary - (turn + real) * x
     return u, v
 
 
@@ -161,10 +156,13 @@ def current(vortex: ti.template(), w: ti.i32, x, y, period: ti.template()):
         vortex: of shape (W, V, 4).
         x, y: m. period: of `Eddies`.
     """
+    scale = per_length(period)
+    x, y = x * scale, y * scale
     u, v = 0.0 * x, 0.0 * y
     for n in range(vortex.shape[1]):
-        delta2 = vortex[w, n, Vortex.delta] * vortex[w, n, Vortex.delta]
-        along_x, along_y = induced(x - vortex[w, n, Vortex.x], y - vortex[w, n, Vortex.y], delta2, period)
+        delta = vortex[w, n, Vortex.delta] * scale
+        x_n, y_n = vortex[w, n, Vortex.x] * scale, vortex[w, n, Vortex.y] * scale
+        along_x, along_y = induced(x - x_n, y - y_n, FAR * delta * delta, period)
         u += vortex[w, n, Vortex.Gamma] * along_x
         v += vortex[w, n, Vortex.Gamma] * along_y
     share = ti.static(0.5 / math.pi / (period or 1.0))
@@ -172,51 +170,77 @@ def current(vortex: ti.template(), w: ti.i32, x, y, period: ti.template()):
 
 
 @func
-def load(vortex: ti.template(), work: ti.template(), w: ti.i32):
-    """Put the vortices of a world into the workspace, which is filled up with vortices of no circulation."""
-    count = vortex.shape[1]
+def load(vortex: ti.template(), work: ti.template(), w: ti.i32, period: ti.template()):
+    """Put the vortices of a world into the workspace; lanes beyond the last vortex have no circulation."""
+    scale = per_length(period)
+    for v in range(vortex.shape[1]):
+        g, n = v // LANES, v % LANES
+        delta = vortex[w, v, Vortex.delta] * scale
+        work[w, Work.start_x, g][n] = vortex[w, v, Vortex.x] * scale
+        work[w, Work.start_y, g][n] = vortex[w, v, Vortex.y] * scale
+        work[w, Work.Gamma, g][n] = vortex[w, v, Vortex.Gamma]
+        work[w, Work.width2, g][n] = FAR * delta * delta
     for g in range(work.shape[2]):
-        for c in ti.static(range(4)):
-            row = lanes(0.0)
-            for n in ti.static(range(LANES)):
-                if g * LANES + n < count:
-                    row[n] = vortex[w, g * LANES + n, c]
-            if ti.static(c == Vortex.delta):
-                row *= row
-            work[w, c, g] = row
-        work[w, Work.start_x, g] = work[w, Work.x, g]
-        work[w, Work.start_y, g] = work[w, Work.y, g]
+        work[w, Work.x, g] = work[w, Work.start_x, g]
+        work[w, Work.y, g] = work[w, Work.start_y, g]
         work[w, Work.mean_u, g] = lanes(0.0)
         work[w, Work.mean_v, g] = lanes(0.0)
+
+
+@func
+def passed_on(row: lanes, size: ti.i32) -> lanes:
+    """The first lanes of a row as a ring of some size, each with what the next one had."""
+    lane = ti.Vector(ti.static(list(range(LANES))), ti.i32)
+    moved = ti.Vector([row[(n + 1) % LANES] for n in ti.static(range(LANES))])
+    return ti.select(lane == size - 1, lanes(row[0]), moved)
 
 
 @func
 def carry(work: ti.template(), w: ti.i32, count: ti.i32, period: ti.template()):
     """2πL times the velocities (m/s) of all centres of a world from the other vortices, into the workspace.
 
-    Each vortex carries those of its own group and of the groups before, and these of groups before carry it.
-    Sums are written out: `+=` on an array would be an atomic.
+    Each pair is met once. In a group of lanes the vortices stand in a ring: its copy is passed on by one lane a time,
+    half way round, and collects what its own vortices owe to those that they meet. Each vortex also carries the groups
+    before its own, and these carry it. Sums are written out: `+=` on an array would be an atomic.
     """
     lane = ti.Vector(ti.static(list(range(LANES))), ti.i32)
     for g in range(work.shape[2]):
-        work[w, Work.u, g] = lanes(0.0)
-        work[w, Work.v, g] = lanes(0.0)
-    for i in range(count):
-        own, n = i // LANES, i % LANES
-        x, y = work[w, Work.x, own][n], work[w, Work.y, own][n]
-        Gamma, delta2 = work[w, Work.Gamma, own][n], work[w, Work.delta2, own][n]
-        back_u, back_v = lanes(0.0), lanes(0.0)
-        for g in range(own + 1):
-            u, v = induced(work[w, Work.x, g] - x, work[w, Work.y, g] - y, work[w, Work.delta2, g] + delta2, period)
-            work[w, Work.u, g] = work[w, Work.u, g] + Gamma * u
-            work[w, Work.v, g] = work[w, Work.v, g] + Gamma * v
-            if g < own:
-                back_u += work[w, Work.Gamma, g] * u
-                back_v += work[w, Work.Gamma, g] * v
-        if own > 0:
-            here = ti.select(lane == n, lanes(1.0), lanes(0.0))
-            work[w, Work.u, own] = work[w, Work.u, own] - here * back_u.sum()
-            work[w, Work.v, own] = work[w, Work.v, own] - here * back_v.sum()
+        size = ti.min(count - g * LANES, LANES)
+        x, y = work[w, Work.x, g], work[w, Work.y, g]
+        Gamma, width2 = work[w, Work.Gamma, g], work[w, Work.width2, g]
+        met_x, met_y, met_Gamma, met_width2 = x, y, Gamma, width2
+        u, v, back_u, back_v = lanes(0.0), lanes(0.0), lanes(0.0), lanes(0.0)
+        for turn in range(1, size + 1):  # the last one brings the copy home
+            met_x, met_y = passed_on(met_x, size), passed_on(met_y, size)
+            met_Gamma, met_width2 = passed_on(met_Gamma, size), passed_on(met_width2, size)
+            back_u, back_v = passed_on(back_u, size), passed_on(back_v, size)
+            if 2 * turn <= size:
+                along_u, along_v = induced(x - met_x, y - met_y, width2 + met_width2, period)
+                u += met_Gamma * along_u
+                v += met_Gamma * along_v
+                if 2 * turn < size:  # else both of a pair meet the other
+                    back_u = back_u - Gamma * along_u
+                    back_v = back_v - Gamma * along_v
+        u += back_u
+        v += back_v
+        if g > 0:
+            for n in range(size):
+                x_n, y_n = work[w, Work.x, g][n], work[w, Work.y, g][n]
+                Gamma_n, width2_n = work[w, Work.Gamma, g][n], work[w, Work.width2, g][n]
+                back_u, back_v = lanes(0.0), lanes(0.0)
+                for h in range(g):
+                    along_u, along_v = induced(
+                        work[w, Work.x, h] - x_n, work[w, Work.y, h] - y_n, work[w, Work.width2, h] + width2_n, period
+                    )
+                    work[w, Work.u, h] = work[w, Work.u, h] + Gamma_n * along_u
+                    work[w, Work.v, h] = work[w, Work.v, h] + Gamma_n * along_v
+                    back_u += work[w, Work.Gamma, h] * along_u
+                    back_v += work[w, Work.Gamma, h] * along_v
+                here = ti.select(lane == n, lanes(1.0), lanes(0.0))
+                u = u - here * back_u.sum()
+                v = v - here * back_v.sum()
+        work[w, Work.u, g] = u
+        work[w, Work.v, g] = v
 
 
 @kernel
@@ -232,20 +256,21 @@ def _evolve(
     ti.loop_config(serialize=serial)
     for w in range(vortex.shape[0]):
         count = vortex.shape[1]
+        scale = per_length(eddies.period)
+        share = ti.static(0.5 / math.pi / (eddies.period or 1.0) * eddies.column)
         if mutual != 0:
-            load(vortex, work, w)
-            for stage in range(4):
+            load(vortex, work, w, eddies.period)
+            for stage in range(3):
                 carry(work, w, count, eddies.period)
-                weight = ti.select(stage == 1 or stage == 2, 1.0 / 3.0, 1.0 / 6.0)
-                time = ti.select(stage == 2, dt, 0.5 * dt)
-                grown = 4.0 * viscosity * (time - ti.select(stage == 0, 0.0, 0.5 * dt))
-                share = ti.static(0.5 / math.pi / (eddies.period or 1.0) * eddies.column)
+                weight = (stage + 2.0) / 9.0
+                time = dt * (stage + 2.0) / 4.0  # of the next stage
+                grown = ti.select(stage == 0, 2.0, 1.0) * viscosity * dt * FAR * scale * scale
                 for g in range(work.shape[2]):
                     for axis in ti.static(range(2)):
                         velocity = share * work[w, Work.u + axis, g]
                         work[w, Work.mean_u + axis, g] = work[w, Work.mean_u + axis, g] + weight * velocity
-                        work[w, Work.x + axis, g] = work[w, Work.start_x + axis, g] + time * velocity
-                    work[w, Work.delta2, g] = work[w, Work.delta2, g] + grown
+                        work[w, Work.x + axis, g] = work[w, Work.start_x + axis, g] + (time * scale) * velocity
+                    work[w, Work.width2, g] = work[w, Work.width2, g] + grown
             for v in range(count):
                 for axis in ti.static(range(2)):
                     place = vortex[w, v, axis] + dt * work[w, Work.mean_u + axis, v // LANES][v % LANES]
@@ -277,7 +302,12 @@ def _sample_current(
 
 
 def evolution(vortex: torch.Tensor, dt: float, viscosity: float, mutual: bool, eddies: Eddies = ENDLESS) -> Launch:
-    """A launch that lets vortices spread and move one another for a time, in place: classical Runge–Kutta method.
+    """A launch that lets vortices spread and move one another for a time, in place.
+
+    By Ralston's method of third order: k₁ at the start, k₂ where ½ Δt k₁ leads, k₃ where ¾ Δt k₂ does, and then
+    Δt (2 k₁ + 3 k₂ + 4 k₃)/9. The motion is chaotic: errors grow exponentially, those of rounding to single precision
+    too. In steps of 1 s of `extreme` the method's own are of the size of those of rounding.
+    Source: Ralston (1962), doi 10.1090/S0025-5718-1962-0150954-0.
 
     Centres of a periodic pattern that leave its square come in at the opposite side.
 
