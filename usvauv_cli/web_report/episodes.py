@@ -20,7 +20,7 @@ from usvauv.env.record.trace import Trace
 from usvauv.env.render.style import CATEGORICAL
 from usvauv.env.scenario import Scenario
 from usvauv.env.storage.tables import Combination
-from usvauv.kernels.flow.vortex import EISENSTEIN
+from usvauv.kernels.flow.vortex import IMAGES
 
 MOST_SHOWN = 12  # combinations with an episode and a line in the figures
 FRONT_EPISODES = 2400  # points of episodes in the figure of the front
@@ -202,7 +202,7 @@ def player_data(scenario: Scenario, names: Iterable[str], episodes: Iterable[Epi
         "colours": len(CATEGORICAL),
         "area": [scenario.area.width, scenario.area.length],
         "period": scenario.current.period,
-        "eisenstein": EISENSTEIN,
+        "images": IMAGES,
         "episodes": [
             {
                 "name": name,

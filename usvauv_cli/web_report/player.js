@@ -134,7 +134,7 @@
     const x = dx / data.period, y = dy / data.period, cube = [x ** 3 - 3 * x * y * y, 3 * x * x * y - y ** 3];
     const fourth = [x * cube[0] - y * cube[1], x * cube[1] + y * cube[0]];
     let sum = [0, 0];
-    for (const term of [...data.eisenstein].reverse()) {
+    for (const term of [...data.images].reverse()) {
       sum = [term + sum[0] * fourth[0] - sum[1] * fourth[1], sum[0] * fourth[1] + sum[1] * fourth[0]];
     }
     const real = -Math.PI * x - cube[0] * sum[0] + cube[1] * sum[1];
