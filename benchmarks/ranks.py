@@ -61,7 +61,7 @@ def measure(rank: int, count: int, port: int, config: TrainingConfig, results: A
         observation, action, reward = draw(sizes.observation), draw(sizes.action), draw()
         batch = Batch(observation, action, reward, reward, observation)
         update = median(lambda: learner.learn(batch), ranks)
-        groups = [optimiser.param_groups[0]["params"] for optimiser in learner.optimisers.values()]
+        groups = [optimiser.parameters for optimiser in learner.optimisers.values()]
         gradients = [[torch.zeros_like(parameter) for parameter in group] for group in groups]
         exchange = median(lambda: [ranks.mean(group, 1.0 / count) for group in gradients], ranks)
         word = median(lambda: ranks.most(0), ranks)

@@ -125,7 +125,7 @@ def costs() -> Costs:
             evaluation=best_time(lambda: policies.figures_of_merit(judges, policy), rounds=1),
             save=best_time(trainer.save),
             bytes=Path(folder, "last.safetensors").stat().st_size,
-            gradients=sum(4 * value.numel() for each in optimisers for value in each.param_groups[0]["params"]),
+            gradients=sum(4 * value.numel() for each in optimisers for value in each.parameters),
             exchanges=len(optimisers),
         )
 

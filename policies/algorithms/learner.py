@@ -14,7 +14,10 @@ from usvauv.policies.cuda_graph import Recorded
 from usvauv.policies.networks import Sizes, StackedMLP
 
 AVERAGED = 200  # updates, time constant of the averaged actor
-# One fused operation for all parameters; torch has no public name for it.
+MOMENTS = "exp_avg", "exp_avg_sq", "step"  # m, v, t of `Adam`, as `torch.optim.Adam` calls them
+# Each one fused operation for all parameters; torch has no public names for them.
+add_ = torch._foreach_add_  # pyright: ignore[reportPrivateImportUsage]
+adam_ = torch._fused_adam_  # pyright: ignore[reportPrivateImportUsage]
 lerp_ = torch._foreach_lerp_  # pyright: ignore[reportPrivateImportUsage]
 
 Actor = TypeVar("Actor", bound=StackedMLP)
@@ -37,6 +40,46 @@ class Batch:
     reward: Tensor
     discount: Tensor
     next_observation: Tensor
+
+
+class Adam:
+    """Adam (Kingma, Ba, ICLR 2015, arXiv:1412.6980) in one fused operation.
+
+    With the gradient g of step t, β₁ = 0.9, β₂ = 0.999, ε = 1e-8, and all operations element by element:
+
+        m ← β₁ m + (1 − β₁) g,  v ← β₂ v + (1 − β₂) g²,  θ ← θ − η (m / (1 − β₁ᵗ)) / (√(v / (1 − β₂ᵗ)) + ε)
+
+    `torch.optim.Adam` gives the same bits, but imports torch's compiler first, which takes longer than all of torch.
+
+    Attributes:
+        parameters: θ.
+        moments: m, v and t of each parameter, by the names of `MOMENTS`.
+    """
+
+    def __init__(self, parameters: Iterable[nn.Parameter], rate: float) -> None:
+        self.parameters = list(parameters)
+        zeros = [torch.zeros_like(parameter) for parameter in self.parameters]
+        steps = [torch.zeros((), device=zero.device) for zero in zeros]
+        self.moments = dict(zip(MOMENTS, (zeros, [zero.clone() for zero in zeros], steps), strict=True))
+        on_gpu = zeros[0].device.type == "cuda"  # where a number would be recorded as a constant
+        self._rate = torch.tensor(rate, device=zeros[0].device) if on_gpu else rate
+
+    def set_rate(self, rate: float) -> None:
+        """Set the learning rate η."""
+        if isinstance(self._rate, Tensor):
+            self._rate.fill_(rate)
+        else:
+            self._rate = rate
+
+    @torch.no_grad()
+    def step(self, gradients: Sequence[Tensor]) -> None:
+        """One step along the gradients g, one of each parameter."""
+        first, second, steps = (self.moments[name] for name in MOMENTS)
+        add_(steps, 1.0)
+        adam_(
+            self.parameters, gradients, first, second, [], steps, lr=self._rate, beta1=0.9, beta2=0.999,
+            weight_decay=0.0, eps=1e-8, amsgrad=False, maximize=False,
+        )  # fmt: skip
 
 
 class Settings(Protocol):
@@ -83,7 +126,7 @@ class Learner(nn.Module, Generic[Actor]):
         self.generator = generator
         self.generators = (generator,)
         self.updates = 0
-        self.optimisers: dict[str, torch.optim.Adam] = {}
+        self.optimisers: dict[str, Adam] = {}
         self.join: Callable[[Sequence[Tensor]], Sequence[Tensor]] | None = None
         self._learn = Recorded.on(generator, self._update_and_average)
 
@@ -100,12 +143,7 @@ class Learner(nn.Module, Generic[Actor]):
 
     def add_optimiser(self, name: str, parameters: Iterable[nn.Parameter]) -> None:
         """Give parameters an optimiser of that name."""
-        on_gpu = self.generator.device.type == "cuda"
-        optimiser = torch.optim.Adam(parameters, lr=self.config.learning_rate, fused=True, capturable=on_gpu)
-        if on_gpu:  # a number would be recorded as a constant
-            for group in optimiser.param_groups:
-                group["lr"] = torch.tensor(self.config.learning_rate, device=self.generator.device)
-        self.optimisers[name] = optimiser
+        self.optimisers[name] = Adam(parameters, self.config.learning_rate)
 
     def train_with_others(self, join: Callable[[Sequence[Tensor]], Sequence[Tensor]]) -> None:
         """Take gradient steps along what `join` makes of the gradients of all processes, the same in each.
@@ -118,23 +156,13 @@ class Learner(nn.Module, Generic[Actor]):
     def set_learning_rate(self, share: float) -> None:
         """Set the learning rate to a share of that in the settings."""
         for optimiser in self.optimisers.values():
-            for group in optimiser.param_groups:
-                rate = share * self.config.learning_rate
-                if isinstance(group["lr"], Tensor):
-                    group["lr"].fill_(rate)
-                else:
-                    group["lr"] = rate
+            optimiser.set_rate(share * self.config.learning_rate)
 
     def gradient_step(self, name: str, loss: Tensor) -> None:
         """One step of the named optimiser, along the gradient of `loss` with respect to its own parameters only."""
         optimiser = self.optimisers[name]
-        parameters = optimiser.param_groups[0]["params"]
-        gradients = torch.autograd.grad(loss, parameters)
-        if self.join is not None:
-            gradients = self.join(gradients)
-        for parameter, gradient in zip(parameters, gradients, strict=True):
-            parameter.grad = gradient
-        optimiser.step()
+        gradients = torch.autograd.grad(loss, optimiser.parameters)
+        optimiser.step(gradients if self.join is None else self.join(gradients))
 
     @torch.no_grad()
     def soft_update(self, targets: nn.Module, networks: nn.Module) -> None:
@@ -183,22 +211,22 @@ class Learner(nn.Module, Generic[Actor]):
 
     def tensors(self) -> dict[str, Tensor]:
         """Everything that changes while learning, by name."""
-        state = dict(self.state_dict())
-        for name, optimiser in self.optimisers.items():
-            for index, parameter in enumerate(optimiser.param_groups[0]["params"]):
-                for key, value in optimiser.state[parameter].items():
-                    state[f"optimiser.{name}.{index}.{key}"] = value
-        return state
+        return dict(self.state_dict()) | self.moments()
 
+    def moments(self) -> dict[str, Tensor]:
+        """What the optimisers keep, by name."""
+        return {
+            f"optimiser.{name}.{index}.{moment}": value
+            for name, optimiser in self.optimisers.items()
+            for moment, values in optimiser.moments.items()
+            for index, value in enumerate(values)
+        }
+
+    @torch.no_grad()
     def restore(self, state: Mapping[str, Tensor]) -> None:
-        """The inverse of `tensors`."""
+        """The inverse of `tensors`; of a run that was saved before its first update moments may be missing."""
         self.load_state_dict({key: value for key, value in state.items() if not key.startswith("optimiser.")})
-        for name, optimiser in self.optimisers.items():
-            moments: dict[int, dict[str, Tensor]] = {}
-            prefix = f"optimiser.{name}."
-            for key, value in state.items():
-                if key.startswith(prefix):
-                    index, moment = key.removeprefix(prefix).split(".")
-                    moments.setdefault(int(index), {})[moment] = value
-            optimiser.load_state_dict({"state": moments, "param_groups": optimiser.state_dict()["param_groups"]})
+        for name, value in self.moments().items():
+            if name in state:
+                value.copy_(state[name])
         self._learn.forget()

@@ -28,8 +28,6 @@ from usvauv.policies.training.replay import STORED, Replay
 LARGEST = 1e12  # of a weight, a moment, a feature or a reward
 LATEST = 10**15  # steps, updates
 
-Shape = tuple[int, ...]
-
 
 def learning_bytes(config: TrainingConfig, sizes: Sizes) -> float:
     """Estimate of the memory that networks, optimisers and an update take at its peak, bytes."""
@@ -304,10 +302,10 @@ def check_tensors(
         of_worlds = (worlds, *own.shape[2:]) if own.dim() > 1 else ()
         expected[f"replay.{name}"] = (size, *of_worlds), own.dtype
     own = dict(learner.state_dict())
+    moments = learner.moments()
+    if any(f"learner.{name}" in tensors for name in moments):  # earlier versions had none before the first update
+        own |= moments
     expected |= {f"learner.{name}": (tuple(value.shape), value.dtype) for name, value in own.items()}
-    moments = {f"learner.{name}": form for name, form in _moments(learner).items()}
-    if any(name in tensors for name in moments):  # before the first update there are none
-        expected |= moments
     given = {name for name in tensors if not name.startswith("world.")}
     if different := sorted(given ^ expected.keys()):
         raise PolicyError(f"{different[0]} is {'unknown' if different[0] in given else 'missing'}")
@@ -319,18 +317,6 @@ def check_tensors(
             least = 0.0 if name.endswith((".exp_avg_sq", ".step")) else -LARGEST
             if not ((value >= least) & (value <= LARGEST)).all():
                 raise PolicyError(f"{name}: numbers must be finite, from {least:g} to {LARGEST:g}")
-
-
-def _moments(learner: Learner) -> dict[str, tuple[Shape, torch.dtype]]:
-    """Names, shapes and types of what Adam keeps, see `Learner.tensors`."""
-    found: dict[str, tuple[Shape, torch.dtype]] = {}
-    for name, optimiser in learner.optimisers.items():
-        for index, parameter in enumerate(optimiser.param_groups[0]["params"]):
-            prefix = f"optimiser.{name}.{index}."
-            for moment in ("exp_avg", "exp_avg_sq"):
-                found[prefix + moment] = tuple(parameter.shape), parameter.dtype
-            found[prefix + "step"] = (), torch.float32
-    return found
 
 
 def first_not_finite(learner: Learner) -> str | None:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import torch
 
 from tests.policies.toy import LEARNING, seeded
 from usvauv.policies.algorithms import ALGORITHMS, Batch, Sizes
+from usvauv.policies.algorithms.learner import Adam
 from usvauv.policies.learned import Standardizer
 from usvauv.policies.networks import GaussianActor, StackedMLP
 from usvauv.policies.training.exploration import CorrelatedNoise
@@ -221,3 +223,18 @@ class TestStandardizer:
         standardized = Standardizer.of(samples)(samples).flatten(0, 1)
         torch.testing.assert_close(standardized.mean(0), torch.zeros(3), atol=1e-4, rtol=0)
         torch.testing.assert_close(standardized.std(0, correction=0), torch.tensor([1.0, 1.0, 0.0]), atol=1e-4, rtol=0)
+
+
+def test_adam_takes_the_steps_of_its_formulas():
+    theta, rates, draw = np.array([[0.5, -2.0, 3.0]]), (0.1, 0.1, 0.02), seeded()
+    gradients = torch.randn((3, *theta.shape), generator=draw) * torch.tensor([1.0, 1e-3, 100.0])
+    parameter = torch.nn.Parameter(torch.tensor(theta, dtype=torch.float32))
+    adam = Adam([parameter], rates[0])
+    m = v = 0.0
+    for t, (rate, gradient) in enumerate(zip(rates, gradients, strict=True), 1):
+        adam.set_rate(rate)
+        adam.step([gradient])
+        g = gradient.double().numpy()
+        m, v = 0.9 * m + 0.1 * g, 0.999 * v + 0.001 * g * g
+        theta = theta - rate * m / (1.0 - 0.9**t) / (np.sqrt(v / (1.0 - 0.999**t)) + 1e-8)
+        np.testing.assert_allclose(parameter.detach().numpy(), theta, rtol=1e-5)
