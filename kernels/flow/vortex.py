@@ -38,7 +38,7 @@ import torch
 from usvauv.kernels import runtime
 from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.launch import Launch
-from usvauv.kernels.types import Columns, array3, columns
+from usvauv.kernels.types import Columns, array3, array4, columns
 
 LANES = 16  # vortices side by side
 PLACES = 8  # places side by side
@@ -188,6 +188,15 @@ def load(vortex: ti.template(), work: ti.template(), w: ti.i32, period: ti.templ
 
 
 @func
+def within(place: ti.f32, axis: ti.template(), eddies: ti.template()) -> ti.f32:
+    """A coordinate of a centre; of a periodic pattern, that of the image in its square."""
+    if ti.static(eddies.period > 0):
+        middle = ti.static(eddies.centre[axis])
+        place = middle + nearest(place - middle, eddies.period)
+    return place
+
+
+@func
 def passed_on(row: lanes, size: ti.i32) -> lanes:
     """The first lanes of a row as a ring of some size, each with what the next one had."""
     lane = ti.Vector(ti.static(list(range(LANES))), ti.i32)
@@ -274,13 +283,55 @@ def _evolve(
             for v in range(count):
                 for axis in ti.static(range(2)):
                     place = vortex[w, v, axis] + dt * work[w, Work.mean_u + axis, v // LANES][v % LANES]
-                    if ti.static(eddies.period > 0):
-                        middle = ti.static(eddies.centre[axis])
-                        place = middle + nearest(place - middle, eddies.period)
-                    vortex[w, v, axis] = place
+                    vortex[w, v, axis] = within(place, axis, eddies)
         for v in range(count):
             delta = vortex[w, v, Vortex.delta]
             vortex[w, v, Vortex.delta] = ti.sqrt(delta * delta + 4.0 * viscosity * dt)
+
+
+@kernel
+def _evolve_each(
+    vortex: array3,
+    velocity: array4,
+    dt: ti.f32,
+    viscosity: ti.f32,
+    mutual: ti.template(),
+    eddies: ti.template(),
+):
+    """`_evolve` with a thread for each vortex, and without lanes.
+
+    Args:
+        velocity: (3, W, V, 2), of each stage, m/s; workspace.
+    """
+    scale = per_length(eddies.period)
+    share = ti.static(0.5 / math.pi / (eddies.period or 1.0) * eddies.column)
+    for stage in ti.static(range(3 if mutual else 0)):
+        for w, i in ti.ndrange(vortex.shape[0], vortex.shape[1]):
+            time = dt * ti.static((0.0, 0.5, 0.75)[stage])
+            x, y = vortex[w, i, Vortex.x], vortex[w, i, Vortex.y]
+            if ti.static(stage > 0):
+                x += time * velocity[stage - 1, w, i, 0]
+                y += time * velocity[stage - 1, w, i, 1]
+            delta2 = vortex[w, i, Vortex.delta] ** 2 + 8.0 * viscosity * time  # with the growth of both cores
+            u, v = 0.0, 0.0
+            for j in range(vortex.shape[1]):
+                other_x, other_y = vortex[w, j, Vortex.x], vortex[w, j, Vortex.y]
+                if ti.static(stage > 0):
+                    other_x += time * velocity[stage - 1, w, j, 0]
+                    other_y += time * velocity[stage - 1, w, j, 1]
+                width2 = FAR * scale * scale * (delta2 + vortex[w, j, Vortex.delta] ** 2)
+                along_x, along_y = induced(scale * (x - other_x), scale * (y - other_y), width2, eddies.period)
+                u += vortex[w, j, Vortex.Gamma] * along_x
+                v += vortex[w, j, Vortex.Gamma] * along_y
+            velocity[stage, w, i, 0] = share * u
+            velocity[stage, w, i, 1] = share * v
+    for w, i in ti.ndrange(vortex.shape[0], vortex.shape[1]):
+        if ti.static(mutual):
+            for axis in ti.static(range(2)):
+                slopes = ti.Vector([velocity[stage, w, i, axis] for stage in ti.static(range(3))])
+                place = vortex[w, i, axis] + dt / 9.0 * slopes.dot(ti.Vector([2.0, 3.0, 4.0]))
+                vortex[w, i, axis] = within(place, axis, eddies)
+        vortex[w, i, Vortex.delta] = ti.sqrt(vortex[w, i, Vortex.delta] ** 2 + 4.0 * viscosity * dt)
 
 
 @kernel
@@ -319,6 +370,9 @@ def evolution(vortex: torch.Tensor, dt: float, viscosity: float, mutual: bool, e
         eddies: their period and the speed of their columns.
     """
     worlds, count = vortex.shape[:2]
+    if not runtime.start().on_cpu:
+        velocity = vortex.new_zeros((3, worlds, count, 2))
+        return Launch(_evolve_each, vortex, velocity, dt, viscosity, bool(mutual), eddies)
     work = vortex.new_zeros((worlds, len(Work.names), -(-count // LANES), LANES))
     serial = runtime.better_alone(worlds * count)
     settings = runtime.vectors_in_registers()
