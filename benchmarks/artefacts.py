@@ -160,7 +160,9 @@ ARTEFACTS = {
     ),
     "ranks": _study("scale.md", "ranks"),
     "video": _study("performance.md", "video"),
-    "live": _study("live.md", "live"),
+    "live": Artefact(
+        "live.md", ("python -m benchmarks.live", "python -m benchmarks.live --out docs/live.png"), {"live.png": ""}
+    ),
 }
 
 

@@ -1,10 +1,12 @@
-"""Frames per second that a tab of `usvauv live` gets, and how fast the mission runs meanwhile.
+"""Frames per second that a tab of `usvauv live` gets, and how fast the mission runs meanwhile; a picture of a tab.
 
     python -m benchmarks.live
+    python -m benchmarks.live --out docs/live.png
 
 A session is shown at real time and as fast as possible, each for some seconds. Another process is the tab: it connects
 as one, receives everything and counts the messages that hold a new surface of the sea. It draws nothing, as what
-drawing costs depends on the browser and its graphics.
+drawing costs depends on the browser and its graphics. With `--out` the tab is a real one, in Chromium without a window,
+and what it shows of `extreme-torpedo` is all that is made.
 """
 
 from __future__ import annotations
@@ -15,14 +17,19 @@ import math
 import subprocess
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 from benchmarks.machine import describe, parse
+from tests.usvauv_cli.pages import CHROMIUM
 from usvauv.cli.live.server import INTERVAL, Show, listen, serve
 from usvauv.cli.live.session import Session
 from usvauv.env import Scenario
 
 SPEEDS = {"real time": 1.0, "as fast as possible": math.inf}
 WARM_UP = 2.0  # s
+PICTURED, WHEN = "extreme-torpedo", 330  # scenario, s
+SOFTWARE = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
 
 TAB = """
 import sys, time
@@ -74,11 +81,48 @@ def measure(scenarios: list[str], seconds: float, arch: str) -> dict:
     return {"machine": describe(), "rows": rows}
 
 
+def photograph(out: Path) -> None:
+    """Write a picture of the tab of `PICTURED` after `WHEN` s."""
+    from playwright.sync_api import sync_playwright
+
+    session = Session(Scenario.load(PICTURED), seed=1)
+    while session.time < WHEN:
+        session.step()
+    session.speed = 1.0
+
+    def visit(address: str) -> None:
+        with sync_playwright() as started:
+            browser = started.chromium.launch(executable_path=CHROMIUM, args=SOFTWARE)
+            page = browser.new_page(viewport={"width": 1360, "height": 860}, color_scheme="dark")
+            page.goto(address)
+            page.get_by_text("Position error").wait_for(timeout=120_000)
+            page.locator(".mantine-Notification-closeButton").click()  # that of software that draws
+            page.wait_for_timeout(15_000)  # it draws slowly
+            page.screenshot(path=out)
+            browser.close()
+
+    title = f"usvauv {PICTURED}"
+    with listen(0) as listening, serve(listening, title) as (server, address), ThreadPoolExecutor() as tabs:
+        show = Show(server, session)
+        tab = tabs.submit(visit, address)
+        last = time.perf_counter()
+        while not tab.done():
+            now = time.perf_counter()
+            show.picture(now - last)
+            last = now
+            time.sleep(INTERVAL)
+        tab.result()
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("scenarios", nargs="*", default=["extreme", "wide"], help="default: extreme wide")
     parser.add_argument("--seconds", type=float, default=20.0, help="of each measurement")
+    parser.add_argument("--out", type=Path, help="X.png: a picture of the tab to write instead")
     arguments = parse(parser)
+    if arguments.out:
+        photograph(arguments.out)
+        return
     result = measure(arguments.scenarios, arguments.seconds, arguments.arch)
     if arguments.json:
         print(json.dumps(result, indent=1))

@@ -187,6 +187,18 @@ def test_errors_are_those_of_the_last_seconds_before_what_is_shown(running):
     assert errors[:, -1] == pytest.approx(running.moment.mixed("auv")[:, AuvColumn.position_error])
 
 
+def test_the_first_view_reaches_the_farthest_corner(running, monkeypatch):
+    pytest.importorskip("viser")
+    from usvauv.cli.live.server import Show, listen, serve
+
+    large = scenario("area.width=800", "area.length=800")
+    monkeypatch.setattr(Session, "scenario", property(lambda _: large))
+    with serve(listen(0), "test") as (server, _):
+        Show(server, running)
+        camera = server.initial_camera
+        assert np.linalg.norm([800.0, 800.0, -120.0] - np.array(camera.position)) < camera.far
+
+
 @pytest.fixture
 def in_tabs():
     """Run a function of a browser and the address of a session's tab while the session is shown."""

@@ -79,7 +79,6 @@ class Controls:
         gui = server.gui
         gui.configure_theme(dark_mode=True, show_logo=False, show_share_button=False, control_width="large")
         gui.main_panel.dock_right()  # beside the scene, not over it
-        server.initial_camera.fov = WIDE
         for name, value in self._view(flat=False).items():
             setattr(server.initial_camera, "up" if name == "up_direction" else name, value)
         self._status = gui.add_markdown("")
@@ -209,27 +208,23 @@ class Controls:
             session.pause()
 
     def _view(self, flat: bool) -> dict[str, Any]:
-        """Where a camera stands for the map or in perspective."""
+        """Where a camera stands for the map or in perspective, and how far it sees."""
         area = self._session.scenario.area
         middle = np.array([area.width / 2, area.length / 2, 0.0])
         size = max(area.width, area.length)
-        if flat:
-            above = np.array([0.0, 0.0, 0.62 * size / math.tan(NARROW / 2)])
-            return {"position": middle + above, "look_at": middle, "up_direction": (0.0, 1.0, 0.0)}
-        middle[2] = -0.42 * min(area.depth, size)
-        away = np.array([-0.8, -1.75, 1.0]) * size
-        return {"position": middle + away, "look_at": middle, "up_direction": (0.0, 0.0, 1.0)}
+        up, away = (0.0, 1.0, 0.0), np.array([0.0, 0.0, 0.62 * size / math.tan(NARROW / 2)])
+        if not flat:
+            middle[2] = -0.42 * min(area.depth, size)
+            up, away = (0.0, 0.0, 1.0), np.array([-0.8, -1.75, 1.0]) * size
+        lens = {"fov": NARROW if flat else WIDE, "far": 40 * size}
+        return {**lens, "up_direction": up, "position": middle + away, "look_at": middle}
 
     def _look(self, client: Any, flat: bool) -> None:
         """Turn the camera of a tab to one of the views; the map shows what is below the sea."""
         self._scene.sea.opacity = SEEN_THROUGH if flat else OPACITY
-        camera = client.camera
-        size = max(self._session.scenario.area.width, self._session.scenario.area.length)
         with client.atomic():
-            camera.fov, camera.far = (NARROW if flat else WIDE), 40 * size
-            view = self._view(flat)
-            camera.up_direction = view["up_direction"]
-            camera.position, camera.look_at = view["position"], view["look_at"]
+            for name, value in self._view(flat).items():
+                setattr(client.camera, name, value)
 
     def serve_requests(self) -> None:
         """Carry out the waiting requests; the tab shows refusals, and the panel the values now in force."""
