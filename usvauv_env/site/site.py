@@ -154,7 +154,8 @@ class Site:
         column = 1.0
         if current.decay_depth:
             column = 0.5 + 0.5 * math.exp(-self.mean_depth / current.decay_depth)
-        return Eddies(current.period, (area.width / 2, area.length / 2), self.scenario.eddies_at_cruise, column)
+        centre = (area.width / 2, area.length / 2) if current.period else (0.0, 0.0)
+        return Eddies(current.period, centre, self.scenario.eddies_at_cruise, column)
 
     @cached_property
     def waves(self) -> Waves | None:

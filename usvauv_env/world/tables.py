@@ -19,6 +19,7 @@ from usvauv.env.site.sound_speed import SoundSpeedProfile
 from usvauv.env.world.boat_strategies import BoatStrategy, StrategyChoice
 from usvauv.env.world.current_statistics import FOREVER, current_bound, current_model
 from usvauv.env.world.observation import ObservationLayout, observation_terms
+from usvauv.kernels.flow.vortex import Eddies
 from usvauv.kernels.mission import target_rules
 from usvauv.kernels.mission.boat_motion import CONTROL_TIME, DRIFT_TIME
 from usvauv.kernels.mission.columns import Action, Information, Parameter, Refraction, Schedule, Sensor
@@ -214,7 +215,7 @@ def program(site: Site, strategy: BoatStrategy, link: np.ndarray) -> Program:
         fleet=s.boat.count > 1,
         vehicle=s.auv.dynamic,
         otter=s.boat.model == "otter",
-        eddies=site.eddies,
+        eddies=Eddies(s.current.period, cruise=site.eddies.cruise),  # the same for areas of any size
         passing=s.nodes.service == "passing",
     )
 
