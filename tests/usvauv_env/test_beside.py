@@ -6,11 +6,10 @@ import pickle
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 import torch
 
-from usvauv.env import Scenario, World, parallel_env
+from usvauv.env import Scenario, World
 
 STEPS = """
 import hashlib
@@ -207,14 +206,3 @@ def test_a_copy_of_a_world_goes_on_as_it_does(copied, options):
         assert torch.equal(mine.observation, others.observation)
         assert torch.equal(mine.reward, others.reward)
         assert all(torch.equal(mine.info[part], others.info[part]) for part in mine.info)
-
-
-@pytest.mark.parametrize("copied", COPIES.values(), ids=COPIES)
-def test_a_copy_of_an_environment_goes_on_as_it_does(copied):
-    env = parallel_env()
-    env.reset(seed=1)
-    other = copied(env)
-    for _ in range(2):
-        mine, others = (e.step(dict.fromkeys(e.agents, np.full(2, 0.5, np.float32))) for e in (env, other))
-        assert mine[1] == others[1]
-        assert all(np.array_equal(mine[0][agent], others[0][agent]) for agent in env.agents)

@@ -15,7 +15,7 @@ from usvauv.env.render import style
 from usvauv.env.render.arrangement import Sheet
 from usvauv.env.render.comparison import ComparisonFrames, difference
 from usvauv.env.render.frames import frames_of
-from usvauv.env.render.layout import MapView, Rectangle, nice, nice_above
+from usvauv.env.render.layout import MapView, Rectangle
 from usvauv.env.render.map import error_axes
 from usvauv.env.render.mission import ReplyField, RunningMetrics, figures
 from usvauv.env.render.sea import CurrentStreaks, elevation_limit
@@ -61,15 +61,6 @@ class TestFrames:
         both, alone, other = (paint(which, 3)[0] for which in (trace, trace.episode(0), trace.episode(1)))
         assert (both == alone).all()
         assert (both != other).any()
-
-    def test_perfect_fixes_are_drawn(self):
-        trace = synthetic_trace(steps=3)
-        at, covariance = trace.auv_position, np.zeros_like(trace.fix_covariance)
-        assert paint(replace(trace, fix=at, estimate=at, estimate_covariance=covariance), 2)[0].any()
-
-    def test_round_numbers_are_the_nearest_on_their_side(self):
-        assert [nice(value) for value in (0.7, 1.0, 4.99, 50.0)] == [0.5, 1, 2, 50]
-        assert [nice_above(value) for value in (0.7, 1.0, 5.01, 50.0)] == [1, 1, 10, 50]
 
 
 class TestComparison:
@@ -143,10 +134,6 @@ class TestSea:
         alive = (np.abs(at - 100) < 100).all(1) & (np.hypot(*(at - seen[0][:, -1]).T) > 2) & (np.hypot(*moved.T) > 0)
         assert alive.sum() > 100
         assert (np.hypot(*(moved - 0.5 * current)[alive].T) < 0.05).mean() > 0.97  # the rest ended its life in between
-
-    def test_no_current_no_streaks(self):
-        view = MapView(Area(), Rectangle(0, 0, 600, 600))
-        assert CurrentStreaks(np.zeros((0, 4)), np.zeros((0, 0, 2)), 200.0, 200.0, view, 1.0).fastest == 0
 
 
 class TestReplyField:

@@ -41,17 +41,6 @@ class TestMotion:
         assert moving.sum() > 300
         torch.testing.assert_close(after[..., AuvColumn.span("x", "y")][moving], expected[moving], rtol=0, atol=2e-5)
 
-    @pytest.mark.parametrize(
-        ("action", "speed"), [((0.1, 0.0), 1.2), ((1.0, 1.0), 2.2), ((0.0, -0.75), 1.65), ((0.0, 0.0), 1.2)]
-    )
-    def test_speed_stays_in_its_limits(self, action, speed):
-        world = World(Scenario.load("extreme", AT_ONCE), num_worlds=8, seed=4)
-        world.reset()
-        world.step(torch.tensor(action).expand(8, 2, 2).contiguous())
-        water = world.auv[..., AuvColumn.span("water_x", "water_y")].norm(dim=-1)
-        travelling = world.auv[..., AuvColumn.hovering] == 0
-        torch.testing.assert_close(water[travelling], torch.full_like(water[travelling], speed))
-
     def test_polar_action(self):
         world = World(Scenario.load("ideal", ["auv.action=polar", *AT_ONCE]), num_worlds=1, seed=4)
         world.reset()
@@ -209,14 +198,6 @@ class TestTask:
             world.step(torch.zeros(400, 2, 2))
         assert world.node[..., NodeColumn.backlog].max() == 240
         assert world.tally[:, TallyColumn.overflowing].min() > 20
-
-    def test_target_rule(self):
-        world = World(Scenario.load("ideal"), num_worlds=64, seed=3, targets="greedy:0.015")
-        world.reset()
-        node, fix = world.node, world.estimate[:, 0, 0:2]
-        distance = (node[..., NodeColumn.span("x", "y")] - fix[:, None]).norm(dim=-1)
-        value = node[..., NodeColumn.rate] * node[..., NodeColumn.backlog] / 5000 - 0.015 * distance
-        assert torch.equal(world.auv[:, 0, AuvColumn.target].long(), value.argmax(dim=1))
 
 
 class TestReward:

@@ -9,16 +9,9 @@ from usvauv.env import Scenario, ScenarioError
 from usvauv.env.site.site import Site
 from usvauv.env.world import tables
 from usvauv.env.world.boat_strategies import StrategyChoice
-from usvauv.env.world.current_statistics import FOREVER, current_bound
 from usvauv.kernels.mission.columns import Parameter, Refraction
 from usvauv.kernels.positioning.pulse import FEWEST_PERIODS
-from usvauv.kernels.positioning.reflections import SEDIMENTS
 from usvauv.kernels.positioning.sonar import (
-    SeaWater,
-    coates,
-    francois_garrison,
-    height_of_developed_sea,
-    rain_noise,
     wind_of_growing_sea,
 )
 
@@ -53,44 +46,6 @@ def packed(place: Site) -> dict[str, float]:
     numbers = tables.pack_parameters(place, tables.link_table(place))
     assert numbers.dtype == np.float32
     return dict(zip(Parameter.names, numbers.tolist(), strict=True))
-
-
-def test_numbers_that_are_computed():
-    """Rate of the data link: B log₂(1 + 10^(SNR/10)) over the slant range from hovering to the bed."""
-    found, place = packed(site()), site()
-    noise = 10 * math.log10(10 ** (coates(24000, 0.3, 9) / 10) + 10 ** (rain_noise(24000, 6) / 10) + 0)
-    level = 170.77 + 10 * math.log10(0.1) - noise - 10 * math.log10(8000)
-    alpha = francois_garrison(24000, SeaWater(12, 34, 7.9, 30))
-    slant = math.hypot(140 - 60, 11)
-    snr = level - 17 * math.log10(slant) - alpha * slant / 1000
-    rate = 8000 * math.log2(1 + 10 ** (snr / 10)) / 1e6
-    expected = {
-        "diagonal": math.hypot(300, 250),
-        "farthest": math.sqrt(300**2 + 250**2 + 60**2),
-        "sound_speed_error": 5 / 1480,
-        "gnss_memory": math.exp(-0.5 / 30),
-        "signal_length": 0.02,
-        "velocity_walk": 0.09,
-        "bias_memory": math.exp(-0.5 / 90),
-        "velocity_variance": 1.6**2 / 2,
-        "velocity_memory": math.sqrt(300 * 250 / 12) / 1.6,
-        "auv_speed": 2.5 + current_bound(place),
-        "separation_node": 0.0,
-        "data_level": level,
-        "data_absorption": alpha,
-        "rate_mean": 4.0,
-        "rate_variance": 14 / 3,
-        "reference_rate": rate,
-        "service_time": tables.SERVICE_FILL * 4 / rate,
-        "array_depth": 7,
-        "water_depth": 7 + 140,
-        "roughness": height_of_developed_sea(9) / 4,
-        **dict(zip(("bottom_density", "bottom_speed", "bottom_absorption"), SEDIMENTS["gravel"], strict=True)),
-        "current_variance": 0.0,
-        "correlation_time": FOREVER,
-    }
-    assert {name: found[name] for name in expected} == pytest.approx(expected, rel=1e-5)
-    assert found["bottom_density"] != found["bottom_speed"]
 
 
 @pytest.mark.parametrize("demonstration", [False, True])

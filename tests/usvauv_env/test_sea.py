@@ -4,13 +4,11 @@ import math
 
 import numpy as np
 import pytest
-import torch
 from scipy.integrate import quad
 
-from usvauv.env import Scenario, World
+from usvauv.env import Scenario
 from usvauv.env.sea.build import boundary_waves, build_sea, long_wave_rms
 from usvauv.env.site.site import Site
-from usvauv.kernels.mission.columns import BoatColumn
 from usvauv.kernels.shallow_water.discretisation import Packing
 
 SIDES = ["west", "east", "south", "north"]
@@ -191,22 +189,6 @@ class TestNonlinear:
             steepest[equations] = slope.max() / -slope.min(), -slope.min() / slope.max()
         assert max(steepest["linear"]) < 1.1
         assert max(steepest["nonlinear"]) > 1.5
-
-    def test_carries_a_mission(self):
-        """A world sails on it, and goes back with its state."""
-        overrides = ["sea.equations=nonlinear", "sea.realisations=2"]
-        world = World(Scenario.load("extreme", overrides), 3, seed=1)
-        world.reset()
-        action = torch.full((3, 2, 2), 0.5)
-        for _ in range(3):
-            world.step(action)
-        state = world.state()
-        world.step(action)
-        boat = world.boat.clone()
-        world.load_state(state)
-        world.step(action)
-        assert torch.equal(world.boat, boat)
-        assert boat[..., BoatColumn.elevation].abs().min() > 0
 
 
 class TestOpenWater:

@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from matplotlib.markers import MarkerStyle
 
 from usvauv.env.render import style
-from usvauv.env.render.style import CATEGORICAL, CATEGORICAL_ON_WHITE, MARKERS, web, write
+from usvauv.env.render.style import CATEGORICAL, CATEGORICAL_ON_WHITE, web, write
 
 GROUNDS = {"#0b131c": CATEGORICAL, "#142130": CATEGORICAL, "#ffffff": CATEGORICAL_ON_WHITE}
 
@@ -27,20 +26,10 @@ def test_colours_stand_out_from_their_ground(ground):
     assert all(contrast(code, ground) >= 3 for code in GROUNDS[ground])
 
 
-def test_each_category_has_a_colour_on_both_grounds_and_a_shape_of_its_own():
-    assert len(CATEGORICAL) == len(CATEGORICAL_ON_WHITE) == len(set(MARKERS)) == len(MARKERS) == 8
-    assert all(MarkerStyle(marker).is_filled() for marker in MARKERS)
-
-
 @pytest.mark.parametrize("theme", style.THEMES.values(), ids=style.THEMES)
 def test_text_is_legible(theme):
     for text, ground in ((theme.text, theme.card), (theme.muted, theme.card), (theme.muted, theme.background)):
         assert contrast(web(text), web(ground)) >= 4.5  # WCAG 2.2, AA
-
-
-def test_sixteen_vehicles_have_colours_of_their_own():
-    for colours in (style.auv_colour, style.DARK.auv, style.LIGHT.auv):
-        assert len({colours(auv) for auv in range(16)}) == 16
 
 
 class TestText:

@@ -1,7 +1,6 @@
 """Vehicles with dynamics in worlds: actions, depth, determinism, what is refused."""
 
 import math
-import pickle
 
 import numpy as np
 import pytest
@@ -82,20 +81,6 @@ def test_it_moves_as_vehicles_alone_in_the_same_water():
     np.testing.assert_allclose(world.auv[..., AuvColumn.span("x", "y")].reshape(-1, 2).cpu(), at, atol=0.01)
     np.testing.assert_allclose(world.body[..., BodyColumn.depth].reshape(-1).cpu(), auvs.numpy("depth"), atol=2e-3)
     np.testing.assert_allclose(world.body[..., BodyColumn.r].reshape(-1).cpu(), auvs.numpy("r"), atol=2e-4)
-
-
-def test_a_world_is_the_same_in_any_batch_and_after_its_state():
-    several, alone = World(torpedo(), 5, seed=4), World(torpedo(), 1, seed=4, first_world=3)
-    for world in (several, alone):
-        world.reset()
-        for _ in range(5):
-            world.step(north_west(world))
-    assert torch.equal(several.body[3], alone.body[0])
-    assert torch.equal(several.auv[3], alone.auv[0])
-    again = pickle.loads(pickle.dumps(several))
-    for world in (several, again):
-        world.step(north_west(world))
-    assert torch.equal(several.body, again.body)
 
 
 def test_an_action_commands_the_depth():
