@@ -271,7 +271,6 @@ def test_a_stopped_and_killed_training_goes_on_from_its_checkpoint(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(sys.platform == "win32", reason="the system has no such limit")
 def test_a_full_disk_of_one_process_fails_its_run_and_leaves_no_half(tmp_path, run_usvauv, monkeypatch):
     """In the process of one of two runs no file can grow beyond a few kilobytes, which are less than its table has."""
     (tmp_path / "own.py").write_text(MINE)

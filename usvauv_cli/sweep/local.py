@@ -118,9 +118,6 @@ def _serve(pipe: Connection, cores: set[int] | None) -> None:
 def _signals_kept_here() -> Iterator[None]:
     """Let processes that are started get neither Ctrl-C nor SIGTERM: this one handles them for all."""
     with deferred():
-        if not hasattr(signal, "pthread_sigmask"):
-            yield
-            return
         before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
         try:
             yield

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import errno
+import fcntl
 import os
 import platform
 import re
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from io import FileIO
@@ -20,20 +20,6 @@ ERROR_NUMBER = re.compile(r"\b(?:errno = |os error |code: )(\d+)")
 THIS_HOST = platform.node().replace("/", "_") or "host"
 LOCK = ".lock"  # in a folder that a process has for itself
 UNSUPPORTED = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL)  # of a file system without locks
-FAR = 1 << 30  # where Windows locks a byte, so that the process id before it can be read
-
-if sys.platform == "win32":
-    import msvcrt
-
-    def _acquire(file: FileIO) -> None:
-        file.seek(FAR)
-        msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
-
-else:
-    import fcntl
-
-    def _acquire(file: FileIO) -> None:
-        fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 class OutputError(UserError, ValueError):
@@ -124,8 +110,6 @@ def _claim(path: Path) -> tuple[Path, Path]:
 
 def _remove_stale(path: Path) -> None:
     """Remove what dead processes of this host left of `path`."""
-    if os.name != "posix":  # elsewhere asking for a process by its number can end it
-        return
     ours = re.compile(re.escape(f"{path.name}.{THIS_HOST}-") + r"(\d+)\.partial")
     for name in os.listdir(path.parent):
         if (match := ours.fullmatch(name)) and not _alive(int(match.group(1))):
@@ -144,8 +128,6 @@ def _alive(process: int) -> bool:
 
 def sync(path: Path) -> None:
     """Wait until a file or folder is on the disk, so that a power cut does not undo a later rename alone."""
-    if path.is_dir() and os.name != "posix":
-        return
     number = os.open(path, os.O_RDONLY if path.is_dir() else os.O_RDWR)
     try:
         os.fsync(number)
@@ -227,7 +209,7 @@ def locked(folder: Path) -> Iterator[None]:
             file.write(str(os.getpid()).encode())
         yield
     finally:
-        with suppress(OSError):  # the folder may be gone, and Windows removes no open file
+        with suppress(OSError):  # the folder may be gone
             path.unlink()
         file.close()
 
@@ -246,9 +228,9 @@ def open_locked(path: Path, place: Path) -> FileIO:
     while True:
         if path.is_symlink() or (path.exists() and not path.is_file()):
             raise OutputError(f"{path}: is no file of its own; remove it")
-        file = FileIO(os.open(path, os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0), 0o666), "r+")
+        file = FileIO(os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666), "r+")
         try:
-            _acquire(file)
+            fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
             if os.fstat(file.fileno()).st_ino == path.stat().st_ino:
                 return file
         except FileNotFoundError:

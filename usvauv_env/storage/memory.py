@@ -56,7 +56,7 @@ def require(number: float, what: str, device: torch.device | None = None) -> Non
 
 def give_back() -> None:
     """Return to the system what was freed; glibc keeps it, after compiling kernels tens of MB."""
-    if os.name == "posix" and (trim := getattr(ctypes.CDLL(None), "malloc_trim", None)):
+    if trim := getattr(ctypes.CDLL(None), "malloc_trim", None):
         trim(0)
 
 
