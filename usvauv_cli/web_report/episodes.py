@@ -33,37 +33,29 @@ ERRORS = np.logspace(-3, 4, 7 * 40 + 1)  # edges of the classes of errors, m: 6 
 
 @dataclass(frozen=True)
 class Episode:
-    """World 0 of a combination; F steps are kept, K AUVs, B boats, M nodes, V vortices.
+    """World 0 of a combination; K AUVs, B boats, M nodes.
 
     Attributes:
-        steps: of the episode. time: (F,) s.
-        auv, estimate: (F, K, 2) true and estimated positions, m. ellipse: (F, K, 3) semi-axes of one standard deviation
-            of the estimate, m, at most the longer side of the area, and the angle of the first from east, rad.
-        heading: (F, K) anticlockwise from east, continuous, rad; (F, 0) of points.
-        target: (F, K) index of the node headed for. hovering: (F, K).
-        boat: (F, B, 2) m. vortex: (F, V, 4). stream_time, stream: see `Trace`.
-        node: (M, 2) m. fill: (F, M) share of the buffer, (F, 0) where nodes have no data.
-        data: (F,) collected so far, Mbit. energy: (F,) spent so far, Wh.
+        steps: of the episode. time: (F,) s, of those that the player has.
+        player: JSON of the player, arrays as `encoded` by name. Of F steps: "time", s; true positions "auv" (F, K, 2)
+            and "estimate", m; "ellipse", semi-axes of one standard deviation of the estimate (F, K, 2), m, at most the
+            longer side of the area, and the angle of the first from east (F, K), rad; "heading" (F, K) anticlockwise
+            from east, continuous, rad, (F, 0) of points; "target" (F, K), index of the node headed for; "hovering";
+            "boat" (F, B, 2), m; "vortex", centres, m, circulations of the share of the speed that the AUVs meet, m²/s,
+            and core radii, m; "fill" (F, M), share of the buffer, (F, 0) where nodes have no data; "data", collected so
+            far, Mbit; "energy", spent so far, Wh. Of the real current: "stream_time", s, and "stream" at its arrows,
+            m/s. "node" (M, 2), m.
+        auvs: K. node: (M, 2) m. with_data: whether nodes have data.
         tracks: of the AUVs, then of the boats, (points, 2) m.
         age: (M,) mean age of data over the episode, s; empty where nodes have none.
     """
 
     steps: int
     time: np.ndarray
-    auv: np.ndarray
-    estimate: np.ndarray
-    ellipse: np.ndarray
-    heading: np.ndarray
-    target: np.ndarray
-    hovering: np.ndarray
-    boat: np.ndarray
-    vortex: np.ndarray
-    stream_time: np.ndarray
-    stream: np.ndarray
+    player: dict[str, Any]
+    auvs: int
     node: np.ndarray
-    fill: np.ndarray
-    data: np.ndarray
-    energy: np.ndarray
+    with_data: bool
     tracks: list[np.ndarray]
     age: np.ndarray
 
@@ -123,31 +115,40 @@ def thinned(trace: Trace, episodes: int) -> Episode:
     boats, nodes, vortices = trace.boat_position.shape[2], trace.backlog.shape[2], trace.vortex.shape[2]
     size = (
         2 * (3 + (8 + (trace.auv_attitude.size > 0)) * auvs + 2 * boats + 4 * vortices) + auvs + nodes * with_data
-    )  # as `player` encodes them
+    )  # bytes, as encoded below
     kept = evenly(steps, FRAME_BYTES // (episodes * size))
     points = evenly(steps, min(TRACK_POINTS // (episodes * (auvs + boats)), MOST_TRACK))
     moving = [*np.moveaxis(trace.auv_position[points, 0], 1, 0), *np.moveaxis(trace.boat_position[points, 0], 1, 0)]
-    seconds = trace.scenario.mission.step
-    return Episode(
-        steps=steps,
-        time=trace.time[kept],
-        auv=trace.auv_position[kept, 0],
-        estimate=trace.estimate[kept, 0],
-        ellipse=ellipses(trace.estimate_covariance[kept, 0], max(area.width, area.length)),
-        heading=trace.attitude[kept, 0, :, 0] if trace.auv_attitude.size else np.zeros((len(kept), 0)),
-        target=trace.target[kept, 0],
-        hovering=trace.hovering[kept, 0],
-        boat=trace.boat_position[kept, 0],
-        vortex=trace.vortex[kept, 0],
-        stream_time=trace.stream_time,
-        stream=trace.stream,
-        node=trace.node_position[0],
-        fill=trace.backlog[kept, 0] / trace.scenario.nodes.buffer if with_data else np.zeros((len(kept), 0)),
-        data=np.cumsum(trace.delivered[:, 0].sum(axis=1, dtype=np.float64))[kept],
-        energy=np.cumsum(trace.power[:, 0].sum(axis=1, dtype=np.float64))[kept] * seconds / 3600,
-        tracks=moving,
-        age=metrics.age(trace)[:, 0].mean(axis=0) if with_data else np.zeros(0),
+    centre, circulation, core = np.split(trace.vortex[kept, 0], [2, 3], axis=-1)
+    ellipse = ellipses(trace.estimate_covariance[kept, 0], max(area.width, area.length))
+    heading = trace.attitude[kept, 0, :, 0] if trace.auv_attitude.size else np.zeros((len(kept), 0))
+    fill = trace.backlog[kept, 0] / trace.scenario.nodes.buffer if with_data else np.zeros((len(kept), 0))
+    data, power = (
+        np.cumsum(all_of[:, 0].sum(axis=1, dtype=np.float64))[kept] for all_of in (trace.delivered, trace.power)
     )
+    player = {
+        "time": encoded(trace.time[kept]),
+        "auv": encoded(trace.auv_position[kept, 0]),
+        "estimate": encoded(trace.estimate[kept, 0]),
+        "ellipse": [encoded(ellipse[..., :2]), encoded(ellipse[..., 2])],
+        "heading": encoded(heading),
+        "target": encoded(trace.target[kept, 0], whole=True),
+        "hovering": encoded(trace.hovering[kept, 0], bits=8, whole=True),
+        "boat": encoded(trace.boat_position[kept, 0]),
+        "vortex": [
+            encoded(centre),
+            encoded(trace.scenario.eddies_at_cruise * circulation[..., 0]),
+            encoded(core[..., 0]),
+        ],
+        "stream_time": encoded(trace.stream_time if len(trace.stream_time) else np.zeros(1)),
+        "stream": encoded(at_arrows(trace.stream, area.width, area.length)),
+        "node": encoded(trace.node_position[0]),
+        "fill": encoded(fill, bits=8),
+        "data": encoded(data),
+        "energy": encoded(power * trace.scenario.mission.step / 3600),
+    }
+    age = metrics.age(trace)[:, 0].mean(axis=0) if with_data else np.zeros(0)
+    return Episode(steps, trace.time[kept], player, auvs, trace.node_position[0], with_data, moving, age)
 
 
 def evenly(count: int, most: int) -> np.ndarray:
@@ -203,38 +204,8 @@ def player_data(scenario: Scenario, names: Iterable[str], episodes: Iterable[Epi
         "area": [scenario.area.width, scenario.area.length],
         "period": scenario.current.period,
         "images": IMAGES,
-        "episodes": [
-            {
-                "name": name,
-                "time": encoded(episode.time),
-                "auv": encoded(episode.auv),
-                "estimate": encoded(episode.estimate),
-                "ellipse": encoded_ellipses(episode.ellipse),
-                "heading": encoded(episode.heading),
-                "target": encoded(episode.target, whole=True),
-                "hovering": encoded(episode.hovering, bits=8, whole=True),
-                "boat": encoded(episode.boat),
-                "vortex": encoded_vortices(episode.vortex, scenario.eddies_at_cruise),
-                "stream_time": encoded(episode.stream_time if len(episode.stream_time) else np.zeros(1)),
-                "stream": encoded(at_arrows(episode.stream, scenario.area.width, scenario.area.length)),
-                "node": encoded(episode.node),
-                "fill": encoded(episode.fill, bits=8),
-                "data": encoded(episode.data),
-                "energy": encoded(episode.energy),
-            }
-            for name, episode in zip(names, episodes, strict=True)
-        ],
+        "episodes": [{"name": name, **each.player} for name, each in zip(names, episodes, strict=True)],
     }
-
-
-def encoded_ellipses(ellipse: np.ndarray) -> list[dict[str, Any]]:
-    """Semi-axes (F, K, 2) and angles (F, K), each with a step of its own."""
-    return [encoded(ellipse[..., :2]), encoded(ellipse[..., 2])]
-
-
-def encoded_vortices(vortex: np.ndarray, share: float) -> list[dict[str, Any]]:
-    """Centres (F, V, 2), circulations (F, V) and core radii (F, V), of the share of the speed that the AUVs meet."""
-    return [encoded(vortex[..., :2]), encoded(share * vortex[..., 2]), encoded(vortex[..., 3])]
 
 
 def at_arrows(stream: np.ndarray, width: float, length: float) -> np.ndarray:

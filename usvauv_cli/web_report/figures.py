@@ -225,7 +225,7 @@ def truncated(name: str, most: int) -> str:
 def trajectories(names: Sequence[str], recordings: Sequence[Recording], scenario: Scenario) -> Figure:
     """Ways of AUVs and boats in world 0, a map for each combination."""
     with drawing("trajectories"):
-        auvs = recordings[0].episode.auv.shape[1]
+        auvs = recordings[0].episode.auvs
         ways = [Line2D([], [], color=colour(k), ls=dash(k), lw=1, label=f"AUV {k + 1}") for k in range(auvs)]
         ways.append(Line2D([], [], color=INK, lw=0.9, alpha=0.7, label="boat"))
         points = (("o", "none", "start"), ("s", INK, "end"))
