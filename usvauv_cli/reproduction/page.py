@@ -140,26 +140,24 @@ def conventions_section(settings: Settings) -> str:
 def scenario_table(settings: Settings) -> str:
     """Table of the conventions that are fields of a scenario: the paper's or demonstration's, and ours."""
     ours, physical = settings.scenario(paper.CONDITIONS["ESC"]), settings.scenario(paper.PHYSICAL)
-    lines = [f"| | paper (P) or demonstration (D) | field | `{ours.name}` | `{physical.name}` |", "|" + " --- |" * 5]
-    for about, theirs, fields in paper.CONVENTIONS:
-        for i, field in enumerate(fields):
-            lead = (about, theirs) if i == 0 else ("", "")
-            lines.append(f"| {' | '.join(lead)} | `{field}` | {_value(ours, field)} | {_value(physical, field)} |")
-    return "\n".join(lines)
+    head = ["", "paper (P) or demonstration (D)", "field", f"`{ours.name}`", f"`{physical.name}`"]
+    rows = [
+        [*((about, theirs) if i == 0 else ("", "")), f"`{field}`", _value(ours, field), _value(physical, field)]
+        for about, theirs, fields in paper.CONVENTIONS
+        for i, field in enumerate(fields)
+    ]
+    return paper.markdown_table(head, rows)
 
 
 def method_table(settings: Settings) -> str:
     """Table of the training settings of each method."""
-    titles = [method.title for method in settings.methods]
-    lines = [f"| | {' | '.join(titles)} |", "|" + " --- |" * (len(titles) + 1)]
     columns = [asdict(method.config) for method in settings.methods]
-    for name in columns[0]:
-        if name != "seed":
-            lines.append(f"| `{name}` | {' | '.join(_shown(column[name]) for column in columns)} |")
-    lines.append(f"| boat | {' | '.join(f'`{method.usv}`' for method in settings.methods)} |")
-    changes = [", ".join(f"`{change}`" for change in method.learning) for method in settings.methods]
-    lines.append(f"| scenario while learning | {' | '.join(changes)} |")
-    return "\n".join(lines)
+    rows = [[f"`{name}`", *(_shown(of[name]) for of in columns)] for name in columns[0] if name != "seed"]
+    rows.append(["boat", *(f"`{method.usv}`" for method in settings.methods)])
+    changes = (", ".join(f"`{change}`" for change in method.learning) for method in settings.methods)
+    return paper.markdown_table(
+        ["", *(method.title for method in settings.methods)], [*rows, ["scenario while learning", *changes]]
+    )
 
 
 def _value(scenario: Scenario, field: str) -> str:
