@@ -10,16 +10,16 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import product
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from usvauv import policies
 from usvauv.cli.evaluation.run import digests
 from usvauv.cli.sweep.run import Piece, key_of
 from usvauv.env.record.metrics import FIGURES, task_metrics
 from usvauv.env.scenario import Scenario
-from usvauv.env.scenario.fields import Section, known, one_line
+from usvauv.env.scenario.fields import Section, one_line, one_of
 from usvauv.env.storage import text_files
 from usvauv.env.world.boat_strategies import StrategyChoice
 from usvauv.kernels.errors import UserError
@@ -62,13 +62,10 @@ class Evaluation(Section):
     seed: int = Field(
         default=2026, ge=1, le=1_000_000, description="that of the run is added; 0 would be that of its training"
     )
-    score: str = Field(default="arps", description="figure that the summary compares, a column of `usvauv eval`")
+    score: Annotated[str, one_of(FIGURES, task_metrics)] = Field(
+        default="arps", description="figure that the summary compares, a column of `usvauv eval`"
+    )
     better: Literal["higher", "lower"] = Field(default="higher", description="which score is better")
-
-    @field_validator("score")
-    @classmethod
-    def _known(cls, name: str) -> str:
-        return known(name, (*FIGURES, *task_metrics))
 
 
 class Resources(Section):

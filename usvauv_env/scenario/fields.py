@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Collection
+from itertools import chain
 from typing import Annotated, Any, TypeVar, cast
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 from pydantic.fields import FieldInfo
 
 from usvauv.kernels.errors import choices
@@ -23,15 +24,16 @@ Carrier = Annotated[float, Field(ge=LOWEST_TONE, le=HIGHEST_TONE)]
 Bandwidth = Annotated[float, Field(ge=1, le=1e6)]
 
 
-def known(name: str, names: Collection[str]) -> str:
-    """The name itself, if it is one of some names.
+def one_of(*names: Collection[str]) -> AfterValidator:
+    """Of a text that must be one of some names, to which plugins may add."""
 
-    Raises:
-        ValueError: it is not; the message lists them.
-    """
-    if name not in names:
-        raise ValueError(f"{name!r}: {choices(name, names)}")
-    return name
+    def check(name: str) -> str:
+        allowed = [*chain(*names)]
+        if name not in allowed:
+            raise ValueError(f"{name!r}: {choices(name, allowed)}")
+        return name
+
+    return AfterValidator(check)
 
 
 class Section(BaseModel):

@@ -9,12 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from usvauv.env.scenario import files
-from usvauv.env.scenario.fields import Section, known, one_line, section
+from usvauv.env.scenario.fields import Section, one_line, one_of, section
 from usvauv.env.scenario.files import ScenarioError
 from usvauv.env.scenario.otter import Otter
 from usvauv.env.scenario.sea import INFRAGRAVITY, SMALLEST_PERIOD, Area, Current, Mission, Sea, Storm, Water
@@ -39,7 +39,7 @@ class Scenario(Section):
 
     name: str = Field("unnamed", min_length=1, description="name shown in tables and on videos")
     description: str = Field("", description="one sentence on what it stands for")
-    task: str = Field(
+    task: Annotated[str, one_of(tasks)] = Field(
         "data-collection", description="data-collection, station-keeping (hold a formation), or a plugin's task"
     )
     area: Area = section(Area, "the operating area")
@@ -74,11 +74,6 @@ class Scenario(Section):
                 " characters without / and \\, and not begin with a dot, a dash or a space"
             )
         return name
-
-    @field_validator("task")
-    @classmethod
-    def _known_task(cls, name: str) -> str:
-        return known(name, tasks)
 
     @model_validator(mode="after")
     def _check(self) -> Scenario:

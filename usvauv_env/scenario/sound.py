@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
-from usvauv.env.scenario.fields import Bandwidth, Carrier, Number, Section, known
+from usvauv.env.scenario.fields import Bandwidth, Carrier, Number, Section, one_of
 from usvauv.kernels.planning.information import MAX_AUVS
 from usvauv.kernels.positioning.reflections import SEDIMENTS
 from usvauv.kernels.positioning.sonar import absorption_laws, ambient_noise_laws
@@ -40,8 +40,10 @@ class Acoustics(Section):
     spreading: float = Field(
         20.0, ge=10, le=30, description="spreading loss a decade of range, dB: 20 spherical, 15 in the paper"
     )
-    ambient_noise: str = Field("coates", description="law of the noise density: coates, or a plugin's law")
-    absorption: str = Field(
+    ambient_noise: Annotated[str, one_of(ambient_noise_laws)] = Field(
+        "coates", description="law of the noise density: coates, or a plugin's law"
+    )
+    absorption: Annotated[str, one_of(absorption_laws)] = Field(
         "francois-garrison", description="law of absorption: thorp, francois-garrison, ainslie-mccolm, or a plugin's"
     )
     water_temperature: float = Field(10.0, ge=-2, le=35, description="temperature of the water in that law, °C")
@@ -56,27 +58,14 @@ class Acoustics(Section):
     multipath: bool = Field(
         False, description="the array also hears reflections of coded pulses from the surface and the bottom"
     )
-    sediment: str = Field("sand", description="of the bottom, for its reflections: clay, silt, sand, gravel, moraine")
+    sediment: Annotated[str, one_of(SEDIMENTS)] = Field(
+        "sand", description="of the bottom, for its reflections: clay, silt, sand, gravel, moraine"
+    )
     bandwidth: Bandwidth = Field(4000.0, description="bandwidth of the positioning link, Hz")
     noise_law: Literal["density", "demonstration"] = Field(
         "density",
         description="noise of a fix: by energy over noise density, or by the demonstration's 10^(−SNR/10)",
     )
-
-    @field_validator("absorption")
-    @classmethod
-    def _known_absorption(cls, name: str) -> str:
-        return known(name, absorption_laws)
-
-    @field_validator("sediment")
-    @classmethod
-    def _known_sediment(cls, name: str) -> str:
-        return known(name, SEDIMENTS)
-
-    @field_validator("ambient_noise")
-    @classmethod
-    def _known_noise(cls, name: str) -> str:
-        return known(name, ambient_noise_laws)
 
 
 class Usbl(Section):

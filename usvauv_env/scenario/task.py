@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
-from usvauv.env.scenario.fields import LARGEST, Bandwidth, Carrier, Distance, Number, Price, Section, known
+from usvauv.env.scenario.fields import LARGEST, Bandwidth, Carrier, Distance, Number, Price, Section, one_of
 from usvauv.kernels.mission import target_rules
 from usvauv.kernels.positioning.data_rate import rate_laws
 
@@ -55,7 +55,7 @@ class Nodes(Section):
     source_power: float = Field(0.03, ge=1e-6, le=1e5, description="acoustic source power, W")
     frequency: Carrier = Field(150000.0, description="carrier of the data link, Hz")
     bandwidth: Bandwidth = Field(60000.0, description="bandwidth of the data link, Hz")
-    rate_law: str = Field(
+    rate_law: Annotated[str, one_of(rate_laws)] = Field(
         "modem",
         description="rate of the data link by its SNR: shannon (B log2(1 + 10^(SNR/10)), a bound), modem (steps of"
         " modulations and codes, up to rate_max), optical (rate_max as far as light reaches), demonstration"
@@ -66,11 +66,6 @@ class Nodes(Section):
         150.0, ge=1, le=1000, description=f"range of the light in the clearest water, of {CLEAREST:g}/m, m"
     )
     attenuation: float = Field(CLEAREST, ge=0.01, le=100, description="beam attenuation of the water for light, 1/m")
-
-    @field_validator("rate_law")
-    @classmethod
-    def _known_law(cls, name: str) -> str:
-        return known(name, rate_laws)
 
     @field_validator("target_rule")
     @classmethod

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import Field, create_model, field_validator, model_validator
+from pydantic import Field, create_model, model_validator
 
-from usvauv.env.scenario.fields import Distance, Section, known
+from usvauv.env.scenario.fields import Distance, Section, one_of
 from usvauv.kernels.mission.motion import FASTEST
 from usvauv.kernels.planning.information import MAX_AUVS
 from usvauv.kernels.vehicles.torpedo import TORPEDO
@@ -105,7 +105,7 @@ class Tracker(Section):
 
 class Auv(Section):
     count: int = Field(2, ge=1, le=MAX_AUVS, description="number of AUVs")
-    model: str = Field(
+    model: Annotated[str, one_of(("point",), vehicles)] = Field(
         "point", description="point: takes any velocity at once, or with a lag; or a vehicle with dynamics, as torpedo"
     )
     variation: float = Field(
@@ -171,11 +171,6 @@ class Auv(Section):
     def shallowest(self) -> float:
         """Depth above which AUVs are not meant to be, m."""
         return {"vector-depth": self.depth_min, "fins": 0.0}.get(self.action, self.depth)
-
-    @field_validator("model")
-    @classmethod
-    def _known_model(cls, name: str) -> str:
-        return known(name, ("point", *vehicles))
 
     @model_validator(mode="after")
     def _check(self) -> Auv:
