@@ -230,14 +230,6 @@ def test_a_policy_of_ones_own_that_fails_is_one_line(tmp_path, run_usvauv, monke
     assert [path.name for path in tmp_path.iterdir() if path.suffix != ""] == [f"{name}.py"]
 
 
-def test_eval_repeats_itself(tmp_path, run_usvauv):
-    """In a process of its own as in one that has done other things before."""
-    command = ("eval", "--policy", "crab", "--episodes", 2, *SHORT, "--out")
-    usvauv(*command, "a.csv", cwd=tmp_path)
-    assert run_usvauv(*command, "b.csv")[0] == 0
-    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
-
-
 def test_train_then_resume_then_eval(tmp_path, run_usvauv):
     options = ["train", "extreme", "--out", "run", *SHORT]
     usvauv(*options, "--algorithm", "td3", "--worlds", 8, "--steps", 400, "--seed", 4, cwd=tmp_path)
@@ -416,13 +408,6 @@ def test_an_unexpected_error_is_one_line_that_says_how_to_see_more(run_usvauv, m
     monkeypatch.setenv("USVAUV_TRACEBACK", "1")
     with pytest.raises(ZeroDivisionError):
         run_usvauv("scenarios", "extreme")
-
-
-def test_scenarios(tmp_path, run_usvauv):
-    assert "paper-extreme" in run_usvauv("scenarios")[1]
-    text = run_usvauv("scenarios", "extreme", "--set", "auv.count=4")[1]
-    (tmp_path / "mine.toml").write_text(text)
-    assert "count = 4" in run_usvauv("scenarios", "mine.toml")[1]
 
 
 class TestResultsThatAreThere:

@@ -2,22 +2,13 @@
 
 import csv
 import math
-import sys
 
 import xarray
 
-from usvauv.cli import app
 from usvauv.env import Trace, World
 from usvauv.env.sea.simulation import SeaSimulation
 
 SCENARIO = ("--set", "mission.duration=8", "--set", "sea.fine_cells=32", "--set", "sea.cell_size=20")
-
-
-def run(capsys, monkeypatch, *words):
-    """Exit code, output and error of a command in this process."""
-    monkeypatch.setattr(sys, "argv", ["usvauv", *map(str, words)])
-    code = app.run()
-    return code, *capsys.readouterr()
 
 
 def breaking(monkeypatch, at, world=0):
@@ -33,11 +24,11 @@ def breaking(monkeypatch, at, world=0):
     monkeypatch.setattr(World, "step", step)
 
 
-def test_simulate_keeps_video_and_trace_of_the_steps_before(tmp_path, capsys, monkeypatch):
+def test_simulate_keeps_video_and_trace_of_the_steps_before(tmp_path, run_usvauv, monkeypatch):
     breaking(monkeypatch, 6)
     video, trace = tmp_path / "v.mp4", tmp_path / "t.nc"
     command = ("simulate", "extreme", *SCENARIO, "--policy", "straight", "--size", "320x320")
-    code, _, error = run(capsys, monkeypatch, *command, "--out", video, "--trace", trace)
+    code, _, error = run_usvauv(*command, "--out", video, "--trace", trace)
     assert code == 2
     assert error.splitlines()[-1].startswith("error: world 0 at 6 s: ")
     assert Trace.load(trace).time.tolist() == [1, 2, 3, 4, 5]
@@ -45,11 +36,11 @@ def test_simulate_keeps_video_and_trace_of_the_steps_before(tmp_path, capsys, mo
     assert sorted(tmp_path.iterdir()) == [trace, video]
 
 
-def test_eval_keeps_the_episodes_that_are_complete(tmp_path, capsys, monkeypatch):
+def test_eval_keeps_the_episodes_that_are_complete(tmp_path, run_usvauv, monkeypatch):
     breaking(monkeypatch, 8 + 3, world=1)
     out, report = tmp_path / "m.csv", tmp_path / "report"
     command = ("eval", "extreme", *SCENARIO, "--policy", "straight", "--policy", "crab", "--episodes", 2, "--out", out)
-    code, said, error = run(capsys, monkeypatch, *command, "--report", report)
+    code, said, error = run_usvauv(*command, "--report", report)
     assert code == 2
     assert error.splitlines()[-1].startswith("error: world 1 at 3 s: ")
     kept = tmp_path / "m.csv.partial"
@@ -60,7 +51,7 @@ def test_eval_keeps_the_episodes_that_are_complete(tmp_path, capsys, monkeypatch
     assert list(report.iterdir()) == []
 
 
-def test_sea_keeps_the_records_before(tmp_path, capsys, monkeypatch):
+def test_sea_keeps_the_records_before(tmp_path, run_usvauv, monkeypatch):
     whole = SeaSimulation.advance
 
     def advance(self):
@@ -72,18 +63,18 @@ def test_sea_keeps_the_records_before(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(SeaSimulation, "advance", advance)
     monkeypatch.setattr("usvauv.cli.commands.sea.TRIAL_SECONDS", 0.0)
     out = tmp_path / "s.nc"
-    code, _, error = run(capsys, monkeypatch, "sea", "extreme", *SCENARIO, "--duration", 20, "--out", out)
+    code, _, error = run_usvauv("sea", "extreme", *SCENARIO, "--duration", 20, "--out", out)
     assert code == 2
     assert error.splitlines()[-1].startswith("error: the sea: the elevation is nan m at 10 s")
     with xarray.open_dataset(out) as dataset:
         assert dataset.sizes["time"] == 10
 
 
-def test_train_keeps_the_checkpoint_before(tmp_path, capsys, monkeypatch):
+def test_train_keeps_the_checkpoint_before(tmp_path, run_usvauv, monkeypatch):
     out = tmp_path / "run"
     settings = ("--learn", "hidden=8,8", "--learn", "batch=8", "--learn", "warmup=8", "--learn", "n_step=2")
     command = ("train", "extreme", *SCENARIO, "--worlds", 4, *settings, "--out", out)
-    assert run(capsys, monkeypatch, *command, "--steps", 40)[0] == 0
+    assert run_usvauv(*command, "--steps", 40)[0] == 0
     before = (out / "last.safetensors").read_bytes()
     whole, done = World.step, []
 
@@ -94,7 +85,7 @@ def test_train_keeps_the_checkpoint_before(tmp_path, capsys, monkeypatch):
         return whole(self, action)
 
     monkeypatch.setattr(World, "step", step)
-    code, _, error = run(capsys, monkeypatch, "train", "--resume", "--out", out, "--steps", 4000)
+    code, _, error = run_usvauv("train", "--resume", "--out", out, "--steps", 4000)
     assert code == 2
     assert error.splitlines()[-1].startswith("error: world 2 at ")
     assert (out / "last.safetensors").read_bytes() == before

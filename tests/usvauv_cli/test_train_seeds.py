@@ -3,14 +3,12 @@
 import functools
 import re
 import signal
-import sys
 
 import numpy as np
 import pytest
 
 from tests.policies.test_seeds import same_runs
 from usvauv import policies
-from usvauv.cli import app
 from usvauv.env import Scenario, World
 from usvauv.policies import TrainingConfig, checkpoint
 from usvauv.policies.training import seeds
@@ -93,16 +91,13 @@ def test_a_run_that_was_not_saved_before_a_kill_begins_anew(tmp_path, run_usvauv
         (["--out", "empty", "--resume"], "empty/seed-5/last.safetensors: checkpoint is missing"),
     ],
 )
-def test_what_is_wrong_is_one_line(tmp_path, monkeypatch, capsys, options, said):
-    monkeypatch.chdir(tmp_path)
+def test_what_is_wrong_is_one_line(tmp_path, run_usvauv, options, said):
     (tmp_path / "held/seed-7/last").mkdir(parents=True)
     (tmp_path / "empty/seed-5").mkdir(parents=True)
-    monkeypatch.setattr(sys, "argv", ["usvauv", "train", *options])
-    assert app.run() == 2
-    error = capsys.readouterr().err
+    code, _, error = run_usvauv("train", *options)
+    assert (code, error.count("\n")) == (2, 1)
     assert error.startswith("error: ")
     assert said in error
-    assert error.count("\n") == 1
 
 
 def test_the_margin_is_that_of_paired_episodes(tmp_path, run_usvauv, quick):

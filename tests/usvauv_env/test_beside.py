@@ -194,7 +194,7 @@ COPIES = {"pickle": lambda made: pickle.loads(pickle.dumps(made)), "deepcopy": c
 @pytest.mark.parametrize("copied", COPIES.values(), ids=COPIES)
 @pytest.mark.parametrize("options", [{"seed": [3, 4]}, {"usv": "centroid", "first_world": 2}], ids=["seeds", "part"])
 def test_a_copy_of_a_world_goes_on_as_it_does(copied, options):
-    world = World(Scenario.load("ideal"), 2, **options)
+    world = World(Scenario.load("extreme"), 2, **options)
     actions = 2 * torch.rand((4, 2, world.num_auvs, 2), generator=torch.Generator().manual_seed(1)).to(world.device) - 1
     for moment in range(3):
         other = copied(world)

@@ -1,7 +1,6 @@
 """Plans and missions as GeoJSON: places by PROJ, times, and what is refused."""
 
 import json
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +8,6 @@ import pytest
 from pyproj import CRS, Transformer
 
 from tests.usvauv_env.made_traces import synthetic_trace
-from usvauv.cli import app
 from usvauv.env import Scenario
 from usvauv.env.exchange import geojson
 from usvauv.env.record.metrics import served
@@ -32,12 +30,6 @@ def trace():
     return replace(made, scenario=scenario, start="2026-11-01T23:59:30")
 
 
-def run(monkeypatch, folder, *arguments: object) -> int:
-    monkeypatch.chdir(folder)
-    monkeypatch.setattr(sys, "argv", ["usvauv", *map(str, arguments)])
-    return app.run()
-
-
 def kinds(path) -> dict[str, list]:
     collection = json.loads(path.read_text())
     assert collection["type"] == "FeatureCollection"
@@ -53,9 +45,9 @@ def metres(feature) -> np.ndarray:
     return np.stack(PLANE.transform(*np.moveaxis(np.array(feature["geometry"]["coordinates"]), -1, 0)), axis=-1)
 
 
-def test_a_mission(trace, tmp_path, monkeypatch):
+def test_a_mission(trace, tmp_path, run_usvauv):
     trace.save(tmp_path / "m.nc")
-    assert run(monkeypatch, tmp_path, "replay", "m.nc", "--episode", 1, "--out", "m.geojson") == 0
+    assert run_usvauv("replay", "m.nc", "--episode", 1, "--out", "m.geojson")[0] == 0
     found, only = kinds(tmp_path / "m.geojson"), trace.episode(1)
     auvs = trace.power.shape[2]
     assert [len(found[kind]) for kind in ("area", "auv", "boat", "node")] == [1, auvs, 1, trace.backlog.shape[2]]
@@ -91,10 +83,10 @@ def test_longitudes_are_from_180_west_to_180_east(trace, corner, first):
     assert ring[1][0] > ring[0][0]
 
 
-def test_a_plan(tmp_path, monkeypatch, capsys):
+def test_a_plan(tmp_path, run_usvauv):
     place = ("--set", "water.longitude=114.02", "--set", "water.latitude=22.51")
     auvs = ("--auv", "60,80,100", "--auv", "150,120,90", "--compare", "10,20")
-    assert run(monkeypatch, tmp_path, "plan", *place, *auvs, "--out", "p.geojson", "--json", "p.json") == 0
+    assert run_usvauv("plan", *place, *auvs, "--out", "p.geojson", "--json", "p.json")[0] == 0
     found, plan = kinds(tmp_path / "p.geojson"), json.loads((tmp_path / "p.json").read_text())
     np.testing.assert_allclose([metres(auv) for auv in found["auv"]], [[60, 80], [150, 120]], atol=2e-3)
     assert [auv["properties"]["depth"] for auv in found["auv"]] == [100, 90]
@@ -105,15 +97,14 @@ def test_a_plan(tmp_path, monkeypatch, capsys):
     assert not (tmp_path / "plan.png").exists()
 
 
-def test_refusals(trace, tmp_path, monkeypatch, capsys):
+def test_refusals(trace, tmp_path, run_usvauv):
     replace(trace, scenario=synthetic_trace(2).scenario).save(tmp_path / "m.nc")
     for arguments, said in (
         (("replay", "m.nc", "--out", "a.geojson"), "has no place on Earth; water.latitude"),
         (("replay", "m.nc", "m.nc", "--out", "a.geojson"), "2 traces: --out a.geojson takes one"),
         (("plan", "--auv", "60,80,100", "--out", "a.geojson"), "has no place on Earth; water.latitude"),
     ):
-        assert run(monkeypatch, tmp_path, *arguments) == 2
-        error = capsys.readouterr().err.strip()
+        code, _, error = run_usvauv(*arguments)
+        assert (code, error.count("\n")) == (2, 1)
         assert said in error
-        assert "\n" not in error
     assert not (tmp_path / "a.geojson").exists()

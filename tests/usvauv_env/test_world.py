@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 import torch
 
-from tests.links import EVERY_STEP
 from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.record.recorder import record
 from usvauv.kernels import runtime
@@ -148,12 +147,12 @@ class TestState:
         assert torch.equal(futures[0], futures[2])
 
     def test_parameters_that_may_change_and_one_that_may_not(self):
-        world = World(Scenario.load("ideal", EVERY_STEP), num_worlds=2)
-        louder = Scenario.load("ideal", [*EVERY_STEP, "acoustics.source_level=150"])
+        world = World(Scenario.load("extreme"), num_worlds=2)
+        louder = Scenario.load("extreme", ["acoustics.source_level=190"])
         world.set_parameters(louder)
         assert world.scenario is world.site.scenario is louder
         with pytest.raises(ScenarioError, match=r"^area\.depth = 130\.0: cannot change while worlds run; what may"):
-            world.set_parameters(Scenario.load("ideal", [*EVERY_STEP, "area.depth=130"]))
+            world.set_parameters(Scenario.load("extreme", ["area.depth=130"]))
 
     def test_rewind_begins_the_first_episode_again(self, extreme):
         world = World(extreme, num_worlds=3, seed=2)
