@@ -81,7 +81,7 @@ class StackedMLP(nn.Module):
             x = torch.stack(each) if len(each) > 1 else each[0].unsqueeze(0)
         else:
             for w, b in layers:
-                x = _normalised(x, w, b) if self.layer_norm else torch.baddbmm(b, x, w).relu_()
+                x = NormalisedLayer.apply(x, w, b) if self.layer_norm else torch.baddbmm(b, x, w).relu_()
         if weight.shape[-1] == 1:
             # On a CPU a matrix product with a single column takes four times as long, its gradient ten times.
             return (x * weight.mT).sum(-1, keepdim=True) + bias
@@ -95,26 +95,36 @@ def _fused(x: Tensor, layers: Iterable[tuple[Tensor, Tensor]]) -> Tensor:
     return x
 
 
-def _normalised(x: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
-    """A hidden layer whose outputs are normalised: their mean is taken off the weights, which are fewer."""
-    centred = torch.baddbmm(bias - bias.mean(-1, keepdim=True), x, weight - weight.mean(-1, keepdim=True))
-    return functional.relu(Normalised.apply(centred))
-
-
-class Normalised(torch.autograd.Function):
-    """y / √(mean y² + ε) for y (..., N)."""
+class NormalisedLayer(torch.autograd.Function):
+    """A hidden layer whose outputs are normalised before their ReLU: with y = x W + b less its mean over the outputs,
+    max(0, z), z = y / √(mean y² + ε). The mean is taken off the weights, which are fewer.
+    """
 
     @staticmethod
-    def forward(ctx: Any, y: Tensor) -> Tensor:
-        scale = torch.linalg.vector_norm(y, dim=-1, keepdim=True).square_().div_(y.shape[-1]).add_(EPSILON).rsqrt_()
-        z = y * scale
-        ctx.save_for_backward(z, scale)
-        return z
+    def forward(ctx: Any, x: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
+        weight = _centred(weight)
+        z = torch.baddbmm(_centred(bias), x, weight)
+        scale = torch.linalg.vector_norm(z, dim=-1, keepdim=True).square_().div_(z.shape[-1]).add_(EPSILON).rsqrt_()
+        z.mul_(scale)
+        ctx.save_for_backward(x, weight, z, scale)
+        return z.relu()
 
     @staticmethod
-    def backward(ctx: Any, gradient: Tensor) -> Tensor:
-        z, scale = ctx.saved_tensors
-        return torch.addcmul(gradient, z, (gradient * z).mean(-1, keepdim=True), value=-1.0).mul_(scale)
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
+        x, weight, z, scale = ctx.saved_tensors
+        gradient = torch.ops.aten.threshold_backward(gradient, z, 0.0)
+        of_y = torch.addcmul(gradient, z, (gradient * z).mean(-1, keepdim=True), value=-1.0).mul_(scale)
+        to_x, to_weight, to_bias = ctx.needs_input_grad
+        return (
+            torch.bmm(of_y, weight.mT) if to_x else None,
+            _centred(torch.bmm(x.mT, of_y)) if to_weight else None,
+            _centred(of_y.sum(1, keepdim=True)) if to_bias else None,
+        )
+
+
+def _centred(value: Tensor) -> Tensor:
+    """Less its mean along the last axis."""
+    return value - value.mean(-1, keepdim=True)
 
 
 class DeterministicActor(StackedMLP):

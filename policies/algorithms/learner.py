@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from typing import ClassVar, Generic, Protocol, TypeVar
 
@@ -95,6 +96,16 @@ class Settings(Protocol):
     def tau(self) -> float: ...
     @property
     def noise(self) -> float: ...
+
+
+@contextmanager
+def frozen(networks: nn.Module) -> Iterator[None]:
+    """A gradient goes through the networks to what enters them; weights have none, which saves half of the work."""
+    networks.requires_grad_(False)
+    try:
+        yield
+    finally:
+        networks.requires_grad_(True)
 
 
 class Learner(nn.Module, Generic[Actor]):

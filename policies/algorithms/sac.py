@@ -11,7 +11,7 @@ import copy
 import torch
 from torch import Tensor, nn
 
-from usvauv.policies.algorithms.learner import Batch, Learner, Settings
+from usvauv.policies.algorithms.learner import Batch, Learner, Settings, frozen
 from usvauv.policies.networks import Critic, GaussianActor, Sizes
 
 
@@ -59,7 +59,8 @@ class SAC(Learner[GaussianActor]):
         self.gradient_step("critics", critic_loss.sum())
 
         action, log_density = self.actor.sample(batch.observation, self.normal(batch.action.shape))
-        actor_loss = (alpha * log_density - self.critics(batch.observation, action).amin(0)).mean(-1)
+        with frozen(self.critics):
+            actor_loss = (alpha * log_density - self.critics(batch.observation, action).amin(0)).mean(-1)
         self.gradient_step("actor", actor_loss.sum())
 
         surprise = (log_density.detach() + self.target_entropy).mean(-1, keepdim=True)
