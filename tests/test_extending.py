@@ -12,7 +12,6 @@ import pytest
 from tests.links import EVERY_STEP
 from usvauv import env, policies
 from usvauv.env import Scenario, World, plugins
-from usvauv.env.world import observation
 from usvauv.kernels.mission.columns import AuvColumn, NodeColumn
 from usvauv.kernels.vehicles.fleet import Fleet
 from usvauv.kernels.vehicles.vehicle import Command
@@ -54,10 +53,6 @@ def test_documentation_shows_the_files():
     text = (ROOT / "docs" / "extending.md").read_text(encoding="utf-8")
     for path in EXAMPLES:
         assert f"```python\n{path.read_text(encoding='utf-8')}```" in text, path.name
-
-
-def test_table_of_the_observation_is_the_one_printed():
-    assert observation.table() in (ROOT / "docs" / "interfaces.md").read_text(encoding="utf-8")
 
 
 def test_task(evaluated):

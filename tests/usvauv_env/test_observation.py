@@ -2,6 +2,7 @@
 
 import math
 import re
+from pathlib import Path
 
 import pytest
 import torch
@@ -9,16 +10,22 @@ import torch
 from usvauv.env import Scenario, World
 from usvauv.env.site.site import Site
 from usvauv.env.world.current_statistics import current_bound
-from usvauv.env.world.observation import ObservationLayout, observation_terms, observed, quantities, table
+from usvauv.env.world.observation import ObservationLayout, observation_terms, observed, quantities
 
 
 @pytest.mark.parametrize("num_auvs", [1, 2, 5])
-def test_indices_of_the_table_hold_for_any_number_of_auvs(num_auvs):
+def test_the_table_of_the_docs_holds_for_any_number_of_auvs(num_auvs):
     """Its expressions in K, at that K, are first and last index of each term where all terms are present."""
     layout = ObservationLayout(num_auvs, tuple(observation_terms))
-    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in table().splitlines()[2:]]
+    page = (Path(__file__).parents[2] / "docs" / "interfaces.md").read_text(encoding="utf-8")
+    table = page.partition("\n| index | term | ")[2].partition("\n\n")[0]
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in table.splitlines()[2:]]
     assert [row[1].strip("`") for row in rows] == list(layout.terms)
     for row, (name, place) in zip(rows, layout, strict=True):
+        term, texts = observation_terms[name], observation_terms[name].quantities(2)
+        low, high = (str(x).replace("inf", "c").replace(".0", "").replace("-", "−") for x in (term.low, term.high))
+        written = texts[0] if len(texts) == 1 else f"{texts[0]}; …; {texts[-1]}"
+        assert row[2:] == [written, term.unit, f"{low} … {high}", term.condition]
         ends = []
         for text in row[0].split(" … "):
             slope, constant = re.fullmatch(r"(\d*K)?([+−]?\d+)?", text).groups()

@@ -397,15 +397,6 @@ VARIABLES: dict[str, Variable] = {
 }
 
 
-def variables_table() -> str:
-    """The variables of a trace's file as a Markdown table."""
-    rows = (
-        f"| `{name}` | {', '.join(about.dimensions)} | {about.units or '–'} | {about.long_name} |"
-        for name, about in VARIABLES.items()
-    )
-    return "\n".join(["| variable | dimensions | unit | meaning |", "| --- | --- | --- | --- |", *rows])
-
-
 def _read(file: h5netcdf.File, name: str, path: str | Path) -> np.ndarray:
     """A field of a trace's file, its values checked."""
     if name not in file.variables:

@@ -165,31 +165,6 @@ def commanded(scenario: Scenario) -> list[Quantity]:
     return [Quantity(index, text, unit, -1.0, 1.0) for index, (text, unit) in enumerate(names)]
 
 
-def table() -> str:
-    """All terms as a Markdown table; indices for any number K of AUVs, as with every term before present."""
-    rows = ["| index | term | quantity | unit | bounds of the spaces | present |", "|" + " --- |" * 6]
-    layouts = [ObservationLayout(count, tuple(observation_terms)) for count in (2, 3)]
-    for (name, two), (_, three) in zip(*layouts, strict=True):
-        term = observation_terms[name]
-        ends = (_linear(two.start, three.start), _linear(two.stop - 1, three.stop - 1))
-        texts = term.quantities(2)
-        text = texts[0] if len(texts) == 1 else f"{texts[0]}; …; {texts[-1]}"
-        low, high = (str(x).replace("inf", "c").replace(".0", "").replace("-", "−") for x in (term.low, term.high))
-        index = " … ".join(dict.fromkeys(ends))
-        rows.append(f"| {index} | `{name}` | {text} | {term.unit} | {low} … {high} | {term.condition} |")
-    return "\n".join(rows)
-
-
-def _linear(two: int, three: int) -> str:
-    """The number that is linear in K, from its values at K = 2 and K = 3."""
-    slope = three - two
-    constant = two - 2 * slope
-    if not slope:
-        return str(constant)
-    sign = "+" if constant > 0 else "−"
-    return f"{slope if slope != 1 else ''}K" + (f"{sign}{abs(constant)}" if constant else "")
-
-
 def _shows(*choices: str) -> Callable[[Scenario], bool]:
     return lambda scenario: scenario.observation.current in choices
 
