@@ -132,6 +132,7 @@ ARTEFACTS = {
     "fix-error": _study("fix-error.md", "studies.fix_error", picture="fix-error"),
     "vehicles": _study("vehicles.md", "vehicles"),
     "passing": _study("vehicles.md", "studies.passing", "--out WORK/ppo-wide-torpedo.safetensors"),
+    "boats": _study("vehicles.md", "studies.boats"),
     "autopilot": _study("vehicles.md", "studies.autopilot", picture="autopilot"),
     "eddies": _study("model.md", "studies.eddies"),
     "record": _study("record.md", "studies.buoy", picture="buoy"),
