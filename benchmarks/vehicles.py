@@ -11,27 +11,32 @@ were computed with Fossen's public simulator (explicit Euler, 0.02 s, still wate
 an LRAUV beside what was measured at sea; speed and turning circle of the Otter of `usvauv.kernels.vehicles.otter`
 beside Fossen's simulator.
 
+The midpoint rule beside rules of other numbers of stages: how far vehicles are from the NumPy vehicle after a way of
+turning and diving in a sheared, accelerating current, and what each costs.
+
 Missions: what a step of 4,096 worlds costs with vehicles over one with points, which take turns, the median of the
 ratios; and agent-steps a second where the action is the fins, at short mission steps.
 """
-
-from __future__ import annotations
 
 import argparse
 import json
 import math
 
 import numpy as np
+import taichi as ti
 import torch
 
 from benchmarks.machine import batch, best_time, describe, parse
 from benchmarks.step_profile import seconds as seconds_of
 from benchmarks.worlds import stepper
-from tests.kernels.vehicles.reference import Reference
+from tests.kernels.vehicles.reference import Reference, lamb
+from tests.kernels.vehicles.test_torpedo import fields, fleet, flown
 from usvauv.env import Scenario, World
 from usvauv.env.scenario.otter import Otter
-from usvauv.kernels.vehicles import otter
+from usvauv.kernels.functions import func
+from usvauv.kernels.vehicles import otter, torpedo
 from usvauv.kernels.vehicles.fleet import Fleet
+from usvauv.kernels.vehicles.numbers import lamb_factors
 from usvauv.kernels.vehicles.otter import HullColumn
 from usvauv.kernels.vehicles.vehicle import LANES, Actuators, Command, vehicles
 
@@ -71,6 +76,8 @@ LRAUV = {
     "propeller_limit": 8.0,
 }
 
+STAGES, STEP_LENGTHS = (1, 2, 3, 4), (0.1, 0.05, 0.025, 0.0125)  # s
+WAY, TOLD = 8.0, (0.15, -0.1, 18.0)  # s; rudder and stern plane, rad, revolutions a second
 WORLDS, ROUNDS, REPEATS = 4096, 7, 5
 PASSING = "nodes.service=passing"
 # Scenario, changes that both have, and the one of the vehicle.
@@ -81,9 +88,10 @@ FIN_STEPS = (0.05, 0.1, 0.2)  # s
 class WithoutMunk(Reference):
     """Fossen's choices: no Munk moment, fins that see their own angle alone, no lift of the hull across."""
 
-    def __init__(self, told: tuple[float, float, float]) -> None:
+    def __init__(self, told: tuple[float, float, float], fins: float) -> None:
         changes = {"hull_lift": 0.0, "cross_drag": 0.8, "fin_place": -0.8, "rudder_lift": 0.5, "stern_lift": 0.7}
         super().__init__(DEFAULTS | changes | {"turn_time": math.inf, "sway_time": math.inf}, told=told)
+        self.n["rudder_area"] *= fins
 
     def fin(self, area, slope, angle, u, v):
         pressure = 0.5 * self.n["density"] * area * slope * u * u
@@ -94,9 +102,9 @@ class WithoutMunk(Reference):
         return np.concatenate([found[..., :3], found[..., 3:] + np.cross(v, v @ self.added)], -1)
 
 
-def cruising(count: int) -> Fleet:
+def cruising(count: int, model: str = "torpedo") -> Fleet:
     """Vehicles at different speeds and headings with the rudder a little turned."""
-    fleet = Fleet(count)
+    fleet = Fleet(count, model)
     fleet.set(Command, speed=np.linspace(0.8, 2.2, count), depth=50.0, heading=np.linspace(-3.0, 3.0, count))
     fleet.trim()
     fleet.set(Actuators, propeller=fleet.numpy("propeller"), rudder=0.05)
@@ -127,6 +135,37 @@ def rates(count: int, seconds: float) -> dict[str, float]:
         "numpy": numpy_rate(seconds),
     }
     return found | {"over_numpy": found["fins"] / found["numpy"], "over_marinegym": found["fins"] / MARINEGYM}
+
+
+def of_stages(stages: int) -> str:
+    """Name of a torpedo whose substep has so many stages."""
+
+    @func
+    def advance(table: ti.template(), body, actuators, water, dt: ti.f32):
+        now = body
+        for stage in range(stages):
+            h = dt / (stages - stage)
+            now = torpedo.after(table, body, now, torpedo.rates(table, now, water), actuators, h)
+        return torpedo.kept_in_water(table, now, water)
+
+    name = f"torpedo of {stages} stages"
+    vehicles.register(name, vehicles["torpedo"]._replace(advance=advance))
+    return name
+
+
+def stages_of(count: int, seconds: float) -> list[dict[str, object]]:
+    """Largest error of place, m, after `WAY` s for each of `STEP_LENGTHS`, and vehicle-steps a second, by `STAGES`."""
+    numbers, water, state, (place, *_) = flown(WAY, TOLD)
+    rows: list[dict[str, object]] = []
+    for stages in STAGES:
+        model, errors = of_stages(stages), {}
+        for dt in STEP_LENGTHS:
+            auvs = fleet(numbers, TOLD, water, model, **state)
+            auvs.flight(round(WAY / dt), dt)()
+            errors[f"{dt} s"] = float(np.abs(fields(auvs, "north", "east", "depth") - place).max())
+        rate = count * STEPS / best_time(cruising(count, model).flight(STEPS, DT), seconds)
+        rows.append({"stages": stages, "errors": errors, "steps_per_second": rate})
+    return rows
 
 
 def step_times(scenarios: list[Scenario]) -> np.ndarray:
@@ -175,9 +214,9 @@ def yo_yo() -> tuple[float, float, float]:
     return float(np.abs(pitch[np.abs(depth - 11.0) < 3.0]).mean()), depth.min(), depth.max()
 
 
-def radius_without_munk(degrees: float) -> float:
-    """Turning circle of `WithoutMunk` at 1200 revolutions a minute, m."""
-    reference = WithoutMunk((math.radians(degrees), 0.0, 20.0))
+def radius_without_munk(degrees: float, fins: float = 1.0) -> float:
+    """Turning circle of `WithoutMunk` at 1200 revolutions a minute, m, with a share of the rudder's area."""
+    reference = WithoutMunk((math.radians(degrees), 0.0, 20.0), fins)
     zero = np.zeros((1, 3))
     begin = reference.start(zero, np.eye(3)[None], zero + 2.0 * AHEAD, zero, (0.0, 0.0, 20.0))
     _, _, v, omega, _, _ = reference.motion(reference.fly(begin, 60.0, 1e-7), 60.0)
@@ -209,14 +248,19 @@ def figures() -> list[dict[str, object]]:
     """What, theirs, ours, and why they differ."""
     minutes, degrees = np.array([*REVOLUTIONS]), np.array([*RUDDER])
     speed, _ = settled({}, np.resize(minutes / 60, LANES))
+    hull = DEFAULTS["length"], DEFAULTS["diameter"]
     rows = [
+        {"what": f"Lamb's factor {name}", "theirs": theirs, "ours": ours, "why": "theirs: his integrals by quadrature"}
+        for name, theirs, ours in zip(("k1", "k2", "k'"), lamb(*hull), lamb_factors(*hull), strict=True)
+    ]
+    rows += [
         {"what": f"REMUS 100, {n}/min: speed, m/s", "theirs": theirs, "ours": speed[i], "why": ""}
         for i, (n, theirs) in enumerate(REVOLUTIONS.items())
     ]
     fast, turn = settled({}, 20.0, np.resize(np.deg2rad(degrees), LANES))
     for i, (angle, theirs) in enumerate(RUDDER.items()):
-        other = radius_without_munk(angle)
-        why = f"Munk's moment, fins at their own flow; without: {other:.1f}"
+        both, one = radius_without_munk(angle), radius_without_munk(angle, 0.5)
+        why = f"Munk's moment, fins at their own flow; without: {both:.1f}, with the area of one fin {one:.1f}"
         rows.append({"what": f"rudder {angle}°: radius, m", "theirs": theirs, "ours": fast[i] / turn[i], "why": why})
     speed, turn = settled(LRAUV, 5.0, np.resize(np.deg2rad([0.0, 9.0]), LANES))
     rows.append({"what": "LRAUV, 300/min: speed, m/s", "theirs": 1.0, "ours": speed[0], "why": ""})
@@ -240,7 +284,7 @@ def main() -> None:
     arguments = parse(parser)
     count = arguments.vehicles or batch(16384, 1 << 20)
     result = {"machine": describe(), "vehicles": count, "steps_per_second": rates(count, arguments.seconds)}
-    result |= {"missions": missions(), "figures": figures()}
+    result |= {"stages": stages_of(count, arguments.seconds), "missions": missions(), "figures": figures()}
     if arguments.json:
         print(json.dumps(result, indent=1, default=float))
         return
@@ -252,6 +296,10 @@ def main() -> None:
     print(
         f"  over NumPy {found['over_numpy']:,.0f}, over MarineGym's {MARINEGYM:,} frames {found['over_marinegym']:,.0f}"
     )
+    print(f"Largest error of place after {WAY:g} s, m, by the substep; million vehicle-steps a second")
+    for row in result["stages"]:
+        errors = "  ".join(f"{dt} {error:.2g}" for dt, error in row["errors"].items())
+        print(f"  {row['stages']} stages  {errors}  {row['steps_per_second'] / 1e6:.0f}")
     print(f"{WORLDS} worlds: cost of a mission step, or agent-steps a second")
     for name, value in result["missions"].items():
         print(f"  {name:30} {value:14,.2f}" if "over" in name else f"  {name:30} {value:14,.0f}")

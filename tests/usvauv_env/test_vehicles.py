@@ -83,6 +83,20 @@ def test_it_moves_as_vehicles_alone_in_the_same_water():
     np.testing.assert_allclose(world.body[..., BodyColumn.r].reshape(-1).cpu(), auvs.numpy("r"), atol=2e-4)
 
 
+def test_the_depth_sensor_errs_and_the_vehicle_follows_it():
+    """Errors of the given standard deviation from the first step on; what it takes for its depth stays near 100 m."""
+    world, noise = World(torpedo("auv.depth_noise=2.0"), 32, seed=6), []
+    world.reset()
+    for _ in range(60):
+        world.step(north_west(world))
+        noise.append(world.body[..., BodyColumn.sensor_error].clone())
+    for error in (noise[0], noise[-1]):
+        assert error.std() == pytest.approx(2.0, rel=0.2)
+    off = world.body[..., BodyColumn.depth] - 100.0
+    assert off.std() > 0.5
+    assert torch.corrcoef(torch.stack((off.ravel(), noise[-1].ravel())))[0, 1] < -0.3
+
+
 def test_an_action_commands_the_depth():
     world = World(torpedo("auv.action=vector-depth", "auv.depth_min=80"), 2, seed=1)
     world.reset()

@@ -50,9 +50,11 @@ def measure(state: blocks, water: blocks, table: array1, found: blocks):
         store(found, b, torpedo.rates(table, body, around), ti.static(range(6, 16)))
 
 
-def fleet(numbers: dict[str, float], told=(0.0, 0.0, 0.0), water: Water | None = None, **state) -> Fleet:
+def fleet(
+    numbers: dict[str, float], told=(0.0, 0.0, 0.0), water: Water | None = None, model: str = "torpedo", **state
+) -> Fleet:
     """LANES vehicles, level in water at rest where nothing else is said, their actuators where they are told to be."""
-    made = Fleet(LANES, numbers=numbers)
+    made = Fleet(LANES, model, numbers)
     made.set(Actuators, rudder=told[0], stern=told[1], propeller=told[2])
     made.set(**({"depth": DEPTH, "rudder": told[0], "stern": told[1], "propeller": told[2]} | state))
     if water:
@@ -151,6 +153,18 @@ def test_damping_and_fins_take_energy(told):
             nu = fields(auvs, *SPEEDS, *SPINS)
             power = np.einsum("ij,ij->i", nu, measured(auvs, DEFAULTS)[0])
             assert (power < -1e-3 * np.linalg.norm(nu, axis=1) ** 2).all()
+
+
+def test_fins_stall():
+    """A small angle has the lift of its slope, that of stall half a wing's, half a plate's, large ones a plate's."""
+    numbers, stall = BARE | {"rudder_area": DEFAULTS["rudder_area"]}, DEFAULTS["fin_stall"]
+    force = measured(fleet(numbers, u=1.5, rudder=np.resize([0.01, stall, 1.2], LANES)), numbers)[0][:3]
+    pressure, slope = 0.5 * RHO * DEFAULTS["rudder_area"] * 1.5**2, DEFAULTS["rudder_lift"]
+    half = 0.5 * (slope + 2 * math.sin(stall)) * math.sin(stall) * math.cos(stall)
+    assert -force[:2, 1] == pytest.approx(pressure * np.array([slope * 0.01, half]), rel=2e-3)
+    assert force[:, 5] == pytest.approx(DEFAULTS["fin_place"] * force[:, 1], rel=1e-5)
+    assert np.hypot(*force[2, :2]) == pytest.approx(pressure * 2 * math.sin(1.2) ** 2, rel=0.05)
+    assert math.atan2(-force[2, 0], -force[2, 1]) == pytest.approx(1.2, abs=0.05)  # square to it
 
 
 def test_energy_falls_without_thrust():
