@@ -14,7 +14,7 @@ it visits, has arrived, or has looked for too long: planned anew in each step, a
 One number of each 2 × 2 block of a filter's covariance is enough, half its trace, because drift and fixes treat both
 axes alike: a of the position, b of position and current, c of the current. Over the time t, with f = 1 − e^{−t/τ},
 
-    a ← a + 2τf b + τ²f² c + σ²τ² spreading(t/τ) + w t,  b ← (1 − f)(b + τf c) + σ²τf²,  c ← (1 − f)² c + σ² f(2 − f),
+    a ← a + 2τf b + τ²f² c + σ²τ² (2t/τ − 2f − f²) + w t,  b ← (1 − f)(b + τf c) + σ²τf²,  c ← (1 − f)² c + σ² f(2 − f),
 
 σ² and τ variance and memory of the current, or of the log's bias reversed, w of the log's white error. A fix of the
 variance r makes them a r/(a + r), b r/(a + r) and c − b²/(a + r). A rollout takes an AUV to be heard where that is
@@ -78,10 +78,8 @@ def drift_over(worlds: ti.template(), time) -> Drift:
     p = ti.static(worlds.p)
     variance = p[Parameter.current_variance]
     tau = p[Parameter.correlation_time]
-    f = 1.0 - ti.exp(-time / tau)
-    if time < 1e-3 * tau:
-        f = time / tau
-    spread = variance * tau * tau * tracker.spreading(time / tau) + p[Parameter.velocity_walk] * time
+    f, spreading = tracker.decayed(time / tau)
+    spread = variance * tau * tau * spreading + p[Parameter.velocity_walk] * time
     return Drift(
         way=tau * f, kept=1.0 - f, position=spread, cross=variance * tau * f * f, current=variance * f * (2.0 - f)
     )
@@ -125,7 +123,7 @@ def straying(worlds: ti.template(), elapsed) -> ti.f32:
     p = ti.static(worlds.p)
     tau = p[Parameter.velocity_memory]
     speed = STRAYING * p[Parameter.reference_speed]
-    return speed * speed * tau * tau * tracker.spreading(elapsed / tau)
+    return speed * speed * tau * tau * tracker.decayed(elapsed / tau)[1]
 
 
 @func

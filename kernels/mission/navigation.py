@@ -78,7 +78,8 @@ def move_filter(worlds: ti.template(), track: ti.template(), w, k, way: vec3, ti
     tau = p[Parameter.correlation_time]
     tracker.drift(track, w, k, vec2(way[0], way[1]), way[2], variance, tau)
     tracker.spread(track, w, k, p[Parameter.velocity_walk] * way[2] + gnss_change(worlds, time))
-    tracker.renew(track, w, k, time - way[2], variance, tau)
+    if time != way[2]:
+        tracker.renew(track, w, k, time - way[2], variance, tau)
 
 
 @func
@@ -169,13 +170,13 @@ def extrapolate(worlds: ti.template(), w, k):
     exchange = ti.static(worlds.exchange)
     track = ti.static(worlds.track)
     tau = p[Parameter.velocity_memory]
-    t = exchange[w, k, ExchangeColumn.elapsed] / tau
-    reach = tau * (1.0 - ti.exp(-t))
+    f, spreading = tracker.decayed(exchange[w, k, ExchangeColumn.elapsed] / tau)
+    reach = tau * f
     A = tracker.position_block(track, w, k)
     B = tracker.cross_block(track, w, k)
     C = tracker.current_block(track, w, k)
     A += reach * (B + B.transpose()) + reach * reach * C
-    spread = p[Parameter.velocity_variance] * tau * tau * tracker.spreading(t)
+    spread = p[Parameter.velocity_variance] * tau * tau * spreading
     for axis in ti.static(range(2)):
         velocity = exchange[w, k, ExchangeColumn.velocity_x + axis] + track[w, k, tracker.CURRENT_X + axis]
         estimate[w, k, EstimateColumn.x + axis] = track[w, k, tracker.X + axis] + reach * velocity

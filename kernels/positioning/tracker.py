@@ -187,13 +187,15 @@ def renew(track: ti.template(), w, k, time, variance, correlation_time):
 
 
 @func
-def spreading(t):
-    """2t − 3 + 4e^{−t} − e^{−2t} = 2 (t − f) − f² with f = 1 − e^{−t}, for t ≥ 0 without cancellation."""
+def decayed(t):
+    """f = 1 − e^{−t} for t ≥ 0, and 2t − 3 + 4e^{−t} − e^{−2t} = 2 (t − f) − f², without cancellation."""
     f = 1.0 - ti.exp(-t)
-    value = 2.0 * (t - f) - f * f
+    spreading = 2.0 * (t - f) - f * f
     if t < 0.1:
-        value = t * t * t * (2.0 / 3.0 - t * (0.5 - t * (7.0 / 30.0)))
-    return value
+        spreading = t * t * t * (2.0 / 3.0 - t * (0.5 - t * (7.0 / 30.0)))
+    if t < 1e-3:
+        f = t * (1.0 - 0.5 * t)
+    return f, spreading
 
 
 @func
@@ -201,24 +203,26 @@ def drift(track: ti.template(), w, k, carried: vec2, time, variance, correlation
     """Propagate position and current together over a time (s) in which the current changes, to any length exactly.
 
     Over the time t, with f = 1 − e^{−t/τ}, the current moves the AUV by τ f c and a noise of the variance σ² τ²
-    `spreading(t/τ)` that has the covariance σ² τ f² with the noise of the new current.
+    (2 (t/τ − f) − f²) that has the covariance σ² τ f² with the noise of the new current.
 
     Args:
         carried: commanded displacement, m. variance, correlation_time: as for `renew`.
     """
-    t = time / correlation_time
-    f = 1.0 - ti.exp(-t)
-    if t < 1e-3:
-        f = t * (1.0 - 0.5 * t)
-    shift(track, w, k, carried, correlation_time * f)
+    f, spreading = decayed(time / correlation_time)
+    kept, reach = 1.0 - f, correlation_time * f
     A = position_block(track, w, k)
-    B = cross_block(track, w, k) * (1.0 - f)
-    noise = variance * correlation_time * correlation_time * spreading(t)
-    for axis in ti.static(range(2)):
-        A[axis, axis] += noise
-        B[axis, axis] += variance * correlation_time * f * f
-    renew(track, w, k, time, variance, correlation_time)
+    B = cross_block(track, w, k)
     C = current_block(track, w, k)
+    A += reach * (B + B.transpose()) + reach * reach * C
+    B = kept * (B + reach * C)
+    C *= kept * kept
+    for axis in ti.static(range(2)):
+        A[axis, axis] += variance * correlation_time * correlation_time * spreading
+        B[axis, axis] += variance * correlation_time * f * f
+        C[axis, axis] += variance * f * (2.0 - f)
+        current = track[w, k, CURRENT_X + axis]
+        track[w, k, X + axis] = track[w, k, X + axis] + carried[axis] + reach * current
+        track[w, k, CURRENT_X + axis] = kept * current
     store_covariance(track, w, k, A, B, C)
 
 
