@@ -73,8 +73,8 @@ def motion(wave: ti.template(), sea: ti.i32, level: ti.template(), x: ti.f32, y:
         sine = 2.0 * s * half_cosine(t)
         along = wave[sea, n, LEVEL + 2 * level] * cosine
         eta += a * cosine
-        eta_x -= a * sine * kx
-        eta_y -= a * sine * ky
+        eta_x = eta_x - a * sine * kx
+        eta_y = eta_y - a * sine * ky
         u += along * kx
         v += along * ky
         w += wave[sea, n, LEVEL + 2 * level + 1] * sine

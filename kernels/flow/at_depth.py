@@ -97,9 +97,9 @@ def storm(wave: ti.template(), sea: ti.i32, x: ti.f32, y: ti.f32, depth: ti.f32)
         u += along * kx * cosine
         v += along * ky * cosine
         w += rising * sine
-        u_x -= along * kx * kx * sine
-        u_y -= along * kx * ky * sine
-        v_y -= along * ky * ky * sine
+        u_x = u_x - along * kx * kx * sine
+        u_y = u_y - along * kx * ky * sine
+        v_y = v_y - along * ky * ky * sine
         u_z += rising * kx * cosine
         v_z += rising * ky * cosine
         u_t += along * kx * later_cosine

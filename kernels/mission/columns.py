@@ -437,10 +437,11 @@ class Refraction(Columns):
 
 
 class Phase(Columns):
-    """What a kernel does: begin episodes, or advance them."""
+    """What a kernel does: begin episodes, advance them, or let the AUVs look about at the end of a step."""
 
     reset: int
     step: int
+    look: int
 
 
 class Draw(Columns):

@@ -73,6 +73,7 @@ class Program(NamedTuple):
         eddies: how vortices fill the water.
         passing: nodes are served in passing, not hovering.
         serial: the calling thread does all worlds: for few worlds on a CPU waking another thread takes longer.
+        apart: what ends a step, `usvauv.kernels.mission.run.look`, is a kernel of its own.
     """
 
     task: Task
@@ -96,6 +97,7 @@ class Program(NamedTuple):
     eddies: Eddies
     passing: bool
     serial: bool = False
+    apart: bool = False
 
 
 class Array(NamedTuple):

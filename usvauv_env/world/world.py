@@ -353,6 +353,8 @@ class World:
         if self._sail:
             self._sail()
         self._step()
+        if self._look:
+            self._look()
         self._stop_at_fault()
         served = self.auv[..., AuvColumn.service_rate] > 0
         horizon_ended = served if self.scenario.reward.service_terminates else torch.zeros_like(served)
@@ -554,10 +556,12 @@ class World:
         """What the mission's kernel reads and nothing changes, and its workspaces, by the names of its arguments."""
         uploaded = tables.kernel_tables(self.site, self.strategy)
         program = tables.program(self.site, self.strategy.strategy, uploaded["link"])
+        serial = runtime.better_alone(self.num_worlds * self.num_auvs)
+        apart = runtime.start().on_cpu and not (serial or self._plugins())
         return {
             **{name: torch.from_numpy(table).to(self.device) for name, table in uploaded.items()},
             "key": torch.from_numpy(self.seeds.keys()).to(self.device),
-            "program": program._replace(serial=runtime.better_alone(self.num_worlds * self.num_auvs)),
+            "program": program._replace(serial=serial, apart=apart),
             "workspace": self._zeros(self.num_worlds, tables.rule_workspace(self.scenario)),
             "pulse_envelope": self._pulses.envelope,
             "pulse_output": self._pulses.noise,
@@ -581,13 +585,20 @@ class World:
         plugins = self._plugins()  # whose Taichi functions may not compile
         with blaming(plugins, ScenarioError) if plugins else nullcontext():
             self._reset, self._step = (
-                Launch(run, *({"phase": phase, **arguments}[name] for name in PARAMETERS), settings=runtime.quickly())
-                for phase in (Phase.reset, Phase.step)
+                self._mission(arguments, phase, runtime.NONE) for phase in (Phase.reset, Phase.step)
             )
+            self._look = None
+            if arguments["program"].apart:
+                self._look = self._mission(arguments, Phase.look, runtime.vectors_in_registers())
             self._deploy, self._sail = (
                 self._moving(phase, arguments) if self.scenario.auv.dynamic else None
                 for phase in (Phase.reset, Phase.step)
             )
+
+    def _mission(self, arguments: Mapping[str, Any], phase: int, settings: runtime.Settings) -> Launch:
+        """A phase of the mission's kernel."""
+        given = ({"phase": phase, **arguments}[name] for name in PARAMETERS)
+        return Launch(run, *given, settings={**runtime.quickly(), **settings})
 
     def _moving(self, phase: int, arguments: Mapping[str, Any]) -> Launch:
         """What deploys the vehicles with dynamics, or moves them through a mission step."""
