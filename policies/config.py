@@ -7,9 +7,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
+from usvauv.env.scenario import Scenario
+from usvauv.env.world.observation import ObservationLayout
 from usvauv.kernels.errors import choices
 from usvauv.policies.algorithms import ALGORITHMS
-from usvauv.policies.frames import FRAMES
+from usvauv.policies.frames import FRAMES, PASSING_TERMS
 from usvauv.policies.policy import PolicyError
 
 MOST_LAYERS, WIDEST = 16, 8192
@@ -17,6 +19,7 @@ MOST = 1_000_000_000
 BOUNDS: dict[str, tuple[float, float]] = {  # both included; steps of Adam and rewards beyond leave single precision
     "num_worlds": (1, 1 << 22),
     "n_step": (1, 1000),
+    "rollout": (1, 100_000),
     "batch": (1, 1 << 20),
     "updates": (1, 1000),
     "learning_rate": (1e-9, 1.0),
@@ -42,9 +45,10 @@ class TrainingConfig:
         renewal: maximise the average reward trip by trip, see `Trainer`; without effect in a scenario in which services
             end the value's horizon (`reward.service_terminates`).
         gamma: discount γ of one mission step.
-        n_step: steps n of reward before the bootstrap.
+        n_step: steps n of reward before the bootstrap. On-policy algorithms hold each action for them.
+        rollout: steps of all worlds from which an on-policy algorithm learns at once.
         batch: transitions per learner in one update; of a shared one the same number of each AUV's, rounded down.
-        updates: gradient updates for each step of all worlds.
+        updates: gradient updates for each step of all worlds; of an on-policy algorithm epochs on each rollout.
         learning_rate: initial learning rate of Adam for actor, critics and temperature.
         final_rate: learning rate at the end of the run over the initial one; it falls linearly with the steps.
         tau: τ of the soft update of target networks.
@@ -65,6 +69,7 @@ class TrainingConfig:
     renewal: bool = True
     gamma: float = 0.99
     n_step: int = 10
+    rollout: int = 100
     batch: int = 512
     updates: int = 1
     learning_rate: float = 1e-3
@@ -103,9 +108,32 @@ class TrainingConfig:
             if not right:
                 raise PolicyError(f"training: {name} = {getattr(self, name)!r}: must be {rule}")
 
+    @classmethod
+    def of(cls, scenario: Scenario, **settings: Any) -> TrainingConfig:
+        """With the defaults of the algorithm in a scenario, and those of `settings`, by name, that are not None.
+
+        Where data are taken in passing and all that the frame `passing` needs is observed, that is the frame, without
+        renewal, as the data of a node come in many steps.
+        """
+        passing = not set(PASSING_TERMS).difference(ObservationLayout.of(scenario).terms)
+        own = {"frame": "passing", "renewal": False} if passing else {}
+        algorithm = settings.get("algorithm", cls.algorithm)
+        defaults = ALGORITHMS[algorithm].defaults if algorithm in ALGORITHMS else {}
+        given = {name: value for name, value in settings.items() if value is not None}
+        return cls(**{**own, **defaults, **given})
+
+    @property
+    def on_policy(self) -> bool:
+        """Whether the algorithm learns from rollouts."""
+        return ALGORITHMS[self.algorithm].on_policy
+
     @property
     def before_learning(self) -> int:
-        """World-steps before the first update: the warm-up in whole steps, at least what an update's n steps need."""
+        """World-steps before the first update: the warm-up in whole steps, at least what an update's n steps need; of
+        an on-policy algorithm a rollout.
+        """
+        if self.on_policy:
+            return self.num_worlds * self.rollout
         return self.num_worlds * max(math.ceil(self.warmup / self.num_worlds), self.n_step + 2)
 
     def changed(self, assignments: Sequence[str]) -> TrainingConfig:

@@ -6,7 +6,7 @@ the types it is given.
 
 from usvauv.kernels.registry import Registry
 from usvauv.policies.algorithms.ddpg import DDPG, DeterministicLearner
-from usvauv.policies.algorithms.learner import Batch, Learner, Settings
+from usvauv.policies.algorithms.learner import Batch, Learner, Rollout, Settings
 from usvauv.policies.algorithms.ppo import PPO
 from usvauv.policies.algorithms.sac import SAC
 from usvauv.policies.algorithms.td3 import TD3
@@ -19,4 +19,4 @@ ALGORITHMS.register("td3", TD3)
 ALGORITHMS.register("ddpg", DDPG)
 ALGORITHMS.register("ppo", PPO)
 
-__all__ = ["ALGORITHMS", "Batch", "DeterministicLearner", "Learner", "Settings", "Sizes"]
+__all__ = ["ALGORITHMS", "Batch", "DeterministicLearner", "Learner", "Rollout", "Settings", "Sizes"]

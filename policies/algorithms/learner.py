@@ -6,7 +6,8 @@ import copy
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
-from typing import ClassVar, Generic, Protocol, TypeVar
+from types import MappingProxyType
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 import torch
 from torch import Tensor, nn
@@ -41,6 +42,21 @@ class Batch:
     reward: Tensor
     discount: Tensor
     next_observation: Tensor
+
+
+@dataclass(frozen=True)
+class Rollout(Batch):
+    """What B copies of each learner's actor did in T decisions of one after another: a `Batch` of shape (S, T, B, ...).
+
+    Each decision is held for n steps, fewer at an episode's end.
+
+    Attributes:
+        follows: (T,) 1 where the next decision begins at `next_observation`, 0 at the end of an episode or the rollout.
+        parts: number of minibatches of an epoch, the same on all ranks.
+    """
+
+    follows: Tensor
+    parts: int
 
 
 class Adam:
@@ -96,6 +112,8 @@ class Settings(Protocol):
     def tau(self) -> float: ...
     @property
     def noise(self) -> float: ...
+    @property
+    def updates(self) -> int: ...
 
 
 @contextmanager
@@ -123,12 +141,16 @@ class Learner(nn.Module, Generic[Actor]):
     Attributes:
         updates: number of calls of `update`, which counts them.
         period: number of updates after which the operations of an update are the same again.
+        on_policy: learns once from each `Rollout`, which its present actor made, instead of from samples of the replay.
+        defaults: of the fields of `TrainingConfig`, where they differ from those of that class.
         join: what becomes of gradients before a step, see `train_with_others`; None: nothing.
     """
 
     actor: Actor
     averaged: Actor
     period: ClassVar[int] = 1
+    on_policy: ClassVar[bool] = False
+    defaults: ClassVar[Mapping[str, Any]] = MappingProxyType({})
 
     def __init__(self, sizes: Sizes, config: Settings, generator: torch.Generator) -> None:
         super().__init__()
@@ -194,6 +216,11 @@ class Learner(nn.Module, Generic[Actor]):
         """Standard normal numbers; the first axis of `shape` is the stack."""
         share = (shape[0] // len(self.generators), *shape[1:])
         return torch.cat([torch.randn(share, generator=own, device=own.device) for own in self.generators])
+
+    def permutation(self, count: int) -> Tensor:
+        """An order of `count` items for each network of the stack, (S, count)."""
+        orders = [torch.randperm(count, generator=own, device=own.device) for own in self.generators]
+        return torch.stack(orders).repeat_interleave(self.sizes.stack // len(orders), 0)
 
     def explore(self, observation: Tensor, noise: Tensor) -> Tensor:
         """Exploring actions (S, B, A) in [−1, 1] for observations (S, B, F) and standard normal noise (S, B, A)."""

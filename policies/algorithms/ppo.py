@@ -1,44 +1,47 @@
-"""Proximal policy optimisation on what the worlds did in their last steps.
+"""Proximal policy optimisation on whole rollouts.
 
-Schulman et al., "Proximal policy optimization algorithms", 2017, arXiv:1707.06347, with an average of the policy as the
-one near which it stays (Hilton, Cobbe and Schulman, "Batch size-invariance for policy optimization", NeurIPS 2022,
-arXiv:2110.00641).
+Schulman et al., "Proximal policy optimization algorithms", 2017, arXiv:1707.06347, with generalised advantages
+(Schulman et al., "High-dimensional continuous control using generalized advantage estimation", ICLR 2016,
+arXiv:1506.02438).
 """
 
 from __future__ import annotations
 
-import copy
+from types import MappingProxyType
 
 import torch
 from torch import Tensor
 
-from usvauv.policies.algorithms.learner import Batch, Learner, Settings
+from usvauv.policies.algorithms.learner import Batch, Learner, Rollout, Settings
 from usvauv.policies.algorithms.sac import SAC
 from usvauv.policies.networks import GaussianActor, Sizes, StackedMLP
 
 CLIP = 0.2  # largest change of a probability's ratio that is learned from
-FARTHEST = 3.0  # of a logarithm of such a ratio; beyond it nothing is learned
-DEVIATION = 0.25  # of actions before the tanh, at first
+TRACE = 0.9  # λ
+DEVIATION = 0.2  # of actions before the tanh, at first
 LEAST_DEVIATION = 1e-6  # of advantages
 
 
 class PPO(Learner[GaussianActor]):
-    """A value V of states and a Gaussian actor π, which stays near its running average π̄ over 1/τ updates.
+    """A value V of states and a Gaussian actor π, which learn in some epochs of minibatches of each rollout.
 
-    With R the n-step reward and Γ the discount of the value after it (`Batch`):
+    With R the reward while an action is held and Γ the discount of the value after it (`Batch`), π_0 the actor and V_0
+    the value that the rollout began with, and δ_t = R_t + Γ_t V_0(s′_t) − V_0(s_t):
 
-        value        minimises mean (V(s) − y)², y = R + Γ V(s′)
-        actor        maximises mean min(r A, clip(r, 1 ± `CLIP`) A), r = π(a|s)/π̄(a|s), A = y − V(s) scaled to mean 0
-                     and deviation 1
-
-    The actions are those of policies of some updates ago and are taken as those of π̄. So the replay has to be short: a
-    few times n steps of all worlds, with 1/τ about as many updates.
+        advantage    A_t = δ_t + Γ_t λ A_{t+1}, but A_t = δ_t where no further action of the episode follows
+        value        minimises mean (V(s) − y)², y = A + V_0(s)
+        actor        maximises mean min(r Â, clip(r, 1 ± `CLIP`) Â), r = π(a|s)/π_0(a|s), Â being A scaled to mean 0 and
+                     deviation 1 in the rollout
     """
+
+    on_policy = True
+    defaults = MappingProxyType(
+        {"shared": True, "gamma": 0.98, "n_step": 4, "batch": 4096, "updates": 3, "correlation": 0.0}
+    )
 
     def __init__(self, sizes: Sizes, config: Settings, generator: torch.Generator) -> None:
         super().__init__(sizes, config, generator)
         self.set_actor(self.make_actor(sizes, config, generator))
-        self.near = copy.deepcopy(self.actor).requires_grad_(False)
         self.value = StackedMLP(sizes.stack, (sizes.observation, *config.hidden, 1), generator, config.layer_norm)
         self.add_optimiser("value", self.value.parameters())
 
@@ -52,25 +55,51 @@ class PPO(Learner[GaussianActor]):
     def explore(self, observation: Tensor, noise: Tensor) -> Tensor:
         return self.actor.sample(observation, noise)[0]
 
+    def learn(self, batch: Batch) -> dict[str, Tensor]:
+        return self.update(batch)  # which averages after each gradient step
+
     def update(self, batch: Batch) -> dict[str, Tensor]:
-        value = self.value(batch.observation).squeeze(-1)
+        assert isinstance(batch, Rollout)
+        observation, action = batch.observation.flatten(1, 2), batch.action.flatten(1, 2)
         with torch.no_grad():
-            target = batch.reward + batch.discount * self.value(batch.next_observation).squeeze(-1)
-            advantage = target - value
+            value = self.value(observation).view_as(batch.reward)
+            after = self.value(batch.next_observation.flatten(1, 2)).view_as(batch.reward)
+            advantage = advantages(batch, value, after).flatten(1)
+            target = advantage + value.flatten(1)
             advantage -= advantage.mean(-1, keepdim=True)
             advantage /= advantage.std(-1, correction=0, keepdim=True) + LEAST_DEVIATION
-            before = self.near.log_density(batch.observation, batch.action)
+            before = self.actor.log_density(observation, action)
+        figures = []
+        for _ in range(self.config.updates):
+            for index in self.permutation(observation.shape[1]).tensor_split(batch.parts, -1):
+                part = torch.arange(len(index), device=index.device).unsqueeze(-1), index
+                figures.append(self._step(observation[part], action[part], target[part], advantage[part], before[part]))
+        self.updates += 1
+        return {name: torch.stack([row[name] for row in figures]).mean() for name in figures[0]}
+
+    def _step(
+        self, observation: Tensor, action: Tensor, target: Tensor, advantage: Tensor, before: Tensor
+    ) -> dict[str, Tensor]:
+        value = self.value(observation).squeeze(-1)
         value_loss = (value - target).square().mean(-1)
         self.gradient_step("value", value_loss.sum())
 
-        log_ratio = (self.actor.log_density(batch.observation, batch.action) - before).clamp(-FARTHEST, FARTHEST)
+        log_ratio = self.actor.log_density(observation, action) - before
         ratio = log_ratio.exp()
         gain = torch.minimum(ratio * advantage, ratio.clamp(1.0 - CLIP, 1.0 + CLIP) * advantage)
         self.gradient_step("actor", -gain.mean(-1).sum())
-        self.soft_update(self.near, self.actor)
-        self.updates += 1
+        self.average()
         return {
             "value_loss": value_loss.detach().mean(),
             "value": value.detach().mean(),
             "divergence": (ratio - 1.0 - log_ratio).detach().mean(),
         }
+
+
+def advantages(rollout: Rollout, value: Tensor, after: Tensor) -> Tensor:
+    """Generalised advantages (S, T, B) from the values (S, T, B) of observations and next observations."""
+    found = rollout.reward + rollout.discount * after - value
+    weight = TRACE * rollout.discount * rollout.follows.unsqueeze(-1)
+    for t in reversed(range(found.shape[1] - 1)):
+        found[:, t] += weight[:, t] * found[:, t + 1]
+    return found

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import copy
+import math
 
 import torch
 from torch import Tensor
 
 from usvauv.env.storage.memory import require
-from usvauv.policies.algorithms import Batch
+from usvauv.policies.algorithms import Batch, Rollout
 from usvauv.policies.networks import stack
+
+ROUNDING = 1e-6  # of a number of minibatches, which is the same on all ranks
 
 # Name in a checkpoint → attribute.
 STORED = {
@@ -140,6 +143,36 @@ class Replay:
             discount=self._stack(gamma ** steps.float() * bootstraps),
             next_observation=self._stack(self.observation[after, world.unsqueeze(-1), auv]),
         )
+
+    def rollout(self, n: int, gamma: float, gain: Tensor, batch: float) -> Rollout:
+        """All that is stored, which begins with a decision and ends with an end row, as decisions held for n steps.
+
+        Args:
+            gain: as in `sample`; (N,) of N seeds.
+            batch: decisions of each learner in a minibatch, at most.
+        """
+        starts, follows, held = [], [], 0
+        for row, end in enumerate(self.end[: self.size].tolist()):
+            if not end and held % n == 0:
+                starts.append(row)
+                follows.append(float(held > 0))
+            held = 0 if end else held + 1
+        worlds = torch.arange(self.worlds, device=self.device).view(self.seeds, 1, -1)
+        rows = torch.tensor(starts, device=self.device).view(1, -1, 1)
+        rows, worlds = torch.broadcast_tensors(rows, worlds)
+        gain = gain.float().reshape(-1, 1, 1).expand(rows.shape).reshape(-1, 1)
+        flat = self.transitions(rows.flatten(), worlds.flatten(), n, gamma, gain)
+        tensors = {name: value.unflatten(1, (len(starts), -1)) for name, value in vars(flat).items()}
+        parts = math.ceil(flat.reward.shape[1] / batch - ROUNDING)
+        return Rollout(**tensors, follows=torch.tensor([*follows[1:], 0.0], device=self.device), parts=parts)
+
+    def last(self, name: str) -> Tensor:
+        """What the last row has of "observation" or "action"."""
+        return getattr(self, name)[self.head - 1]
+
+    def clear(self) -> None:
+        """Forget all that is stored."""
+        self.head = self.size = 0
 
     def _stack(self, value: Tensor) -> Tensor:
         """(B, K, ...) → (S, B, ...)"""

@@ -80,7 +80,8 @@ class SavedRun:
             self.learner.train_with_others(partial(ranks.mean, weight=self.weight))
             ranks.apart(self.generator)
         shape = (world.num_worlds, world.num_auvs, self.frame.features, self.frame.actions)
-        self.replay = Replay(config.replay // config.num_worlds, shape, device, config.shared)
+        rows = config.rollout + config.n_step + 1 if config.on_policy else config.replay // config.num_worlds
+        self.replay = Replay(rows, shape, device, config.shared)
         self.renewal = config.renewal and not world.scenario.reward.service_terminates
         self._gain = torch.zeros((), dtype=torch.float64, device=device)  # ρ
         self.scale = 1.0  # of the rewards that are learned from

@@ -23,7 +23,7 @@ from usvauv.policies.policy import PolicyError
 from usvauv.policies.training.exploration import explore
 from usvauv.policies.training.replay import Replay
 from usvauv.policies.training.saved_run import learning_bytes
-from usvauv.policies.training.trainer import WINDOW, Trainer, learn
+from usvauv.policies.training.trainer import WINDOW, Trainer, learn, learn_from_rollout
 
 # What a step of a `TrainingWorld` returns.
 Step = tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]
@@ -92,6 +92,7 @@ class BatchedRuns:
         self.observation = torch.cat([run.observation for run in runs])
         self._encode = Recorded.on(generators[0], self._features)
         self._choose = Recorded.on(generators[0], self._explore)
+        self._hold = Recorded.on(generators[0], self._command)
 
     def _refuse_other_axes(self) -> None:
         own = self.first.learner.state_dict()
@@ -124,22 +125,28 @@ class BatchedRuns:
     def advance(self, pool: Executor, total: int) -> None:
         """As that of a `Trainer`: one step of all worlds, of `total` world-steps of each run, and the updates."""
         config, learner, first = self.config, self.learner, self.first
-        features = self._encode(self.observation)["features"]
+        deciding = first.deciding
+        features = self._encode(self.observation)["features"] if deciding else self.replay.last("observation")
         learning = first.learning
         if learning and learner.updates == 0:
             parts = zip(self.runs, features.chunk(self.count), strict=True)
             features = torch.cat([run.standardize(own) for run, own in parts])
             self.standardizer.copy_(self._standardizers())
-        chosen = self._choose(self.observation, features, torch.cat([run.noise.step() for run in self.runs]))
+        if learning:
+            learner.set_learning_rate(first.rate_share(total))
+            if config.on_policy:
+                gains = torch.stack([run.scaled_gain for run in self.runs])
+                self._count(learn_from_rollout(learner, config, self.replay, features, gains))
+        if deciding:
+            chosen = self._choose(self.observation, features, torch.cat([run.noise.step() for run in self.runs]))
+        else:
+            chosen = self._hold(self.observation, self.replay.last("action"))
         step = pool.submit(self._step, chosen["command"])
         if first.world.device.type == "cuda":  # as in `Trainer`
             wait((step,))
-        if learning:
-            learner.set_learning_rate(first.rate_share(total))
+        if learning and not config.on_policy:
             for _ in range(config.updates):
-                losses = self._learn()
-                for run in self.runs:
-                    run.meter.losses.append(losses)
+                self._count(self._learn())
         try:
             steps = step.result()
         except ValueError:  # as in `Trainer`
@@ -155,6 +162,10 @@ class BatchedRuns:
         self.observation = observation
         for run in self.runs:
             run.replay.head, run.replay.size = self.replay.head, self.replay.size
+
+    def _count(self, losses: dict[str, Tensor]) -> None:
+        for run in self.runs:
+            run.meter.losses.append(losses)
 
     def _learn(self) -> dict[str, Tensor]:
         """One update of all networks, with the draws that each run would make alone."""
@@ -197,7 +208,9 @@ class BatchedRuns:
         return {"features": self.standardizer(features).flatten(0, 1)}
 
     def _explore(self, observation: Tensor, features: Tensor, noise: Tensor) -> dict[str, Tensor]:
-        action = explore(self.learner, self.config, features, noise, self.count)
+        return self._command(observation, explore(self.learner, self.config, features, noise, self.count))
+
+    def _command(self, observation: Tensor, action: Tensor) -> dict[str, Tensor]:
         with FRAMES.calling(self.config.frame):
             return {"action": action, "command": self.first.frame.decode(observation, action)}
 

@@ -1,4 +1,4 @@
-"""Off-policy training in many worlds at once."""
+"""Training in many worlds at once."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ from usvauv.policies.policy import PolicyError
 from usvauv.policies.training.exploration import TrainingWorld, explore
 from usvauv.policies.training.figures import LOGS, Meter, scalar_writer, wandb_writer
 from usvauv.policies.training.ranks import ALONE, Ranks
+from usvauv.policies.training.replay import Replay
 from usvauv.policies.training.saved_run import SavedRun
 
 TINY = 1e-6
@@ -43,6 +44,20 @@ def learn(learner: Learner, name: str, batch: Batch) -> dict[str, Tensor]:
     if not all(isinstance(value, Tensor) and value.numel() == 1 for value in losses.values()):
         raise ALGORITHMS.refuse(name, losses, "one number for each name")
     return losses
+
+
+def learn_from_rollout(
+    learner: Learner, config: TrainingConfig, replay: Replay, features: Tensor, gain: Tensor, weight: float = 1.0
+) -> dict[str, Tensor]:
+    """Learn from all of a replay, of which these are the features that followed, and forget it; the figures to show.
+
+    Args:
+        weight: share of the run's worlds that the replay holds.
+    """
+    replay.finish(features)
+    rollout = replay.rollout(config.n_step, config.gamma, gain, config.batch * weight)
+    replay.clear()
+    return learn(learner, config.algorithm, rollout)
 
 
 class Trainer(SavedRun):
@@ -102,6 +117,7 @@ class Trainer(SavedRun):
         self.meter = Meter(world)
         self._encode = Recorded.on(self.generator, self._features)
         self._choose = Recorded.on(self.generator, self._explore)
+        self._hold = Recorded.on(self.generator, self._command)
         self.stopped = False
         self.interruption = Stop()
 
@@ -207,17 +223,26 @@ class Trainer(SavedRun):
     def _advance(self, pool: ThreadPoolExecutor, total: int) -> None:
         """One step of all worlds, of `total` world-steps in the run, and the updates that go with it."""
         config, world = self.config, self.world
-        features = self._encode(self.observation)["features"]
+        deciding = self.deciding
+        features = self._encode(self.observation)["features"] if deciding else self.replay.last("observation")
         learning = self.learning
         if learning and self.learner.updates == 0:
             features = self.standardize(features)
-        chosen = self._choose(self.observation, features, self.noise.step())
+        if learning:
+            self.learner.set_learning_rate(self.rate_share(total))
+            if config.on_policy:
+                self.meter.losses.append(
+                    learn_from_rollout(self.learner, config, self.replay, features, self.scaled_gain, self.weight)
+                )
+        if deciding:
+            chosen = self._choose(self.observation, features, self.noise.step())
+        else:
+            chosen = self._hold(self.observation, self.replay.last("action"))
         action = chosen["action"]
         step = pool.submit(world.step, chosen["command"])
         if world.device.type == "cuda":  # which does the updates after the step, and must not see both at a recording
             wait((step,))
-        if learning:
-            self.learner.set_learning_rate(self.rate_share(total))
+        if learning and not config.on_policy:
             gain = self.scaled_gain
             for _ in range(config.updates):
                 batch = self.replay.sample(
@@ -239,8 +264,16 @@ class Trainer(SavedRun):
         self.observation = observation.clone()
 
     @property
+    def deciding(self) -> bool:
+        """Whether the next step takes a new action; on-policy algorithms hold each for n steps."""
+        time = self.steps // self.config.num_worlds % self.world.steps
+        return not self.config.on_policy or time % self.config.n_step == 0
+
+    @property
     def learning(self) -> bool:
         """Whether the next step comes with updates."""
+        if self.config.on_policy:
+            return self.replay.size >= self.config.rollout and self.deciding
         return self.steps >= self.config.warmup and self.replay.size > self.config.n_step + 1
 
     def rate_share(self, total: int) -> float:
@@ -261,7 +294,9 @@ class Trainer(SavedRun):
 
     def _explore(self, observation: Tensor, features: Tensor, noise: Tensor) -> dict[str, Tensor]:
         """The network's exploring action (W, K, A), and the world's command for it."""
-        action = explore(self.learner, self.config, features, noise)
+        return self._command(observation, explore(self.learner, self.config, features, noise))
+
+    def _command(self, observation: Tensor, action: Tensor) -> dict[str, Tensor]:
         with FRAMES.calling(self.config.frame):
             return {"action": action, "command": self.frame.decode(observation, action)}
 

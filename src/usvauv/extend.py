@@ -8,7 +8,7 @@
     `observation_terms`   `ObservationTerm`    numbers of an AUV's observation
     `ambient_noise_laws`  a function           ambient noise (frequency, shipping, wind) → dB re 1 µPa²/Hz
     `HEURISTICS`          `Heuristic`          a policy without learning: `command`, `crab`, `unit`, `SpeedToFly` …
-    `ALGORITHMS`          `Learner`            an update of actor and critics: `DeterministicLearner`, `Batch`, `Sizes`
+    `ALGORITHMS`          `Learner`            an update of actor and critics: `Batch`, `Rollout`, `Sizes` …
     `FRAMES`              `Frame`              features and actions of a network
     `vehicles`            `Vehicle`            a model of an AUV: `Body`, `Surroundings`, `Command`, `Actuators` …
 
@@ -57,7 +57,7 @@ from usvauv.kernels.vehicles.vehicle import (
     positive,
     vehicles,
 )
-from usvauv.policies.algorithms import ALGORITHMS, Batch, DeterministicLearner, Learner, Settings, Sizes
+from usvauv.policies.algorithms import ALGORITHMS, Batch, DeterministicLearner, Learner, Rollout, Settings, Sizes
 from usvauv.policies.frames import FRAMES, Frame
 from usvauv.policies.guidance import SpeedToFly, clear_of_others, command, crab, rotate, unit, unrotate
 from usvauv.policies.heuristics import HEURISTICS, Heuristic
@@ -91,6 +91,7 @@ __all__ = [
     "Parameter",
     "Quantity",
     "RewardTerm",
+    "Rollout",
     "Scenario",
     "Settings",
     "Sizes",

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from tests.policies.toy import LEARNING, seeded
-from usvauv.policies.algorithms import ALGORITHMS, Batch, Sizes
+from usvauv.policies.algorithms import ALGORITHMS, Batch, Rollout, Sizes, ppo
 from usvauv.policies.algorithms.learner import Adam
 from usvauv.policies.learned import Standardizer
 from usvauv.policies.networks import GaussianActor, StackedMLP
@@ -29,6 +29,14 @@ def random_batch(stack_size, batch=32, features=5, seed=0):
         discount=torch.full((stack_size, batch), 0.9),
         next_observation=torch.randn((stack_size, batch, features), generator=draw),
     )
+
+
+def as_rollout(batch, decisions=4, parts=1):
+    """The same as decisions of one episode."""
+    tensors = {name: value.unflatten(1, (decisions, -1)) for name, value in vars(batch).items()}
+    follows = torch.ones(decisions)
+    follows[-1] = 0.0
+    return Rollout(**tensors, follows=follows, parts=parts)
 
 
 class TestReplay:
@@ -82,6 +90,33 @@ class TestReplay:
         drawn = self.drawn(self.filled([float(step) for step in range(27)], rows=10), n=2)
         assert set(drawn) == set(range(18, 25))
         assert drawn[24] == (24 + 0.5 * 25, 0.25, 26.0)
+
+    def test_a_rollout_is_a_sequence_of_decisions(self):
+        """Each held for 3 steps; the first episode ends in its second decision, the rollout in its fourth."""
+        replay = self.filled([1, 2, 4, 8, 16, 1, 2, 4, 8], ends={4}, horizon_ended={6})
+        replay.finish(torch.full((1, 1, 1), 10.0))
+        rollout = replay.rollout(3, 0.5, torch.tensor(0.0), batch=2)
+        rows = (rollout.observation, rollout.reward, rollout.discount, rollout.next_observation)
+        start, reward, discount, after = (row.flatten().tolist() for row in rows)
+        assert start == [0, 3, 6, 9]  # observations 5 and 10 are those that end
+        assert reward == [1 + 2 / 2 + 4 / 4, 8 + 16 / 2, 1 + 2 / 2, 8]
+        assert discount == [0.125, 0.25, 0.0, 0.5]
+        assert after[:2] + after[3:] == [3, 5, 10]
+        assert rollout.follows.tolist() == [1, 0, 1, 0]
+        assert rollout.parts == 2
+
+    def test_a_rollout_of_several_seeds(self):
+        replay = Replay(8, (6, 2, 1, 1), CPU, shared=True, seeds=3)
+        place = 10.0 * torch.arange(6.0).view(6, 1) + torch.arange(2.0)
+        for step in range(4):
+            now = 100.0 * step + place
+            replay.add(now.unsqueeze(-1), now.unsqueeze(-1), now, torch.zeros((6, 2), dtype=torch.bool))
+        replay.finish(place.unsqueeze(-1))
+        rollout = replay.rollout(2, 1.0, torch.tensor([0.0, 1.0, 2.0]), batch=8)
+        assert rollout.action.shape == (3, 2, 4, 1)
+        assert rollout.action[1].flatten().tolist() == [20, 21, 30, 31, 220, 221, 230, 231]
+        expected = 2.0 * rollout.action[..., 0] + 100.0 - 2.0 * torch.arange(3.0).view(3, 1, 1)
+        torch.testing.assert_close(rollout.reward, expected)
 
     def test_agents_and_worlds_stay_together(self):
         replay = Replay(8, (3, 2, 1, 1), CPU, shared=False)
@@ -164,8 +199,7 @@ class TestLearners:
             for step in range(12):
                 batch = random_batch(2, seed=step)
                 batch.reward[1] *= scale
-                learner.update(batch)
-                learner.average()
+                learner.learn(as_rollout(batch, parts=2) if learner.on_policy else batch)
             learners.append(dict(learner.named_parameters()))
         one, other = learners
         for name in one:
@@ -189,15 +223,27 @@ class TestLearners:
 
     def test_ppo_finds_the_action_that_pays_most(self):
         """Reward −|a − a*|², a* = (0.3, −0.2), in a single step; the value does not depend on the action."""
-        learner = ALGORITHMS["ppo"](Sizes(1, 5, 2), replace(LEARNING, tau=0.1), seeded())
+        learner = ALGORITHMS["ppo"](Sizes(1, 5, 2), replace(LEARNING, updates=4), seeded())
         best = torch.tensor([0.3, -0.2])
-        for step in range(400):
+        for step in range(100):
             observation, noise = (torch.randn((1, 256, n), generator=seeded(2 * step + n)) for n in (5, 2))
             action = learner.explore(observation, noise)
             reward = -(action - best).square().sum(-1)
-            learner.learn(Batch(observation, action, reward, torch.zeros_like(reward), observation))
+            batch = Batch(observation, action, reward, torch.zeros_like(reward), observation)
+            learner.learn(as_rollout(batch, decisions=1))
         assert (learner.actor(observation) - best).abs().mean() < 0.05
         assert (learner.value(observation)[..., 0] - reward.mean()).abs().mean() < 0.02
+
+    def test_generalised_advantages_are_sums_of_errors(self):
+        """A_t = Σ_k (Γλ)^k δ_{t+k}, to the end of the episode (Schulman et al., 2016, equation 16)."""
+        rollout = as_rollout(random_batch(2, 30), decisions=6)
+        rollout.follows[2] = 0.0  # an episode ends after the third
+        value, after = torch.randn((2, 2, 6, 5), generator=seeded(1))
+        error = rollout.reward + 0.9 * after - value
+        found = ppo.advantages(rollout, value, after)
+        for t, last in enumerate((2, 2, 2, 5, 5, 5)):
+            expected = sum((0.9 * ppo.TRACE) ** (k - t) * error[:, k] for k in range(t, last + 1))
+            torch.testing.assert_close(found[:, t], expected)
 
     def test_td3_waits_before_it_moves_its_actor(self):
         learner = ALGORITHMS["td3"](Sizes(1, 5, 2), LEARNING, seeded())

@@ -17,7 +17,7 @@ from usvauv.policies.checkpoint import POLICY, TRAINING, provenance, read
 # With filters and their memory. 4 worlds of 12 steps an episode: one ends after 48 world-steps.
 SCENARIO = ["mission.duration=12"]
 WORLDS, WARMUP, TOTAL = 4, 80, 200
-SMALL = {"hidden": (16, 16), "batch": 32, "n_step": 3, "warmup": WARMUP, "updates": 2}
+SMALL = {"hidden": (16, 16), "batch": 32, "n_step": 3, "rollout": 20, "warmup": WARMUP, "updates": 2}
 
 
 def trainer(directory: Path, algorithm: str, seed: int = 5) -> Trainer:
@@ -64,6 +64,7 @@ def whole(tmp_path_factory):
         ("sac", [44, 92, 148]),  # the replay's ring has gone round
         ("td3", [108]),
         ("ddpg", [108]),
+        ("ppo", [20, 88, 92]),  # an action is held; a rollout is over; an update was the last thing
     ],
 )
 def test_bit_for_bit(whole, tmp_path, algorithm, stops):

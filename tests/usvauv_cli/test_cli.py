@@ -262,7 +262,7 @@ def test_a_run_that_ends_before_it_learns_says_so(tmp_path, run_usvauv):
     code, said, warned = run_usvauv(*begin, "--steps", 40)
     assert (code, warned) == (
         0,
-        "warning: --steps 40: nothing will be learned: the first update comes after 40 world-steps (warmup = 40)\n",
+        "warning: --steps 40: nothing will be learned: the first update comes after 40 world-steps\n",
     )
     stage, begun, *rest = said.splitlines()
     assert stage == "evaluating clear …"

@@ -58,7 +58,10 @@ def train(
         typer.Option(help="Folder of the run; default runs/SCENARIO-ALGORITHM-SEED. Of several seeds: with one each."),
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in --out, as it was begun.")] = False,
-    shared: Annotated[bool, typer.Option("--shared", help="One network for all AUVs instead of one each.")] = False,
+    shared: Annotated[
+        bool | None,
+        typer.Option("--shared/--each", help="One network for all AUVs, or one each. Default each; with ppo shared."),
+    ] = None,
     learn: Annotated[
         list[str] | None,
         typer.Option(
@@ -122,7 +125,9 @@ def train(
                 )
             setting = Scenario.load(scenario, overrides or ()).with_targets(targets)
             check_regime(setting)
-            config = policies.TrainingConfig(algorithm=algorithm, num_worlds=worlds, seed=seed, shared=shared)
+            config = policies.TrainingConfig.of(
+                setting, algorithm=algorithm, num_worlds=worlds, seed=seed, shared=shared
+            )
             config = config.changed(learn or ())
             last = seed + seeds - 1
             replace(config, seed=last)  # refuses one that is too large
@@ -194,7 +199,7 @@ def train(
             if total <= config.before_learning:
                 typer.echo(
                     f"warning: --steps {total}: nothing will be learned: the first update comes after"
-                    f" {config.before_learning} world-steps (warmup = {config.warmup})",
+                    f" {config.before_learning} world-steps",
                     err=True,
                 )
         title = first.world.scenario.name

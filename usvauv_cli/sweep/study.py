@@ -39,7 +39,7 @@ class StudyRun(Section):
     algorithm: str = Field(default="", description="sac, td3, ddpg or ppo: the policy is learned first")
     steps: int = Field(default=2_000_000, ge=1, description="world-steps of the training")
     worlds: int = Field(default=128, ge=1, description="worlds stepped together in it")
-    shared: bool = Field(default=False, description="one network for all AUVs")
+    shared: bool | None = Field(default=None, description="one network for all AUVs; default as `train` has")
     learn: tuple[str, ...] = Field(default=(), description="settings of the learning, NAME=VALUE")
     usv: str = Field(default="", description="boat strategy; default the scenario's")
     targets: str = Field(default="", description="target rule; default the scenario's")
@@ -167,7 +167,9 @@ def define(run: StudyRun, evaluation: Evaluation, source: str) -> dict[str, Any]
         usv = StrategyChoice.parse(run.usv or None, scenario).name
         training = None
         if run.algorithm:
-            config = policies.TrainingConfig(run.algorithm, run.worlds, run.seed, run.shared).changed(run.learn)
+            config = policies.TrainingConfig.of(
+                scenario, algorithm=run.algorithm, num_worlds=run.worlds, seed=run.seed, shared=run.shared
+            ).changed(run.learn)
             training = {**asdict(config), "total": run.steps}
         else:
             policies.check(run.policy, scenario)
