@@ -131,7 +131,10 @@ ARTEFACTS = {
     ),
     "fix-error": _study("fix-error.md", "studies.fix_error", picture="fix-error"),
     "vehicles": _study("vehicles.md", "vehicles"),
-    "passing": _study("vehicles.md", "studies.passing", "--out WORK/ppo-wide-torpedo.safetensors"),
+    "passing": Artefact(
+        "vehicles.md",
+        ("usvauv train wide-torpedo --algorithm ppo --steps 1000000 --seed 1 --out WORK/ppo-wide-torpedo",),
+    ),
     "boats": _study("vehicles.md", "studies.boats"),
     "autopilot": _study("vehicles.md", "studies.autopilot", picture="autopilot"),
     "eddies": _study("model.md", "studies.eddies"),
