@@ -69,17 +69,16 @@ class PPO(Learner[GaussianActor]):
             advantage -= advantage.mean(-1, keepdim=True)
             advantage /= advantage.std(-1, correction=0, keepdim=True) + LEAST_DEVIATION
             before = self.actor.log_density(observation, action)
-        figures = []
+        rows, figures = (observation, action, target, advantage, before), []
         for _ in range(self.config.updates):
             for index in self.permutation(observation.shape[1]).tensor_split(batch.parts, -1):
-                part = torch.arange(len(index), device=index.device).unsqueeze(-1), index
-                figures.append(self._step(observation[part], action[part], target[part], advantage[part], before[part]))
+                stack = torch.arange(len(index), device=index.device).unsqueeze(-1)
+                figures.append(self._step(*(row[stack, index] for row in rows)))
         self.updates += 1
-        return {name: torch.stack([row[name] for row in figures]).mean() for name in figures[0]}
+        return dict(zip(("value_loss", "value", "divergence"), torch.stack(figures).mean(0), strict=True))
 
-    def _step(
-        self, observation: Tensor, action: Tensor, target: Tensor, advantage: Tensor, before: Tensor
-    ) -> dict[str, Tensor]:
+    def _step(self, observation: Tensor, action: Tensor, target: Tensor, advantage: Tensor, before: Tensor) -> Tensor:
+        """Learn from a minibatch; the figures of `update`."""
         value = self.value(observation).squeeze(-1)
         value_loss = (value - target).square().mean(-1)
         self.gradient_step("value", value_loss.sum())
@@ -89,11 +88,7 @@ class PPO(Learner[GaussianActor]):
         gain = torch.minimum(ratio * advantage, ratio.clamp(1.0 - CLIP, 1.0 + CLIP) * advantage)
         self.gradient_step("actor", -gain.mean(-1).sum())
         self.average()
-        return {
-            "value_loss": value_loss.detach().mean(),
-            "value": value.detach().mean(),
-            "divergence": (ratio - 1.0 - log_ratio).detach().mean(),
-        }
+        return torch.stack((value_loss.mean(), value.mean(), (ratio - 1.0 - log_ratio).mean())).detach()
 
 
 def advantages(rollout: Rollout, value: Tensor, after: Tensor) -> Tensor:

@@ -144,13 +144,20 @@ class Replay:
             next_observation=self._stack(self.observation[after, world.unsqueeze(-1), auv]),
         )
 
-    def rollout(self, n: int, gamma: float, gain: Tensor, batch: float) -> Rollout:
-        """All that is stored, which begins with a decision and ends with an end row, as decisions held for n steps.
+    @property
+    def newest(self) -> Tensor:
+        """The observation of the last row."""
+        return self.observation[self.head - 1]
+
+    def take(self, after: Tensor, n: int, gamma: float, gain: Tensor, batch: float) -> Rollout:
+        """Take out all that is stored, whose first row begins a decision, as decisions held for n steps.
 
         Args:
+            after: the observation (W, K, F) that followed.
             gain: as in `sample`; (N,) of N seeds.
             batch: decisions of each learner in a minibatch, at most.
         """
+        self.finish(after)
         starts, follows, held = [], [], 0
         for row, end in enumerate(self.end[: self.size].tolist()):
             if not end and held % n == 0:
@@ -158,21 +165,13 @@ class Replay:
                 follows.append(float(held > 0))
             held = 0 if end else held + 1
         worlds = torch.arange(self.worlds, device=self.device).view(self.seeds, 1, -1)
-        rows = torch.tensor(starts, device=self.device).view(1, -1, 1)
-        rows, worlds = torch.broadcast_tensors(rows, worlds)
+        rows, worlds = torch.broadcast_tensors(torch.tensor(starts, device=self.device).view(1, -1, 1), worlds)
         gain = gain.float().reshape(-1, 1, 1).expand(rows.shape).reshape(-1, 1)
         flat = self.transitions(rows.flatten(), worlds.flatten(), n, gamma, gain)
+        self.head = self.size = 0
         tensors = {name: value.unflatten(1, (len(starts), -1)) for name, value in vars(flat).items()}
         parts = math.ceil(flat.reward.shape[1] / batch - ROUNDING)
         return Rollout(**tensors, follows=torch.tensor([*follows[1:], 0.0], device=self.device), parts=parts)
-
-    def last(self, name: str) -> Tensor:
-        """What the last row has of "observation" or "action"."""
-        return getattr(self, name)[self.head - 1]
-
-    def clear(self) -> None:
-        """Forget all that is stored."""
-        self.head = self.size = 0
 
     def _stack(self, value: Tensor) -> Tensor:
         """(B, K, ...) → (S, B, ...)"""

@@ -23,7 +23,7 @@ from usvauv.policies.policy import PolicyError
 from usvauv.policies.training.exploration import explore
 from usvauv.policies.training.replay import Replay
 from usvauv.policies.training.saved_run import learning_bytes
-from usvauv.policies.training.trainer import WINDOW, Trainer, learn, learn_from_rollout
+from usvauv.policies.training.trainer import WINDOW, Trainer, learn
 
 # What a step of a `TrainingWorld` returns.
 Step = tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]
@@ -92,7 +92,6 @@ class BatchedRuns:
         self.observation = torch.cat([run.observation for run in runs])
         self._encode = Recorded.on(generators[0], self._features)
         self._choose = Recorded.on(generators[0], self._explore)
-        self._hold = Recorded.on(generators[0], self._command)
 
     def _refuse_other_axes(self) -> None:
         own = self.first.learner.state_dict()
@@ -126,7 +125,7 @@ class BatchedRuns:
         """As that of a `Trainer`: one step of all worlds, of `total` world-steps of each run, and the updates."""
         config, learner, first = self.config, self.learner, self.first
         deciding = first.deciding
-        features = self._encode(self.observation)["features"] if deciding else self.replay.last("observation")
+        features = self._encode(self.observation)["features"] if deciding else self.replay.newest
         learning = first.learning
         if learning and learner.updates == 0:
             parts = zip(self.runs, features.chunk(self.count), strict=True)
@@ -136,11 +135,10 @@ class BatchedRuns:
             learner.set_learning_rate(first.rate_share(total))
             if config.on_policy:
                 gains = torch.stack([run.scaled_gain for run in self.runs])
-                self._count(learn_from_rollout(learner, config, self.replay, features, gains))
-        if deciding:
-            chosen = self._choose(self.observation, features, torch.cat([run.noise.step() for run in self.runs]))
-        else:
-            chosen = self._hold(self.observation, self.replay.last("action"))
+                rollout = self.replay.take(features, config.n_step, config.gamma, gains, config.batch)
+                self._count(learn(learner, config.algorithm, rollout))
+        noise = torch.cat([run.noise.step() if deciding else run.noise.value for run in self.runs])
+        chosen = self._choose(self.observation, features, noise)
         step = pool.submit(self._step, chosen["command"])
         if first.world.device.type == "cuda":  # as in `Trainer`
             wait((step,))
@@ -208,9 +206,7 @@ class BatchedRuns:
         return {"features": self.standardizer(features).flatten(0, 1)}
 
     def _explore(self, observation: Tensor, features: Tensor, noise: Tensor) -> dict[str, Tensor]:
-        return self._command(observation, explore(self.learner, self.config, features, noise, self.count))
-
-    def _command(self, observation: Tensor, action: Tensor) -> dict[str, Tensor]:
+        action = explore(self.learner, self.config, features, noise, self.count)
         with FRAMES.calling(self.config.frame):
             return {"action": action, "command": self.first.frame.decode(observation, action)}
 

@@ -25,7 +25,6 @@ from usvauv.policies.policy import PolicyError
 from usvauv.policies.training.exploration import TrainingWorld, explore
 from usvauv.policies.training.figures import LOGS, Meter, scalar_writer, wandb_writer
 from usvauv.policies.training.ranks import ALONE, Ranks
-from usvauv.policies.training.replay import Replay
 from usvauv.policies.training.saved_run import SavedRun
 
 TINY = 1e-6
@@ -44,20 +43,6 @@ def learn(learner: Learner, name: str, batch: Batch) -> dict[str, Tensor]:
     if not all(isinstance(value, Tensor) and value.numel() == 1 for value in losses.values()):
         raise ALGORITHMS.refuse(name, losses, "one number for each name")
     return losses
-
-
-def learn_from_rollout(
-    learner: Learner, config: TrainingConfig, replay: Replay, features: Tensor, gain: Tensor, weight: float = 1.0
-) -> dict[str, Tensor]:
-    """Learn from all of a replay, of which these are the features that followed, and forget it; the figures to show.
-
-    Args:
-        weight: share of the run's worlds that the replay holds.
-    """
-    replay.finish(features)
-    rollout = replay.rollout(config.n_step, config.gamma, gain, config.batch * weight)
-    replay.clear()
-    return learn(learner, config.algorithm, rollout)
 
 
 class Trainer(SavedRun):
@@ -117,7 +102,6 @@ class Trainer(SavedRun):
         self.meter = Meter(world)
         self._encode = Recorded.on(self.generator, self._features)
         self._choose = Recorded.on(self.generator, self._explore)
-        self._hold = Recorded.on(self.generator, self._command)
         self.stopped = False
         self.interruption = Stop()
 
@@ -224,20 +208,18 @@ class Trainer(SavedRun):
         """One step of all worlds, of `total` world-steps in the run, and the updates that go with it."""
         config, world = self.config, self.world
         deciding = self.deciding
-        features = self._encode(self.observation)["features"] if deciding else self.replay.last("observation")
+        features = self._encode(self.observation)["features"] if deciding else self.replay.newest
         learning = self.learning
         if learning and self.learner.updates == 0:
             features = self.standardize(features)
         if learning:
             self.learner.set_learning_rate(self.rate_share(total))
             if config.on_policy:
-                self.meter.losses.append(
-                    learn_from_rollout(self.learner, config, self.replay, features, self.scaled_gain, self.weight)
-                )
-        if deciding:
-            chosen = self._choose(self.observation, features, self.noise.step())
-        else:
-            chosen = self._hold(self.observation, self.replay.last("action"))
+                batch = config.batch * self.weight
+                rollout = self.replay.take(features, config.n_step, config.gamma, self.scaled_gain, batch)
+                self.meter.losses.append(learn(self.learner, config.algorithm, rollout))
+        noise = self.noise.step() if deciding else self.noise.value
+        chosen = self._choose(self.observation, features, noise)
         action = chosen["action"]
         step = pool.submit(world.step, chosen["command"])
         if world.device.type == "cuda":  # which does the updates after the step, and must not see both at a recording
@@ -265,7 +247,7 @@ class Trainer(SavedRun):
 
     @property
     def deciding(self) -> bool:
-        """Whether the next step takes a new action; on-policy algorithms hold each for n steps."""
+        """Whether the next step takes a new action; on-policy algorithms hold each, as its features and noise."""
         time = self.steps // self.config.num_worlds % self.world.steps
         return not self.config.on_policy or time % self.config.n_step == 0
 
@@ -294,9 +276,7 @@ class Trainer(SavedRun):
 
     def _explore(self, observation: Tensor, features: Tensor, noise: Tensor) -> dict[str, Tensor]:
         """The network's exploring action (W, K, A), and the world's command for it."""
-        return self._command(observation, explore(self.learner, self.config, features, noise))
-
-    def _command(self, observation: Tensor, action: Tensor) -> dict[str, Tensor]:
+        action = explore(self.learner, self.config, features, noise)
         with FRAMES.calling(self.config.frame):
             return {"action": action, "command": self.frame.decode(observation, action)}
 

@@ -94,8 +94,7 @@ class TestReplay:
     def test_a_rollout_is_a_sequence_of_decisions(self):
         """Each held for 3 steps; the first episode ends in its second decision, the rollout in its fourth."""
         replay = self.filled([1, 2, 4, 8, 16, 1, 2, 4, 8], ends={4}, horizon_ended={6})
-        replay.finish(torch.full((1, 1, 1), 10.0))
-        rollout = replay.rollout(3, 0.5, torch.tensor(0.0), batch=2)
+        rollout = replay.take(torch.full((1, 1, 1), 10.0), 3, 0.5, torch.tensor(0.0), batch=2)
         rows = (rollout.observation, rollout.reward, rollout.discount, rollout.next_observation)
         start, reward, discount, after = (row.flatten().tolist() for row in rows)
         assert start == [0, 3, 6, 9]  # observations 5 and 10 are those that end
@@ -104,19 +103,6 @@ class TestReplay:
         assert after[:2] + after[3:] == [3, 5, 10]
         assert rollout.follows.tolist() == [1, 0, 1, 0]
         assert rollout.parts == 2
-
-    def test_a_rollout_of_several_seeds(self):
-        replay = Replay(8, (6, 2, 1, 1), CPU, shared=True, seeds=3)
-        place = 10.0 * torch.arange(6.0).view(6, 1) + torch.arange(2.0)
-        for step in range(4):
-            now = 100.0 * step + place
-            replay.add(now.unsqueeze(-1), now.unsqueeze(-1), now, torch.zeros((6, 2), dtype=torch.bool))
-        replay.finish(place.unsqueeze(-1))
-        rollout = replay.rollout(2, 1.0, torch.tensor([0.0, 1.0, 2.0]), batch=8)
-        assert rollout.action.shape == (3, 2, 4, 1)
-        assert rollout.action[1].flatten().tolist() == [20, 21, 30, 31, 220, 221, 230, 231]
-        expected = 2.0 * rollout.action[..., 0] + 100.0 - 2.0 * torch.arange(3.0).view(3, 1, 1)
-        torch.testing.assert_close(rollout.reward, expected)
 
     def test_agents_and_worlds_stay_together(self):
         replay = Replay(8, (3, 2, 1, 1), CPU, shared=False)
