@@ -54,6 +54,14 @@ class TestTraining:
         steps = figures["steps"] // 32
         assert figures["updates"] == (steps // 10 - 1 if algorithm == "ppo" else steps - LEARNING.warmup // 32)
 
+    def test_ppo_holds_each_action_until_the_next_decision_or_the_episode_ends(self):
+        config = dataclasses.replace(LEARNING, algorithm="ppo", n_step=4, rollout=90)
+        trainer = Trainer(ToyWorld(scenario(), 32, seed=1), config)
+        trainer.train(32 * 58)
+        action = trainer.replay.action[[row for row in range(59) if row != 50]]  # of an episode's end
+        same = (action[1:] == action[:-1]).flatten(1).all(1).tolist()
+        assert same == [step % 50 % 4 != 0 for step in range(1, 58)]
+
     def test_same_seed_same_result(self):
         def run(seed):
             config = dataclasses.replace(LEARNING, seed=seed)
