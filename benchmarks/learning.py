@@ -3,8 +3,8 @@
     python -m benchmarks.learning --json
     python -m benchmarks.learning --arch cuda
 
-Settings are those of `usvauv train` but for worlds and batch. A step of all worlds comes with one update. Timing begins
-after the first updates: compilation, and on a card the recording of graphs, are left out.
+Settings are those of `usvauv train` but for worlds and batch; its own are 256 and 256. A step of all worlds comes with
+one update. Timing begins after the first updates: compilation, and on a card the recording of graphs, are left out.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from usvauv.env import Scenario, World
 from usvauv.policies import Trainer, TrainingConfig
 from usvauv.policies.training.trainer import WINDOW
 
-SIZES = ((128, 512), (1024, 4096), (8192, 16384))  # worlds, and transitions of each AUV in an update
+SIZES = ((128, 512), (256, 256), (1024, 4096), (8192, 16384))  # worlds, and transitions of each AUV in an update
 
 
 def updates_per_second(worlds: int, batch: int, updates: int) -> float:

@@ -3,7 +3,7 @@
     python -m benchmarks.scale
     python -m benchmarks.scale --jobs 1 2 4
 
-The run is `usvauv train extreme` as it is by default: SAC, 128 worlds, 2 million world-steps. Its pieces are timed on
+The run is `usvauv train extreme` as it is by default: SAC, 256 worlds, 2 million world-steps. Its pieces are timed on
 one core, best of several times; the whole is their sum. What many cores and cards would do is computed from it and from
 figures of network and disk that are assumed, and printed with it.
 """
@@ -189,7 +189,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "start: imports": f"{found.start:.2f} s",
         "first step, kernels compiled": f"{found.compiling:.2f} s",
         "first step, kernels in Taichi's cache": f"{found.cached:.2f} s",
-        "step of 128 worlds": f"{found.step * 1e3:.1f} ms",
+        f"step of {TrainingConfig().num_worlds} worlds": f"{found.step * 1e3:.1f} ms",
         "update": f"{found.update * 1e3:.1f} ms",
         "step with its updates": f"{found.together * 1e3:.1f} ms",
         "evaluation": f"{found.evaluation:.2f} s",

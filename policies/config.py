@@ -61,7 +61,7 @@ class TrainingConfig:
     """
 
     algorithm: str = "sac"
-    num_worlds: int = 128
+    num_worlds: int = 256
     seed: int = 0
     shared: bool = False
     frame: str = "guided"
@@ -70,7 +70,7 @@ class TrainingConfig:
     gamma: float = 0.99
     n_step: int = 10
     rollout: int = 100
-    batch: int = 512
+    batch: int = 256
     updates: int = 1
     learning_rate: float = 1e-3
     final_rate: float = 0.05

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from benchmarks.machine import describe
@@ -63,9 +64,9 @@ ABLATIONS = {
 
 def train(steps: int, folder: Path, jobs: int) -> dict[str, Path]:
     """Train what is not finished already, `jobs` at a time; returns the last checkpoint of each."""
+    learned = partial(StudyRun, algorithm="sac", worlds=128, shared=True, learn=("batch=512",), seed=1)
     runs = {
-        name: StudyRun(name=name, scenario=base, set=changes, algorithm="sac", steps=steps, shared=True, seed=1)
-        for name, (base, changes) in TRAINED.items()
+        name: learned(name=name, scenario=base, set=changes, steps=steps) for name, (base, changes) in TRAINED.items()
     }
     pieces = {
         name: Piece(definition=define(run, Evaluation(episodes=1), name), method=name, task=run.scenario)

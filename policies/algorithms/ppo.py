@@ -36,7 +36,15 @@ class PPO(Learner[GaussianActor]):
 
     on_policy = True
     defaults = MappingProxyType(
-        {"shared": True, "gamma": 0.98, "n_step": 4, "batch": 4096, "updates": 3, "correlation": 0.0}
+        {
+            "num_worlds": 128,
+            "shared": True,
+            "gamma": 0.98,
+            "n_step": 4,
+            "batch": 4096,
+            "updates": 3,
+            "correlation": 0.0,
+        }
     )
 
     def __init__(self, sizes: Sizes, config: Settings, generator: torch.Generator) -> None:

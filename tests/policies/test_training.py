@@ -97,7 +97,7 @@ class TestConfig:
             ({"tau": float("nan")}, "tau = nan: must be from 1e-06 to 1.0"),
             ({"batch": 1.5}, "batch = 1.5: must be of type int"),
             ({"hidden": (64, 10**9)}, "hidden = (64, 1000000000): must be from 1 to 16 widths, each from 1 to 8192"),
-            ({"replay": 10**12}, "replay = 1000000000000: must be from num_worlds · (n_step + 3) = 1664 to 1000000000"),
+            ({"replay": 10**12}, "replay = 1000000000000: must be from num_worlds · (n_step + 3) = 3328 to 1000000000"),
             ({"hidden": ()}, "hidden"),
         ],
     )

@@ -48,7 +48,7 @@ def train(
             help="Steps of all worlds together: one step of W worlds is W. Default 2000000; with --resume, as begun."
         ),
     ] = None,
-    worlds: Annotated[int, typer.Option(help="Worlds simulated in parallel.")] = 128,
+    worlds: Annotated[int | None, typer.Option(help="Worlds simulated in parallel. Default 256; with ppo 128.")] = None,
     seed: Seed = 0,
     seeds: Annotated[
         int, typer.Option(help="Runs trained together, which differ in the seed alone: --seed and those after it.")
@@ -113,7 +113,7 @@ def train(
         def begin() -> tuple[Path, dict[Path, Run], str | None, int]:
             """The folder, which is this process's from here on, the runs in it by folder, boat strategy and steps."""
             at_least("--steps", STEPS if steps is None else steps, 1)
-            at_least("--worlds", worlds, 1)
+            at_least("--worlds", 1 if worlds is None else worlds, 1)
             check_log(log)
             if not 1 <= seeds <= MOST_SEEDS:
                 raise UserError(f"--seeds {seeds}: must be from 1 to {MOST_SEEDS}")
@@ -131,7 +131,7 @@ def train(
             config = config.changed(learn or ())
             last = seed + seeds - 1
             replace(config, seed=last)  # refuses one that is too large
-            ranks.share(worlds)
+            ranks.share(config.num_worlds)
             name = f"{setting.name}-{algorithm}-{seed if seeds == 1 else f'{seed}-to-{last}'}"
             place = out or Path("runs") / name
             if not resume:

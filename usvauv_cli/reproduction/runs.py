@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -48,15 +49,16 @@ class Method:
     testing: tuple[str, ...] = ()
 
 
+_config = partial(TrainingConfig, num_worlds=128, batch=512)  # with which the tables were made
 METHODS = (
-    Method("ddpg", "DDPG", TrainingConfig(algorithm="ddpg")),
-    Method("sac", "SAC", TrainingConfig(algorithm="sac")),
-    Method("td3", "TD3", TrainingConfig(algorithm="td3")),
+    Method("ddpg", "DDPG", _config(algorithm="ddpg")),
+    Method("sac", "SAC", _config(algorithm="sac")),
+    Method("td3", "TD3", _config(algorithm="td3")),
     # MAISAC of the paper's reference [4]: independent SAC with a learned temperature, and neither Eq. 3 to 5.
     Method(
         "baseline",
         "Baseline [4]",
-        TrainingConfig(algorithm="sac", frame="target", learning_rate=3e-4, final_rate=1.0, gamma=0.99, tau=0.01),
+        _config(algorithm="sac", frame="target", learning_rate=3e-4, final_rate=1.0, gamma=0.99, tau=0.01),
         usv="hold:100,100",
         learning=("observation.current=none", "reward.collaboration=0"),
         testing=("observation.current=none",),
@@ -65,7 +67,7 @@ METHODS = (
     Method(
         "data",
         "SAC for data",
-        TrainingConfig(algorithm="sac", shared=True, updates=2),
+        _config(algorithm="sac", shared=True, updates=2),
         learning=(
             "reward.distance_form=progress",
             "reward.service_terminates=false",

@@ -38,7 +38,7 @@ class StudyRun(Section):
     policy: str = Field(default="", description="as `usvauv eval --policy` takes it")
     algorithm: str = Field(default="", description="sac, td3, ddpg or ppo: the policy is learned first")
     steps: int = Field(default=2_000_000, ge=1, description="world-steps of the training")
-    worlds: int = Field(default=128, ge=1, description="worlds stepped together in it")
+    worlds: int | None = Field(default=None, ge=1, description="worlds stepped together in it; default as `train` has")
     shared: bool | None = Field(default=None, description="one network for all AUVs; default as `train` has")
     learn: tuple[str, ...] = Field(default=(), description="settings of the learning, NAME=VALUE")
     usv: str = Field(default="", description="boat strategy; default the scenario's")
