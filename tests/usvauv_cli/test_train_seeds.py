@@ -21,7 +21,7 @@ SMALL = {"hidden": (8, 8), "batch": 16, "n_step": 2, "warmup": 24, "replay": 400
 @pytest.fixture
 def quick(monkeypatch):
     """Learning that begins after a few steps."""
-    monkeypatch.setattr(policies, "TrainingConfig", functools.partial(TrainingConfig, **SMALL))
+    monkeypatch.setattr(TrainingConfig, "of", functools.partial(TrainingConfig.of, **SMALL))
 
 
 def test_each_folder_is_a_run_of_its_own(tmp_path, run_usvauv, quick):
