@@ -7,12 +7,8 @@ episode, step, draw). So an episode is the same for any number of worlds and thr
 
 import taichi as ti
 
-from usvauv.kernels import trigonometry
 from usvauv.kernels.functions import func
 from usvauv.kernels.types import vec2, vec4
-
-ROOT_HALF = 0x3F3504F3  # bits of √½
-LN2 = 0.6931471805599453
 
 uint2 = ti.types.vector(2, ti.u32)
 uint4 = ti.types.vector(4, ti.u32)
@@ -54,24 +50,11 @@ def uniforms(address: uint4, key: uint2) -> vec4:
 
 
 @func
-def log(x: ti.f32) -> ti.f32:
-    """ln x for 1.2e-38 ≤ x < ∞, within 2e-7 of itself, without a call, which would empty all registers of vectors.
-
-    ln x = n ln 2 + 2 artanh t with x = 2ⁿ m, √½ ≤ m ≤ √2 and t = (m − 1)/(m + 1).
-    """
-    bits = ti.bit_cast(x, ti.i32)
-    n = (bits - ROOT_HALF) >> 23
-    m = ti.bit_cast(bits - (n << 23), ti.f32)
-    t = (m - 1.0) / (m + 1.0)
-    q = t * t
-    return ti.cast(n, ti.f32) * LN2 + (t * q * (0.66666776 + q * (0.39977542 + q * 0.29871729)) + 2.0 * t)
-
-
-@func
 def gaussian_pair(u: ti.f32, v: ti.f32) -> vec2:
     """Box–Muller: two independent standard normal numbers from two uniform ones."""
-    radius = ti.sqrt(-2.0 * log(u))
-    return -radius * trigonometry.direction(v - 0.5)
+    radius = ti.sqrt(-2.0 * ti.log(u))
+    angle = 6.283185307179586 * v
+    return vec2(radius * ti.cos(angle), radius * ti.sin(angle))
 
 
 @func

@@ -4,10 +4,7 @@
 it to |t| ≤ ½ is exact: cos 2πt = 1 − 2 sin² πt and sin 2πt = 2 sin πt cos πt.
 """
 
-import taichi as ti
-
 from usvauv.kernels.functions import func
-from usvauv.kernels.types import vec2
 
 
 @func
@@ -22,10 +19,3 @@ def half_cosine(t):
     """cos πt for |t| ≤ ½, within 5e-8 before rounding."""
     q = t * t
     return 0.99999995 + q * (-4.93479283 + q * (4.05841135 + q * (-1.33187657 + q * 0.21968961)))
-
-
-@func
-def direction(t: ti.f32) -> vec2:
-    """(cos 2πt, sin 2πt) for |t| ≤ ½, within 1e-7."""
-    s = half_sine(t)
-    return vec2(1.0 - 2.0 * s * s, 2.0 * s * half_cosine(t))

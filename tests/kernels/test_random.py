@@ -75,16 +75,6 @@ def test_unit_is_open(device):
     assert out[1].item() == 1 - 2**-24
 
 
-def test_normals_are_box_muller(device):
-    """√(−2 ln u) (cos 2πv, sin 2πv) of two pairs of uniform numbers, in double precision."""
-    uniform = draw(device, 100_000).astype(np.float64)
-    for u, v, pair in zip(
-        uniform.T[::2], uniform.T[1::2], np.hsplit(draw(device, 100_000, normal=True), 2), strict=True
-    ):
-        expected = np.sqrt(-2 * np.log(u)) * np.array([np.cos(2 * np.pi * v), np.sin(2 * np.pi * v)])
-        np.testing.assert_allclose(pair.T, expected, rtol=0, atol=3e-6)
-
-
 class TestDistribution:
     n = 100_000
 
