@@ -74,12 +74,12 @@ class Adam:
     """
 
     def __init__(self, parameters: Iterable[nn.Parameter], rate: float) -> None:
-        self.parameters = list(parameters)
+        self.parameters: list[Tensor] = list(parameters)
         zeros = [torch.zeros_like(parameter) for parameter in self.parameters]
         steps = [torch.zeros((), device=zero.device) for zero in zeros]
         self.moments = dict(zip(MOMENTS, (zeros, [zero.clone() for zero in zeros], steps), strict=True))
         on_gpu = zeros[0].device.type == "cuda"  # where a number would be recorded as a constant
-        self._rate = torch.tensor(rate, device=zeros[0].device) if on_gpu else rate
+        self._rate: Any = torch.tensor(rate, device=zeros[0].device) if on_gpu else rate  # either is taken
 
     def set_rate(self, rate: float) -> None:
         """Set the learning rate η."""
@@ -94,7 +94,7 @@ class Adam:
         first, second, steps = (self.moments[name] for name in MOMENTS)
         add_(steps, 1.0)
         adam_(
-            self.parameters, gradients, first, second, [], steps, lr=self._rate, beta1=0.9, beta2=0.999,
+            self.parameters, list(gradients), first, second, [], steps, lr=self._rate, beta1=0.9, beta2=0.999,
             weight_decay=0.0, eps=1e-8, amsgrad=False, maximize=False,
         )  # fmt: skip
 
