@@ -11,7 +11,7 @@ from tests.usvauv_cli.pages import CHROMIUM
 from usvauv.cli.live.session import SLIDERS, Session
 from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.kernels.flow.vortex import Vortex
-from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn
+from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, BodyColumn, NodeColumn
 
 SMALL = ["sea.fine_cells=32", "mission.duration=60", "current.mutual=false", "current.viscosity=0"]
 
@@ -305,3 +305,22 @@ def test_every_page_shows_the_errors_of_the_last_300_s_beside_the_scene(in_tabs)
     for shown in seen[1:]:
         assert np.array(shown["data"]) == pytest.approx(np.stack([times, *errors]))
         assert shown["highest"] >= errors.max()
+
+
+def test_a_page_shows_what_the_rudders_of_vehicles_do(in_tabs):
+    session = Session(Scenario.load("extreme-torpedo"), seed=3)
+    stepped(session, 20)
+    session.pause()
+    shown = []
+
+    def act(browser, address: str) -> None:
+        page = browser.new_page()
+        page.goto(address)
+        row = page.locator("tr").filter(has_text="Rudder")
+        row.wait_for(state="attached", timeout=120_000)
+        shown.append(row.locator("td").last.text_content())
+
+    in_tabs(session, act)
+    rudder = np.degrees(session.world.body[0, :, BodyColumn.rudder].cpu().numpy())
+    assert np.abs(rudder).max() > 1
+    assert [float(angle) for angle in shown[0].rstrip("°").split(", ")] == pytest.approx(rudder, abs=0.51)

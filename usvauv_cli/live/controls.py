@@ -285,12 +285,17 @@ class Controls:
         self._next_status = now + STATUS_EVERY
 
     def _show_figures(self) -> None:
-        figures, depths = self._session.figures(), self._session.moment.mixed("depth")
-        own = (
-            {"Depth": ", ".join(f"{depth:.1f}" for depth in depths) + " m"}
-            if self._session.scenario.auv.dynamic
-            else {}
-        )
+        figures, moment = self._session.figures(), self._session.moment
+        own = {}
+        if self._session.scenario.auv.dynamic:
+            rudder, stern, propeller = moment.mixed("fins").T
+            own = {
+                "Depth": ", ".join(f"{depth:.1f}" for depth in moment.mixed("depth")) + " m",
+                "Pitch": ", ".join(f"{pitch:+.0f}" for pitch in np.degrees(moment.mixed("attitude")[:, 1])) + "°",
+                "Rudder": ", ".join(f"{angle:+.0f}" for angle in np.degrees(rudder)) + "°",
+                "Stern plane": ", ".join(f"{angle:+.0f}" for angle in np.degrees(stern)) + "°",
+                "Propeller": ", ".join(f"{60 * turns:.0f}" for turns in propeller) + " rpm",
+            }
         self._table.content = table(figures, own) if figures else ""
         times, errors = self._session.errors(PLOTTED)
         self._plot.data = (times, *errors)

@@ -24,7 +24,7 @@ class Snapshot:
         time: since the episode began, s.
         auv, boat, node, estimate: rows of the world's arrays, (K, A), (B, F), (M, N) and (K, E).
         heading: of the boats, (B,), rad, see `usvauv.env.record.heading`; NaN before the first.
-        depth, attitude: of the AUVs, (K,), m, and (K, 3), rad, as in a trace.
+        depth, attitude, fins: of the AUVs, (K,), m, (K, 3), rad, and (K, 3), rad and 1/s, as in a trace.
         own: where the AUVs take themselves to be, (K, 2), m.
         flow: velocity of the water at cruise level on a grid, (rows, columns, 2), m/s.
         long_waves: elevation on the points of a `SurfaceGrid`, (Y, X), m.
@@ -39,6 +39,7 @@ class Snapshot:
     heading: np.ndarray
     depth: np.ndarray
     attitude: np.ndarray
+    fins: np.ndarray
     own: np.ndarray
     flow: np.ndarray
     long_waves: np.ndarray

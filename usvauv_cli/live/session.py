@@ -265,9 +265,10 @@ class Session:
         if not self._done:
             self._attitude = np.zeros((len(auv), 3))
         self._attitude, before = self._attitude.copy(), self._attitude[:, 0]
-        depth = np.full(len(auv), self.scenario.auv.depth)
+        depth, fins = np.full(len(auv), self.scenario.auv.depth), np.zeros((len(auv), 3))
         if self.scenario.auv.dynamic:
-            depth, self._attitude = (of_bodies(copied(world.body))[name] for name in ("auv_depth", "auv_attitude"))
+            bodies = of_bodies(copied(world.body))
+            depth, self._attitude, fins = (bodies[f"auv_{name}"] for name in ("depth", "attitude", "fins"))
         else:
             x, y = auv[:, AuvColumn.span("water_x", "water_y")].T
             self._attitude[:, 0] = np.where(np.hypot(x, y) > SLOWEST, np.arctan2(y, x), before)
@@ -282,6 +283,7 @@ class Session:
                 heading=self._heading,
                 depth=depth,
                 attitude=self._attitude,
+                fins=fins,
                 own=copied(world.own_position),
                 flow=copied(self._flow),
                 long_waves=self.grid.long_waves(world),
