@@ -21,7 +21,7 @@ import torch
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter
 
-from benchmarks.machine import best_time, describe
+from benchmarks.machine import best_time, describe, parse
 from benchmarks.worlds import measure_memory, rates
 from usvauv.env import Scenario, World
 from usvauv.env.render.figures import write_pair
@@ -125,9 +125,7 @@ def main() -> None:
     parser.add_argument("--worlds", type=int, default=WORLDS, help="of the curves against other numbers")
     parser.add_argument("--seconds", type=float, default=1.0, help="time spent on each rate, s")
     parser.add_argument("--out", type=Path, help="X.png: figures X-light.png and X-dark.png to write")
-    parser.add_argument("--arch", default="auto", choices=runtime.ARCHITECTURES, help="where the kernels run")
-    arguments = parser.parse_args()
-    runtime.start(arguments.arch)
+    arguments = parse(parser)
     print(json.dumps(describe()))
     machine = limits_of_machine()
     print(f"{machine['bytes'] / 1e9:.1f} GB/s, {machine['operations'] / 1e9:.0f} G operations/s")
@@ -145,6 +143,8 @@ def main() -> None:
                 f"| {name} | {count} | {row['worlds']} | {rate:.3f} | {memory:.1f} | {operated:.1f} | {share:.1%} |",
                 flush=True,
             )
+    if arguments.json:
+        print(json.dumps(found, indent=1))
     if arguments.out:
         write_pair(arguments.out, partial(draw, found))
 
