@@ -10,7 +10,6 @@ fused one. What a batch holds in caches may pass the first.
 
 from __future__ import annotations
 
-import argparse
 import json
 from functools import partial
 from pathlib import Path
@@ -21,7 +20,7 @@ import torch
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter
 
-from benchmarks.machine import best_time, describe, parse
+from benchmarks.machine import best_time, command_line, describe, parse
 from benchmarks.worlds import measure_memory, rates
 from usvauv.env import Scenario, World
 from usvauv.env.render.figures import write_pair
@@ -121,7 +120,7 @@ def draw(found: dict[str, list[dict[str, float]]], ground: Ground) -> Figure:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_line(__doc__)
     parser.add_argument("--worlds", type=int, default=WORLDS, help="of the curves against other numbers")
     parser.add_argument("--seconds", type=float, default=1.0, help="time spent on each rate, s")
     parser.add_argument("--out", type=Path, help="X.png: figures X-light.png and X-dark.png to write")

@@ -177,17 +177,6 @@ def measure() -> list[dict[str, object]]:
                 best[name]["cpu_seconds"] = min(best[name]["cpu_seconds"], cpu_seconds)
         for result in best.values():
             result["cell_steps_per_cpu_second"] = n * n * result["steps"] / result["cpu_seconds"]
+            result["over_nonlinear_sea"] = result["cpu_seconds"] / best["nonlinear sea"]["cpu_seconds"]
         rows.append({"cells": n, "solvers": best})
     return rows
-
-
-def lines(rows: list[dict]) -> list[str]:
-    """The results as text; "ratio" is the CPU time over that of the nonlinear sea on as many cells."""
-    missing = [] if "PyClaw" in rows[0]["solvers"] else ["PyClaw is not installed (docs/dependencies.md): left out"]
-    return missing + [
-        f"{row['cells']:5d}²  {name:13s}  L1 {r['L1']:.2e}  L2 {r['L2']:.2e}  {r['steps']:4d} steps"
-        f"  {r['seconds']:.4f} s  {r['cpu_seconds']:.4f} CPU s  {r['cell_steps_per_cpu_second'] / 1e6:6.1f} M"
-        f"  ratio {r['cpu_seconds'] / row['solvers']['nonlinear sea']['cpu_seconds']:.1f}"
-        for row in rows
-        for name, r in row["solvers"].items()
-    ]

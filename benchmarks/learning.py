@@ -9,11 +9,9 @@ one update. Timing begins after the first updates: compilation, and on a card th
 
 from __future__ import annotations
 
-import argparse
-import json
 from time import perf_counter
 
-from benchmarks.machine import describe, parse
+from benchmarks.machine import command_line, describe, parse, show
 from usvauv.env import Scenario, World
 from usvauv.policies import Trainer, TrainingConfig
 from usvauv.policies.training.trainer import WINDOW
@@ -33,7 +31,7 @@ def updates_per_second(worlds: int, batch: int, updates: int) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_line(__doc__)
     parser.add_argument("--largest", type=int, default=SIZES[-1][0], help="worlds, at most")
     parser.add_argument("--updates", type=int, default=500, help="timed, but for those before the first report")
     arguments = parse(parser)
@@ -44,10 +42,7 @@ def main() -> None:
             sizes.append(
                 {"worlds": worlds, "batch": batch, "updates_per_second": rate, "world_steps_per_second": worlds * rate}
             )
-            if not arguments.json:
-                print(f"{worlds} worlds, batch {batch}: {rate:.1f} updates/s, {worlds * rate:,.0f} world-steps/s")
-    if arguments.json:
-        print(json.dumps({"machine": describe(), "sizes": sizes}, indent=1))
+    show({"machine": describe(), "sizes": sizes}, arguments.json)
 
 
 if __name__ == "__main__":

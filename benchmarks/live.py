@@ -11,8 +11,6 @@ and what it shows of `extreme-torpedo` is all that is made.
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
 import subprocess
 import sys
@@ -20,7 +18,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from benchmarks.machine import describe, parse
+from benchmarks.machine import command_line, describe, parse, show
 from tests.usvauv_cli.pages import CHROMIUM
 from usvauv.cli.live.server import INTERVAL, Show, listen, serve
 from usvauv.cli.live.session import Session
@@ -74,10 +72,10 @@ def measure(scenarios: list[str], seconds: float, arch: str) -> dict:
     for name in scenarios:
         scenario = Scenario.load(name, ["mission.duration=20000"])
         with listen(0) as listening, serve(listening, name) as (server, address):
-            show = Show(server, Session(scenario, arch=arch))
+            shown = Show(server, Session(scenario, arch=arch))
             for speed, factor in SPEEDS.items():
-                show.session.speed = factor
-                rows.append({"scenario": name, "speed": speed, **watched(show, address, seconds)})
+                shown.session.speed = factor
+                rows.append({"scenario": name, "speed": speed, **watched(shown, address, seconds)})
     return {"machine": describe(), "rows": rows}
 
 
@@ -103,19 +101,19 @@ def photograph(out: Path) -> None:
 
     title = f"usvauv {PICTURED}"
     with listen(0) as listening, serve(listening, title) as (server, address), ThreadPoolExecutor() as tabs:
-        show = Show(server, session)
+        shown = Show(server, session)
         tab = tabs.submit(visit, address)
         last = time.perf_counter()
         while not tab.done():
             now = time.perf_counter()
-            show.picture(now - last)
+            shown.picture(now - last)
             last = now
             time.sleep(INTERVAL)
         tab.result()
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_line(__doc__)
     parser.add_argument("scenarios", nargs="*", default=["extreme", "wide"], help="default: extreme wide")
     parser.add_argument("--seconds", type=float, default=20.0, help="of each measurement")
     parser.add_argument("--out", type=Path, help="X.png: a picture of the tab to write instead")
@@ -123,16 +121,7 @@ def main() -> None:
     if arguments.out:
         photograph(arguments.out)
         return
-    result = measure(arguments.scenarios, arguments.seconds, arguments.arch)
-    if arguments.json:
-        print(json.dumps(result, indent=1))
-        return
-    print(result["machine"])
-    for row in result["rows"]:
-        print(
-            f"{row['scenario']:8s} {row['speed']:20s} {row['pictures_per_second']:5.1f} frames/s"
-            f"  {row['megabytes_per_second']:5.2f} MB/s  {row['times_real_time']:6.1f} × real time"
-        )
+    show(measure(arguments.scenarios, arguments.seconds, arguments.arch), arguments.json)
 
 
 if __name__ == "__main__":

@@ -1,17 +1,26 @@
-"""What a timing needs beside it: the machine, the versions, and a clock that takes the best of several runs."""
+"""What a timing needs beside it: a command line, the machine and versions, a clock that takes the best of several runs,
+and how its figures are printed.
+"""
 
 from __future__ import annotations
 
 import argparse
+import json
 import platform
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import torch
 
 from usvauv.kernels import runtime
+
+
+def command_line(about: str | None) -> argparse.ArgumentParser:
+    """Parser of a benchmark's command line; `about` is its docstring."""
+    return argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
 
 
 def parse(parser: argparse.ArgumentParser) -> argparse.Namespace:
@@ -24,6 +33,42 @@ def parse(parser: argparse.ArgumentParser) -> argparse.Namespace:
     except runtime.RuntimeUnavailable as error:
         parser.error(str(error))
     return arguments
+
+
+def show(result: Mapping[str, Any], as_json: bool) -> None:
+    """Print a result: as JSON, or a line for each figure and a Markdown table for each list of records."""
+    if as_json:
+        print(json.dumps(result, indent=1))
+        return
+    for name, value in _figures(result):
+        if not isinstance(value, list) or not value or not isinstance(value[0], Mapping):
+            print(f"{name}: {_words(value)}")
+            continue
+        rows = [dict(_figures(row)) for row in value]
+        columns = list(dict.fromkeys(column for row in rows for column in row))
+        print(f"\n{name}:\n")
+        cells = [[_words(row.get(column, "")) for column in columns] for row in rows]
+        for line in (columns, ["---"] * len(columns), *cells):
+            print(f"| {' | '.join(line)} |")
+
+
+def _figures(result: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    """Figures by name, those of records in records with the names that lead to them."""
+    for name, value in result.items():
+        if isinstance(value, Mapping):
+            yield from _figures(value, f"{before}{name} ")
+        else:
+            yield f"{before}{name}", value
+
+
+def _words(value: object) -> str:
+    if isinstance(value, Mapping):
+        return "…"
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return ", ".join(map(_words, value))
+    if isinstance(value, float):
+        return f"{value:.4g}" if abs(value) < 1e4 else f"{value:,.0f}"
+    return str(value)
 
 
 def batch(on_cpu: int, on_card: int) -> int:

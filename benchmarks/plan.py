@@ -14,15 +14,13 @@ plans with a level array."""
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
 
 import numpy as np
 import torch
 from scipy.optimize import differential_evolution
 
-from benchmarks.machine import batch, best_time, describe, parse
+from benchmarks.machine import batch, best_time, command_line, describe, parse, show
 from usvauv.env import Scenario
 from usvauv.env.site.site import Site
 from usvauv.env.world.tables import link_table
@@ -299,33 +297,12 @@ def measure(teams: tuple[int, ...], trials: int, tables: int, seconds: float) ->
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_line(__doc__)
     parser.add_argument("--trials", type=int, default=1200, help="random layouts the gap is searched over")
     parser.add_argument("--tables", type=int, default=18, help="tables of unequal links, for each number of AUVs")
     parser.add_argument("--seconds", type=float, default=1.0, help="time spent on each rate, s")
     arguments = parse(parser)
-    result = measure(TEAMS, arguments.trials, arguments.tables, arguments.seconds)
-    if arguments.json:
-        print(json.dumps(result, indent=1))
-        return
-    print(result["machine"])
-    for row in result["plans"]:
-        print(
-            f"{row['auvs']:2d} AUVs, {row['objective']}: {row['plans_per_second']:,.0f} plans/s,"
-            f" {row['over_differential_evolution']:,.0f} × differential evolution,"
-            f" largest gap {row['largest_gap']:.1e} in {row['layouts']} layouts"
-        )
-    print("unequal links      largest gap, 99 %     , above 1e-3, error of value")
-    for row in result["unequal"]:
-        print(
-            f"{row['objective']:10} {row['layouts']:7d} {row['largest_gap']:11.1e} {row['gap_99_percent']:11.1e}"
-            f" {row['share_above_1e-3']:11.2%} {row['largest_error_of_value']:15.1e}"
-        )
-    for row in result["tilt"]:
-        print(
-            f"{row['auvs']:2d} AUVs, {row['objective']}: planned level on a slope of {row['slope']:g},"
-            f" loss {row['median_loss']:.1e}, at most {row['largest_loss']:.1e}; {row['median_distance']:.1f} m away"
-        )
+    show(measure(TEAMS, arguments.trials, arguments.tables, arguments.seconds), arguments.json)
 
 
 if __name__ == "__main__":

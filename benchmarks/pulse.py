@@ -207,33 +207,3 @@ def measure(seconds: float, count: int) -> dict[str, object]:
         "tone_crosstalk_db": tone_crosstalk(),
         "reflections": measure_reflections(10_000),
     }
-
-
-def show(result: dict) -> None:
-    """Print what `measure` returns."""
-    for name, rate in result["pulses_per_second"].items():
-        print(f"{name}: {rate:,.0f}")
-    for signal, rows in result["energies"].items():
-        print(f"{signal}: E/N0, detected, phase and range variance over their bounds; wrong peaks: all, detected,")
-        print("above 1e-4 threshold")
-        for row in rows:
-            print(
-                f"{row['energy_over_noise_db']:6.1f} dB {row['detected']:8.4f} {row['phase_variance_over_bound']:8.3f}"
-                f" {row['range_variance_over_bound']:8.3f} {row['wrong_peak']:.1e} {row['wrong_and_detected']:.1e}"
-                f" {row['wrong_and_above_false_alarm_threshold']:.1e}"
-            )
-    print("gate in chips, energy over N0 that noise reaches with a probability of")
-    for row in result["thresholds"]:
-        print(" ".join(f"{name}: {value:.1f}" for name, value in row.items()))
-    print("chips, correlation between codes (peak, mean square), own sidelobe, dB")
-    for row in result["codes"]:
-        print(f"{row['chips']} {row['cross_peak_db']:.1f} {row['cross_mean_square_db']:.1f} {row['sidelobe_db']:.1f}")
-    print(f"two tones of ten periods: {result['tone_crosstalk_db']:.1f} dB")
-    print("AUV, array's depth, roughness, height over bottom, excess: closed form, waveform (rad, rad, m); wrong peaks")
-    for row in result["reflections"]:
-        print(
-            f"{row['offset']} {row['array_depth']:g} {row['roughness']:g} {row['array_height']:g}"
-            f" {row['excess_chips']:.2f} chips:"
-            + "".join(f" {value:.2e}" for value in (*row["closed_form"], *row["waveform"]))
-            + f" {row['wrong_peak']:.4f}"
-        )

@@ -10,7 +10,6 @@ smallest exchange, of which a step of all worlds makes two. Medians over `ROUNDS
 
 from __future__ import annotations
 
-import argparse
 import os
 import socket
 import statistics
@@ -21,7 +20,7 @@ from typing import Any
 import torch
 from torch import multiprocessing
 
-from benchmarks.machine import describe
+from benchmarks.machine import command_line, describe
 from usvauv.env import Scenario
 from usvauv.policies import TrainingConfig
 from usvauv.policies.algorithms import ALGORITHMS, Batch, Sizes
@@ -71,7 +70,7 @@ def measure(rank: int, count: int, port: int, config: TrainingConfig, results: A
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_line(__doc__)
     parser.add_argument("--ranks", type=int, nargs="+", default=[1, 2], help="numbers of processes")
     parser.add_argument("--shared", action="store_true", help="one network for all AUVs")
     parser.add_argument("--learn", action="append", default=[], metavar="NAME=VALUE", help="settings of the learning")

@@ -10,7 +10,6 @@ figures of network and disk that are assumed, and printed with it.
 
 from __future__ import annotations
 
-import argparse
 import os
 import subprocess
 import sys
@@ -25,7 +24,7 @@ from tempfile import TemporaryDirectory
 
 import torch
 
-from benchmarks.machine import best_time, describe
+from benchmarks.machine import best_time, command_line, describe
 from usvauv import policies
 from usvauv.cli.commands.train import STEPS
 from usvauv.cli.sweep.clusters import OnRay
@@ -179,7 +178,7 @@ def on_paper(found: Costs, overheads: dict[str, float]) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_line(__doc__)
     parser.add_argument("--jobs", type=int, nargs="+", default=[1, 2], help="workers of the study of evaluations")
     chosen = parser.parse_args(arguments)
     runtime.start("cpu", threads=1)

@@ -7,16 +7,13 @@ three fields once a step allows: measured triad bandwidth over 24 B a cell and s
 PyClaw, where it is installed, and a Numba loop on a dam break with a known solution (`benchmarks.dam_break`).
 """
 
-import argparse
-import json
-
 import numba
 import numpy as np
 import taichi as ti
 import torch
 
 from benchmarks import dam_break
-from benchmarks.machine import best_time, describe, parse
+from benchmarks.machine import best_time, command_line, describe, parse, show
 from usvauv.kernels import runtime
 from usvauv.kernels.shallow_water.linear import ShallowWater
 
@@ -141,27 +138,10 @@ def measure(largest: int) -> dict[str, object]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_line(__doc__)
     parser.add_argument("--largest", type=int, default=8192, help="cells on a side of the largest grid")
     arguments = parse(parser)
-    result = measure(arguments.largest)
-    if arguments.json:
-        print(json.dumps(result, indent=1))
-        return
-    print(result["machine"])
-    print(
-        f"triad {result['triad_bytes_per_second'] / 1e9:.1f} GB/s;"
-        f" bound {result['bound_cell_steps_per_second'] / 1e9:.2f} G cell-steps/s;"
-        f" 50 × 50 grid: {result['table_1_grid_seconds_per_sea'] * 1e6:.1f} µs a sea and second"
-    )
-    for row in result["sizes"]:
-        rates = "  ".join(f"{name} {value / 1e9:.2f}" for name, value in row["cell_steps_per_second"].items())
-        print(
-            f"{row['cells']:5d}²  G cell-steps/s: {rates}  single/bound {row['single_over_bound']:.2f}"
-            f"  many/bound {row['many_over_bound']:.2f}  many/baseline {row['many_over_numba_or_torch']:.2f}"
-        )
-    print("radial dam break of PDEBench, M cell-steps per CPU second, CPU time over that of the nonlinear sea:")
-    print("\n".join(dam_break.lines(result["dam_break"])))
+    show(measure(arguments.largest), arguments.json)
 
 
 if __name__ == "__main__":

@@ -10,12 +10,11 @@ Printed are for each pair the ratio of the times, and that of the processor's ti
 
 from __future__ import annotations
 
-import argparse
 import time
 from collections.abc import Sequence
 from dataclasses import replace
 
-from benchmarks.machine import describe
+from benchmarks.machine import command_line, describe
 from usvauv.env import Scenario, World
 from usvauv.kernels import runtime
 from usvauv.policies import Seeds, Trainer, TrainingConfig
@@ -71,7 +70,7 @@ def measure(config: TrainingConfig, seeds: int, pairs: int, updates: int) -> lis
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_line(__doc__)
     parser.add_argument("--seeds", type=int, default=8, help="runs trained together")
     parser.add_argument("--pairs", type=int, default=5, help="how often each is timed")
     parser.add_argument("--updates", type=int, default=300, help="in one piece, at least 200")

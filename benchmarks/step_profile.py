@@ -12,7 +12,6 @@ because other programs can only make a round longer.
 
 from __future__ import annotations
 
-import argparse
 import json
 import time
 from functools import partial
@@ -22,7 +21,7 @@ import torch
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-from benchmarks.machine import describe
+from benchmarks.machine import command_line, describe
 from usvauv.env import Scenario, World
 from usvauv.env.render.figures import write_pair
 from usvauv.env.render.style import Ground
@@ -119,7 +118,7 @@ def draw(result: dict, ground: Ground) -> Figure:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_line(__doc__)
     parser.add_argument("scenario", nargs="?", default="extreme")
     parser.add_argument("--out", type=Path, help="X.png: figures X-light.png and X-dark.png to write")
     arguments = parser.parse_args()

@@ -8,8 +8,6 @@ what a batch takes.
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import subprocess
 import sys
@@ -17,7 +15,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from benchmarks.machine import describe, parse
+from benchmarks.machine import command_line, describe, parse, show
 
 CALL = [sys.executable, "-c", "from usvauv.cli.app import main; main()"]
 MISSION = ("ideal", "--policy", "straight", "--policy", "crab", "--set", "mission.duration=2")
@@ -39,19 +37,11 @@ def measure(episodes: int, arch: str) -> dict[str, float]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_line(__doc__)
     parser.add_argument("--episodes", type=int, nargs="+", default=[1000, 20_000])
     arguments = parse(parser)
     found = [measure(episodes, arguments.arch) for episodes in arguments.episodes]
-    if arguments.json:
-        print(json.dumps({"machine": describe(), "evaluations": found}, indent=1))
-        return
-    print(describe())
-    for row in found:
-        print(
-            f"{row['episodes']:,} episodes, {row['rows']:,} rows: {row['peak_resident_bytes'] / 2**20:.0f} MiB,"
-            f" {row['seconds']:.0f} s"
-        )
+    show({"machine": describe(), "evaluations": found}, arguments.json)
 
 
 if __name__ == "__main__":

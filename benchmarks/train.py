@@ -25,9 +25,7 @@ minutes a seed.
 
 from __future__ import annotations
 
-import argparse
 import importlib
-import json
 import math
 import statistics
 import sys
@@ -39,7 +37,7 @@ from typing import Any
 
 import torch
 
-from benchmarks.machine import describe
+from benchmarks.machine import command_line, describe, show
 from usvauv import policies
 from usvauv.env import Scenario, World
 from usvauv.policies.algorithms import ALGORITHMS
@@ -259,7 +257,7 @@ def ratio(ours: float | None, other: float | None, limit: float) -> dict[str, An
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_line(__doc__)
     names = list(contestants("sac"))
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     parser.add_argument("--algorithm", choices=list(ALGORITHMS), default="sac", help="of ours")
@@ -267,32 +265,7 @@ def main() -> None:
     parser.add_argument("--limit", type=float, default=600.0, help="training time after which a run ends, s")
     parser.add_argument("--only", nargs="+", choices=names, default=names, help="who runs", metavar="NAME")
     arguments = parser.parse_args()
-    result = measure(arguments.algorithm, arguments.seeds, arguments.limit, arguments.only)
-    if arguments.json:
-        print(json.dumps(result, indent=1))
-        return
-    print(result["machine"])
-    print("arps:", ", ".join(f"{name} {value:.3f}" for name, value in result["reference_arps"].items()))
-    for target, value in result["targets"].items():
-        print(f"{target}, arps {value:.3f}: median (all) {', '.join(COSTS)}")
-        for name, learner in result["learners"].items():
-            if not learner["runs"]:
-                print(f"  {name}: {learner.get('reason', 'no run finished')}")
-                continue
-            print(f"  {name}: " + "; ".join(row(learner[target][cost]) for cost in COSTS))
-    for target, row_of_ratios in result["ratios"].items():
-        for name, times in row_of_ratios.items():
-            if times:
-                print(f"{target}: {name} takes {'over ' * times['lower_bound']}{times['times']:.1f} × the time of ours")
-
-
-def row(entry: dict[str, Any]) -> str:
-    """Median and all values as text."""
-    return f"{text(entry['median'])} ({', '.join(map(text, entry['all']))})"
-
-
-def text(value: float | None) -> str:
-    return "not reached" if value is None else f"{value:,.1f}" if isinstance(value, float) else f"{value:,d}"
+    show(measure(arguments.algorithm, arguments.seeds, arguments.limit, arguments.only), arguments.json)
 
 
 if __name__ == "__main__":

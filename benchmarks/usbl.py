@@ -11,8 +11,6 @@ expects it, so there is no search for the delay. It runs on one thread, where it
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
 import os
 from concurrent.futures import ProcessPoolExecutor
@@ -22,7 +20,7 @@ import numpy as np
 import torch
 
 from benchmarks import pulse as pulses
-from benchmarks.machine import batch, best_time, describe, parse
+from benchmarks.machine import batch, best_time, command_line, describe, parse, show
 from usvauv.env.planning.fix_errors import reception
 from usvauv.kernels import runtime
 from usvauv.kernels.positioning import acoustic_link, matched_filter, pulse, usbl
@@ -162,25 +160,11 @@ def measure(seconds: float, count: int) -> dict[str, object]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_line(__doc__)
     parser.add_argument("--seconds", type=float, default=2.0, help="time spent on each rate, s")
     parser.add_argument("--count", type=int, default=100_000, help="pulses at each energy")
     arguments = parse(parser)
-    result = measure(arguments.seconds, arguments.count)
-    if arguments.json:
-        print(json.dumps(result, indent=1))
-        return
-    print(result["machine"])
-    for name, rate in result["fixes_per_second"].items():
-        print(f"{name}: {rate:,.0f} fixes/s")
-    print("offset, E/N0, spacing: good fixes predicted, sampled, statistical; errors in x, y, z likewise")
-    for row in result["agreement"]:
-        print(
-            f"{row['offset']} {row['energy_over_noise_density_db']:.1f} dB {row['spacing']:g} m:"
-            f" {row['good_predicted']:.4f} {row['good_waveform']:.4f} {row['good_statistical']:.4f};"
-            + "".join(f" {error:.4f}" for error in (*row["rms_waveform"], *row["rms_statistical"]))
-        )
-    pulses.show(result["pulse"])
+    show(measure(arguments.seconds, arguments.count), arguments.json)
 
 
 if __name__ == "__main__":

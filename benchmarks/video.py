@@ -11,7 +11,6 @@ around each AUV, the plot of errors and a section, with artists whose data are r
 
 from __future__ import annotations
 
-import argparse
 import json
 import subprocess
 import sys
@@ -21,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.machine import describe
+from benchmarks.machine import command_line, describe, show
 from usvauv import policies
 from usvauv.env import Scenario, Trace, World
 from usvauv.env.record.metrics import position_error
@@ -157,7 +156,7 @@ def commands(folder: Path) -> dict[str, list[float]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_line(__doc__)
     parser.add_argument("--json", action="store_true", help="print JSON only")
     parser.add_argument("--frames", type=int, default=1000)
     parser.add_argument("--trace", type=Path, help="(of a child) the mission")
@@ -183,32 +182,14 @@ def main() -> None:
     result = {
         "machine": describe(),
         "frames": arguments.frames,
-        "frames_per_second": {size: figures["frames_per_second"] for size, figures in by_size.items()},
-        "peak_memory_mb": {size: figures["peak_memory_mb"] for size, figures in by_size.items()},
+        "sizes": [{"size": size, **figures} for size, figures in by_size.items()],
         "views": {view: figures["frames_per_second"] for view, figures in by_view.items()},
         "commands_peak_memory_mb": by_command,
         "simulating_s": simulating,
         "matplotlib": baseline["frames_per_second"],
         "ratio": by_view["map"]["frames_per_second"] / baseline["frames_per_second"],
     }
-    if arguments.json:
-        print(json.dumps(result))
-        return
-    print(f"{arguments.frames} frames of `extreme`; {result['machine']}")
-    print("| size | frames/s | peak memory MB | kB a frame |")
-    print("| --- | --- | --- | --- |")
-    for size, figures in by_size.items():
-        rate, memory, size_of = figures.values()
-        print(f"| {size} | {rate:.0f} | {memory:.0f} | {size_of:.0f} |")
-    shown = ", ".join(f"{view} {rate:.0f}" for view, rate in result["views"].items())
-    print(f"frames/s by view at 1280x720: {shown}")
-    drawing = arguments.frames / result["frames_per_second"]["1280x720"]
-    print(f"{arguments.frames} s of mission at 1280x720: simulated in {simulating:.1f} s, drawn in {drawing:.1f} s")
-    print(f"an animation by matplotlib: {result['matplotlib']:.1f} frames/s, ratio {result['ratio']:.0f}")
-    print(f"| peak memory MB | {' | '.join(f'{steps} steps' for steps in MISSIONS)} |")
-    print(f"| --- |{' --- |' * len(MISSIONS)}")
-    for command, figures in by_command.items():
-        print(f"| `{command}` | {' | '.join(f'{figure:.0f}' for figure in figures)} |")
+    show(result, arguments.json)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,6 @@ each step of all worlds, the updates of its settings. VMAS is not in any extra: 
 
 from __future__ import annotations
 
-import argparse
 import importlib
 import json
 import os
@@ -24,7 +23,7 @@ from collections.abc import Callable
 
 import torch
 
-from benchmarks.machine import best_time, describe, parse
+from benchmarks.machine import best_time, command_line, describe, parse, show
 from usvauv import policies
 from usvauv.env import Scenario, World
 from usvauv.kernels import runtime
@@ -198,7 +197,7 @@ def print_curve(scenario: Scenario, sizes: list[int], seconds: float) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = command_line(__doc__)
     parser.add_argument("--largest", type=int, default=16384, help="largest number of worlds")
     parser.add_argument("--seconds", type=float, default=1.0, help="time spent on each rate, s")
     parser.add_argument(
@@ -208,20 +207,7 @@ def main() -> None:
     if arguments.curve:
         print_curve(Scenario.load(arguments.curve), sizes_up_to(arguments.largest), arguments.seconds)
         return
-    result = measure(arguments.largest, arguments.seconds)
-    if arguments.json:
-        print(json.dumps(result, indent=1))
-        return
-    print(result["machine"])
-    print(f"agent-steps/s: environment alone, with {result['policy']}, with training")
-    for row in result["batches"]:
-        columns = (row[name]["agent_steps_per_second"] for name in ("environment", "with_policy", "with_training"))
-        print(f"{row['worlds']:6d} worlds:" + "".join(f"{column:14,.0f}" for column in columns))
-    print("memory:", result["memory"])
-    print("start, s:", result["start_seconds"])
-    print("VMAS:", result["vmas"])
-    if result["over_vmas_navigation"]:
-        print(f"best over VMAS navigation: {result['over_vmas_navigation']:.0f}")
+    show(measure(arguments.largest, arguments.seconds), arguments.json)
 
 
 if __name__ == "__main__":
