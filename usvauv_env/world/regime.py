@@ -8,6 +8,7 @@ that is said and not judged.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -62,17 +63,19 @@ def check(scenario: Scenario) -> list[Finding]:
         UserError: a file of the scenario does not serve.
     """
     site = Site(scenario)
-    found = [*_long_waves(site), *_storm(site), *_currents(site), *_boat(site), *_replies(site)]
-    if scenario.task_definition.targets == "nodes":
-        found += _data_link(site)
-    return found
+    found = [*_long_waves(site), *_short_waves(site), *_currents(site), _replies(site)]
+    return [*found, _data_link(site)] if scenario.task_definition.targets == "nodes" else found
 
 
 def _judge(bad: bool, verdict: Verdict = "warning") -> Verdict:
     return verdict if bad else "fine"
 
 
-def _long_waves(site: Site) -> list[Finding]:
+def _at_most(limit: float, check: str, value: float, field: str, where: str = "") -> Finding:
+    return Finding(check, f"{value:.2g}", f"at most {limit:g}{where}", _judge(value > limit), field)
+
+
+def _long_waves(site: Site) -> Iterator[Finding]:
     scenario, sea, depth = site.scenario, site.scenario.sea, site.mean_depth
     bands, most = [], 1.0
     if sea.regular_amplitude > 0:
@@ -80,143 +83,75 @@ def _long_waves(site: Site) -> list[Finding]:
     if (rms := long_wave_rms(site)) > 0:
         shortest, longest = sea.irregular_period_min, sea.irregular_period_max
         bands.append(("sea.irregular_period_min", math.sqrt(2) * rms, shortest, longest))
-    speed = math.sqrt(sea.gravity * depth)
-    found = []
     for field, amplitude, shortest, longest in bands:
-        length = speed * shortest
-        kh, steepness = 2 * math.pi * depth / length, 2 * amplitude / length
+        length = math.sqrt(sea.gravity * depth) * shortest
         period, gain = forced_gain(scenario, shortest, longest, depth)
         most = max(most, gain)
-        found += [
-            Finding(
-                "long waves grow towards the wall",
-                f"{gain:.3g}-fold at a period of {period:.4g} s",
-                f"at most {LARGEST_GAIN:g}, or sea.forcing = incident and an edge that radiates",
-                _judge(gain > LARGEST_GAIN),
-                field,
-            ),
-            Finding(
-                "kh of the shortest long wave",
-                f"{kh:.2g}",
-                f"at most {LARGEST_KH:g} in shallow water",
-                _judge(kh > LARGEST_KH),
-                field,
-            ),
-            Finding(
-                "steepness 2a/λ of the shortest long wave",
-                f"{steepness:.2g}",
-                f"at most {LARGEST_LONG_STEEPNESS:g}",
-                _judge(steepness > LARGEST_LONG_STEEPNESS),
-                field,
-            ),
-        ]
+        value, remedy = (
+            f"{gain:.3g}-fold at a period of {period:.4g} s",
+            "sea.forcing = incident and an edge that radiates",
+        )
+        limit = f"at most {LARGEST_GAIN:g}, or {remedy}"
+        yield Finding("long waves grow towards the wall", value, limit, _judge(gain > LARGEST_GAIN), field)
+        kh = 2 * math.pi * depth / length
+        yield _at_most(LARGEST_KH, "kh of the shortest long wave", kh, field, " in shallow water")
+        yield _at_most(
+            LARGEST_LONG_STEEPNESS, "steepness 2a/λ of the shortest long wave", 2 * amplitude / length, field
+        )
     if bands and sea.equations == "linear":
-        share = most * scenario.highest_long_wave / depth
-        found.append(
-            Finding(
-                "height of the long waves over the depth",
-                f"{share:.2g}",
-                f"at most {LARGEST_AMPLITUDE:g} with linear equations",
-                _judge(share > LARGEST_AMPLITUDE),
-                "sea.equations",
-            )
-        )
-    return found
+        share, where = most * scenario.highest_long_wave / depth, " with linear equations"
+        yield _at_most(LARGEST_AMPLITUDE, "height of the long waves over the depth", share, "sea.equations", where)
 
 
-def _storm(site: Site) -> list[Finding]:
-    uneven = uneven_bed_warning(site)
-    found = [Finding("its waves are", uneven, "", "warning", "storm")] if uneven else []
-    for system in wave_systems(site):
-        steepness = 2 * math.pi * system.significant_height / (site.scenario.sea.gravity * system.peak_period**2)
-        found.append(
-            Finding(
-                "steepness Hs/(g Tp²/2π)",
-                f"{steepness:.2g}",
-                f"at most {LARGEST_STEEPNESS:g}",
-                _judge(steepness > LARGEST_STEEPNESS),
-                "storm.peak_period",
-            )
-        )
-    return found
+def _short_waves(site: Site) -> Iterator[Finding]:
+    gravity, lag = site.scenario.sea.gravity, site.scenario.boat.response_time
+    if uneven := uneven_bed_warning(site):
+        yield Finding("its waves are", uneven, "", "warning", "storm")
+    systems = wave_systems(site)
+    for system in systems:
+        steepness = 2 * math.pi * system.significant_height / (gravity * system.peak_period**2)
+        yield _at_most(LARGEST_STEEPNESS, "steepness Hs/(g Tp²/2π)", steepness, "storm.peak_period")
+    if systems:
+        limit = "above 0 in a storm, or it holds its place against every wave"
+        check = "the boat's speed follows its command in"
+        yield Finding(check, f"{lag:g} s", limit, _judge(lag == 0), "boat.response_time")
 
 
-def _currents(site: Site) -> list[Finding]:
-    scenario, found = site.scenario, []
+def _currents(site: Site) -> Iterator[Finding]:
+    scenario = site.scenario
     for field, top, level, where in (
         ("auv.speed_max", scenario.auv.speed_max, Level.cruise, "at the AUVs' depth"),
         ("boat.top_speed", scenario.boat.top_speed, Level.surface, "at the surface"),
     ):
         rms = drift_speed(site, level)
         median, tail = MEDIAN * rms, TAIL * rms
+        verdict = "error" if median >= top else _judge(tail >= top)
         if rms > 0:
-            found.append(
-                Finding(
-                    f"current {where}, median and 99 %:",
-                    f"{median:.2g} and {tail:.2g} m/s",
-                    f"below the top speed, {top:g} m/s",
-                    "error" if median >= top else _judge(tail >= top),
-                    field,
-                )
-            )
-    return found
+            check, value = f"current {where}, median and 99 %:", f"{median:.2g} and {tail:.2g} m/s"
+            yield Finding(check, value, f"below the top speed, {top:g} m/s", verdict, field)
 
 
-def _boat(site: Site) -> list[Finding]:
-    boat = site.scenario.boat
-    if not wave_systems(site):
-        return []
-    return [
-        Finding(
-            "the boat's speed follows its command in",
-            f"{boat.response_time:g} s",
-            "above 0 in a storm, or it holds its place against every wave",
-            _judge(boat.response_time == 0),
-            "boat.response_time",
-        )
-    ]
-
-
-def _replies(site: Site) -> list[Finding]:
-    scenario = site.scenario
+def _replies(site: Site) -> Finding:
     links = tables.link_table(site).astype(float)
     link = links[links[:, acoustic_link.RATIO_AT_1M].argmin()]
-    distance = np.geomspace(1.0, 1e5, 2000)
+    distance, depth = np.geomspace(1.0, 1e5, 2000), site.scenario.auv.depth
     loss = link[acoustic_link.SPREADING] * np.log10(distance) + link[acoustic_link.ABSORPTION] * distance / 1e3
     ratio = link[acoustic_link.RATIO_AT_1M] - link[acoustic_link.PATHS] * (loss + link[acoustic_link.BUBBLES])
     least = 10 * math.log10(max(link[acoustic_link.THRESHOLD] / 8 - 1, 1e-9))
-    heard = distance[ratio >= least]
-    reach = float(heard[-1]) if len(heard) else 0.0
-    if scenario.acoustics.noise_law == "demonstration":
-        verdict: Verdict = "convention"
-    else:
-        verdict = _judge(reach < scenario.auv.depth, "error")
-    return [
-        Finding(
-            "replies can be decoded up to",
-            f"{reach:.3g} m",
-            f"the AUVs' depth, {scenario.auv.depth:g} m, at least",
-            verdict,
-            "acoustics.source_level",
-        )
-    ]
+    reach = float(distance[ratio >= least].max(initial=0.0))
+    agreed = site.scenario.acoustics.noise_law == "demonstration"
+    verdict = "convention" if agreed else _judge(reach < depth, "error")
+    limit = f"the AUVs' depth, {depth:g} m, at least"
+    return Finding("replies can be decoded up to", f"{reach:.3g} m", limit, verdict, "acoustics.source_level")
 
 
-def _data_link(site: Site) -> list[Finding]:
+def _data_link(site: Site) -> Finding:
     nodes, rate = site.scenario.nodes, tables.reference_rate(site)
-    efficiency = 1e6 * rate / nodes.bandwidth
-    judged = nodes.rate_law not in ("demonstration", "optical")
-    verdict: Verdict = "convention" if nodes.rate_law == "demonstration" else "fine"
-    if rate <= LEAST_RATE:
-        verdict = "error"
-    elif judged:
-        verdict = _judge(efficiency > LARGEST_EFFICIENCY)
-    return [
-        Finding(
-            "the data link carries",
-            f"{1e3 * rate:.3g} kbit/s, {efficiency:.2g} bit/s/Hz" if rate > LEAST_RATE else "nothing",
-            f"at most {LARGEST_EFFICIENCY:g} bit/s/Hz with sound",
-            verdict,
-            "nodes.rate_law",
-        )
-    ]
+    efficiency, value = 1e6 * rate / nodes.bandwidth, "nothing"
+    verdict: Verdict = "error"
+    if rate > LEAST_RATE:
+        value = f"{1e3 * rate:.3g} kbit/s, {efficiency:.2g} bit/s/Hz"
+        verdict = _judge(efficiency > LARGEST_EFFICIENCY and nodes.rate_law != "optical")
+        verdict = "convention" if nodes.rate_law == "demonstration" else verdict
+    limit = f"at most {LARGEST_EFFICIENCY:g} bit/s/Hz with sound"
+    return Finding("the data link carries", value, limit, verdict, "nodes.rate_law")
