@@ -9,11 +9,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, NamedTuple
 
 from usvauv.env.scenario import Scenario, ScenarioError
-from usvauv.env.scenario.scenario import VEHICLE_TERMS
 from usvauv.env.site.site import Site
 from usvauv.env.world.current_statistics import current_bound
 from usvauv.kernels.errors import choices
@@ -165,18 +163,6 @@ def commanded(scenario: Scenario) -> list[Quantity]:
     return [Quantity(index, text, unit, -1.0, 1.0) for index, (text, unit) in enumerate(names)]
 
 
-def _shows(*choices: str) -> Callable[[Scenario], bool]:
-    return lambda scenario: scenario.observation.current in choices
-
-
-def _always(scenario: Scenario) -> bool:
-    return True
-
-
-def _serves_in_passing(scenario: Scenario) -> bool:
-    return scenario.collects_in_passing
-
-
 def _others(num_auvs: int) -> list[str]:
     return [
         f"{axis} of another AUV, number {number} of the others in the order of their index, minus own {axis}"
@@ -185,110 +171,66 @@ def _others(num_auvs: int) -> list[str]:
     ]
 
 
-def _profile(num_auvs: int) -> list[str]:
-    places = [(BEAM_CELL * (point // BEAMS + 1), BEAM_ANGLE * (point % BEAMS - 1)) for point in range(PROFILE_POINTS)]
-    return [
-        f"current {reach:g} m away, {beam:g} rad to the left of the target's bearing, {axis}"
-        for reach, beam in places
-        for axis in "xy"
-    ]
+PROFILE = [
+    f"current {BEAM_CELL * (point // BEAMS + 1):g} m away,"
+    f" {BEAM_ANGLE * (point % BEAMS - 1):g} rad to the left of the target's bearing, {axis}"
+    for point in range(PROFILE_POINTS)
+    for axis in "xy"
+]
+# Kinds of numbers: unit and bounds. Conditions: in words, and as a function of the scenario.
+POSITION, SHARE, VELOCITY = ("D", -POSITION_BOUND, POSITION_BOUND), ("1", 0.0, 1.0), ("m/s", -CURRENT, CURRENT)
+When = tuple[str, Callable[[Scenario], bool]]
+ALWAYS: When = "always", lambda scenario: True
+PASSING: When = '`nodes.service` is "passing"', lambda scenario: scenario.collects_in_passing
 
 
-def _register() -> None:
-    """The shipped terms, in the order in which they stand in an observation."""
-    position, share, speed, velocity = (
-        ("D", -POSITION_BOUND, POSITION_BOUND),
-        ("1", 0.0, 1.0),
-        ("m/s", 0.0, CURRENT),
-        ("m/s", -CURRENT, CURRENT),
+def _shows(words: str, *choices: str) -> When:
+    return f"`observation.current` is {words}", lambda scenario: scenario.observation.current in choices
+
+
+def _of_vehicles(name: str) -> When:
+    """All terms of vehicles with dynamics are there where fins are commanded, else those that are named."""
+    return (
+        'named in `observation.extra`, or `auv.action` is "fins"',
+        lambda scenario: name in scenario.observation.extra or scenario.auv.action == "fins",
     )
-    target = [f"{axis} of the target, a node or station, minus own {axis}" for axis in "xy"]
-    components = [f"current at the AUV, {axis}" for axis in "xy"]
-    shipped = (
-        ("others", kernel.others, _others, position, "always", _always),
-        ("target", kernel.target, target, position, "always", _always),
-        ("position", kernel.position, ["own x", "own y"], position, "always", _always),
-        ("border", kernel.border, ["1 if the last move was refused at the border, else 0"], share, "always", _always),
-        ("overflow", kernel.overflow, ["share of nodes that overflow"], share, "always", _always),
-        (
-            "current_speed",
-            kernel.current_speed,
-            ["speed of the current at the AUV"],
-            speed,
-            '`observation.current` is not "none"',
-            _shows("speed", "vector", "profile"),
-        ),
-        (
-            "current",
-            kernel.current_vector,
-            components,
-            velocity,
-            '`observation.current` is "vector" or "profile"',
-            _shows("vector", "profile"),
-        ),
-        (
-            "current_profile",
-            kernel.current_profile,
-            _profile,
-            velocity,
-            '`observation.current` is "profile"',
-            _shows("profile"),
-        ),
-        (
-            "service",
-            kernel.service,
-            ["1 while data come in from the target, else 0", "data left there, or before that expected, over a buffer"],
-            share,
-            '`nodes.service` is "passing"',
-            _serves_in_passing,
-        ),
-        (
-            "next",
-            kernel.next_node,
-            [
-                f"{axis} of the node after the target, where the target rule foresees it, minus that of it"
-                for axis in "xy"
-            ],
-            position,
-            '`nodes.service` is "passing"',
-            _serves_in_passing,
-        ),
-    )
-    for name, write, texts, kind, condition, present in shipped:
-        quantities = texts if callable(texts) else partial(_fixed, texts)
-        observation_terms.register(name, ObservationTerm(write, quantities, *kind, condition, present))
 
 
-def _register_of_vehicles() -> None:
-    """The terms of vehicles with dynamics: all of them where fins are commanded, else those that are named."""
-    texts = {
-        "attitude": ["cosine of the heading, from east", "its sine", "pitch, nose up", "roll, starboard down"],
-        "depth": ["depth below the cruise depth, by the sensor", "height above the bed"],
-        "motion": [
-            *(f"velocity through the water, {way}" for way in ("forward", "to starboard", "downward")),
-            *(f"turning rate, {way}" for way in ("roll", "pitch", "yaw to starboard")),
-            *("rudder", "stern plane"),
-        ],
-    }
-    kinds: dict[str, tuple[str, float, float]] = {
-        "attitude": ("1, rad", -4.0, 4.0),
-        "depth": (f"{kernel.DEPTH_UNIT:g} m", -1200.0, 1200.0),
-        "motion": ("m/s, rad/s, rad", -10.0, 10.0),
-    }
-    condition = 'named in `observation.extra`, or `auv.action` is "fins"'
-    for name in VEHICLE_TERMS:
-        quantities = partial(_fixed, texts[name])
-        term = ObservationTerm(getattr(kernel, name), quantities, *kinds[name], condition, partial(_with_fins, name))
-        observation_terms.register(name, term)
+def _ship(
+    name: str,
+    write: Callable[..., Any],
+    texts: list[str] | Callable[[int], list[str]],
+    kind: tuple[str, float, float],
+    when: When = ALWAYS,
+) -> None:
+    quantities = texts if callable(texts) else lambda num_auvs: texts
+    observation_terms.register(name, ObservationTerm(write, quantities, *kind, *when))
 
 
-def _fixed(texts: list[str], num_auvs: int) -> list[str]:
-    return texts
-
-
-def _with_fins(name: str, scenario: Scenario) -> bool:
-    return name in scenario.observation.extra or scenario.auv.action == "fins"
-
-
-_register()
-_register_of_vehicles()
+# In the order in which they stand in an observation.
+_ship("others", kernel.others, _others, POSITION)
+_ship(
+    "target", kernel.target, [f"{axis} of the target, a node or station, minus own {axis}" for axis in "xy"], POSITION
+)
+_ship("position", kernel.position, ["own x", "own y"], POSITION)
+_ship("border", kernel.border, ["1 if the last move was refused at the border, else 0"], SHARE)
+_ship("overflow", kernel.overflow, ["share of nodes that overflow"], SHARE)
+_shown = _shows('not "none"', "speed", "vector", "profile")
+_ship("current_speed", kernel.current_speed, ["speed of the current at the AUV"], ("m/s", 0.0, CURRENT), _shown)
+_shown = _shows('"vector" or "profile"', "vector", "profile")
+_ship("current", kernel.current_vector, [f"current at the AUV, {axis}" for axis in "xy"], VELOCITY, _shown)
+_ship("current_profile", kernel.current_profile, PROFILE, VELOCITY, _shows('"profile"', "profile"))
+_left = "data left there, or before that expected, over a buffer"
+_ship("service", kernel.service, ["1 while data come in from the target, else 0", _left], SHARE, PASSING)
+_next = [f"{axis} of the node after the target, where the target rule foresees it, minus that of it" for axis in "xy"]
+_ship("next", kernel.next_node, _next, POSITION, PASSING)
+_angles = ["cosine of the heading, from east", "its sine", "pitch, nose up", "roll, starboard down"]
+_ship("attitude", kernel.attitude, _angles, ("1, rad", -4.0, 4.0), _of_vehicles("attitude"))
+_depths, _unit = ["depth below the cruise depth, by the sensor", "height above the bed"], f"{kernel.DEPTH_UNIT:g} m"
+_ship("depth", kernel.depth, _depths, (_unit, -1200.0, 1200.0), _of_vehicles("depth"))
+_rates = [
+    *(f"velocity through the water, {way}" for way in ("forward", "to starboard", "downward")),
+    *(f"turning rate, {way}" for way in ("roll", "pitch", "yaw to starboard")),
+    *("rudder", "stern plane"),
+]
+_ship("motion", kernel.motion, _rates, ("m/s, rad/s, rad", -10.0, 10.0), _of_vehicles("motion"))
