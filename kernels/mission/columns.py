@@ -428,14 +428,6 @@ class Action(Columns):
     fins: int
 
 
-class Refraction(Columns):
-    """How sound travels: straight; bent, which the fix ignores; bent, which the fix corrects."""
-
-    none: int
-    ignored: int
-    corrected: int
-
-
 class Phase(Columns):
     """What a kernel does: begin episodes, advance them, or let the AUVs look about at the end of a step."""
 

@@ -17,7 +17,6 @@ from usvauv.kernels.mission.columns import (
     Draw,
     EstimateColumn,
     Parameter,
-    Refraction,
 )
 from usvauv.kernels.mission.worlds import Worlds, address, key, normals
 from usvauv.kernels.positioning import acoustic_link, matched_filter, rays, reflections, usbl
@@ -167,9 +166,9 @@ def surroundings(worlds: Worlds, boundaries, profile: reflections.Profile) -> re
     """What an array hears reflected."""
     if not worlds.program.multipath:
         return reflections.Surroundings()
-    if worlds.program.refraction == Refraction.none:
-        return reflections.Surroundings(boundaries)
-    return reflections.Surroundings(boundaries, profile)
+    if worlds.program.refraction:
+        return reflections.Surroundings(boundaries, profile)
+    return reflections.Surroundings(boundaries)
 
 
 @func
@@ -222,7 +221,7 @@ def receive(worlds: ti.template(), pose: ArrayPose, arrival: IncomingSignal, w, 
 def place_heard(worlds: ti.template(), pose: ArrayPose, w, direction: vec3, slant_range) -> vec3:
     """The offset (m) from the array of what is heard from a direction, by the rays that the receiver reckons with."""
     found = slant_range * direction
-    if ti.static(worlds.program.refraction == Refraction.corrected):
+    if ti.static(worlds.program.refraction):
         z = -worlds.boat[w, pose.boat, BoatColumn.elevation]
         below = vec3(direction[0], direction[1], -1.0)
         found = rays.follow(worlds.layers, z, below, slant_range, worlds.p[Parameter.sound_speed])
@@ -310,13 +309,12 @@ def measure(worlds: ti.template(), offset: vec3, pose: ArrayPose, expected: Expe
     """
     layers = ti.static(worlds.layers)
     link = ti.static(worlds.link)
-    refraction = ti.static(worlds.program.refraction)
     S = ti.max(offset.norm(), 1e-3)
     direction = offset / S
     path = S
     length = 1.0
     flags = 0
-    if ti.static(refraction != Refraction.none):
+    if ti.static(worlds.program.refraction):
         c = worlds.p[Parameter.sound_speed]
         z = -worlds.boat[w, pose.boat, BoatColumn.elevation]
         ray = rays.refracted(layers, z, z, offset, c)
@@ -324,8 +322,7 @@ def measure(worlds: ti.template(), offset: vec3, pose: ArrayPose, expected: Expe
         path = ray.slant_range
         if ray.exists == 0:
             flags = usbl.NO_RAY
-        if ti.static(refraction == Refraction.corrected):
-            length = c / sound_speed(layers, z)
+        length = c / sound_speed(layers, z)
     # Where sound is slower than supposed, it comes later and less across the array.
     body = pose.slowness * (pose.axes @ direction)
     loss = acoustic_link.further_loss(link, k, offset, pose.effort)

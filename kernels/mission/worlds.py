@@ -62,7 +62,7 @@ class Program(NamedTuple):
         waveform: fixes by sampled signals, not by the statistical model.
         tone: the signal is a tone, not a coded pulse.
         multipath: the array hears reflections from surface and bottom too.
-        refraction: of `Refraction`.
+        refraction: sound bends in layers, and fixes follow it.
         tracker: the boat tracks its AUVs by their commanded velocities.
         schedule: of `Schedule`.
         sensor: of `Sensor`, what AUVs reckon with.
@@ -86,7 +86,7 @@ class Program(NamedTuple):
     waveform: bool
     tone: bool
     multipath: bool
-    refraction: int
+    refraction: bool
     tracker: bool
     schedule: int
     sensor: int

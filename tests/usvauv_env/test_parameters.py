@@ -9,7 +9,7 @@ from usvauv.env import Scenario, ScenarioError
 from usvauv.env.site.site import Site
 from usvauv.env.world import tables
 from usvauv.env.world.boat_strategies import StrategyChoice
-from usvauv.kernels.mission.columns import Parameter, Refraction
+from usvauv.kernels.mission.columns import Parameter
 from usvauv.kernels.positioning.pulse import FEWEST_PERIODS
 from usvauv.kernels.positioning.sonar import (
     wind_of_growing_sea,
@@ -78,23 +78,13 @@ def test_rate_of_a_modem_and_of_light(changes, rate):
 
 
 class TestSound:
-    PROFILE = (0, 1500), (140, 1430)  # 0.5 m/s slower a metre
-
-    @pytest.mark.parametrize(
-        ("refraction", "code", "speed"),
-        [
-            ("array", Refraction.ignored, 1500.0),
-            ("mean", Refraction.ignored, 30 / math.log(1500 / 1470)),
-            ("corrected", Refraction.corrected, 30 / math.log(1500 / 1470)),
-        ],
-    )
-    def test_speed_of_a_profile(self, refraction, code, speed):
-        """Of the array, or the way over the time, z/∫dz/c, down to the AUVs at 60 m."""
-        place = site(acoustics={"sound_speed_profile": self.PROFILE}, usbl={"refraction": refraction})
-        assert tables.sound_speed(place) == pytest.approx(speed)
-        assert program(place).refraction == code
-        plain = site(usbl={"refraction": refraction})
-        assert (tables.sound_speed(plain), program(plain).refraction) == (1480.0, Refraction.none)
+    def test_speed_of_a_profile(self):
+        """The way over the time, z/∫dz/c, down to the AUVs at 60 m, where it is 0.5 m/s slower a metre."""
+        place = site(acoustics={"sound_speed_profile": ((0, 1500), (140, 1430))})
+        assert tables.sound_speed(place) == pytest.approx(30 / math.log(1500 / 1470))
+        assert program(place).refraction
+        assert tables.sound_speed(site()) == 1480.0
+        assert not program(site()).refraction
 
 
 def program(place: Site):

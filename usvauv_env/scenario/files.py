@@ -16,6 +16,7 @@ RETIRED: dict[str, tuple[object, ...]] = {
     "planner.horizon": (),
     "planner.objective": ("e",),
     "auv.refused_power": (),
+    "usbl.refraction": (),
     "sea.start_rms": (),
     "sea.start_modes": (),
 }
@@ -23,6 +24,7 @@ RETIRED: dict[str, tuple[object, ...]] = {
 UNUSED: dict[str, tuple[object, ...]] = {
     "planner.horizon": (10,),
     "auv.refused_power": ("travelling", "hovering"),
+    "usbl.refraction": ("corrected",),
     "sea.start_rms": (0.0,),
     "sea.start_modes": (4,),
 }

@@ -89,10 +89,6 @@ class Usbl(Section):
     model: Literal["statistical", "waveform"] = Field(
         "statistical", description="fixes drawn from their distribution, or measured from sampled signals in noise"
     )
-    refraction: Literal["corrected", "mean", "array"] = Field(
-        "corrected",
-        description="with a profile: fixes follow the bent ray, or a straight one at the mean or the array's speed",
-    )
     propagation: bool = Field(
         False, description="a fix is of where the AUV was when its sound left it, not of where it is"
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import cmath
 import math
+from dataclasses import fields
 from functools import partial
 from typing import NamedTuple
 
@@ -22,7 +23,7 @@ from usvauv.env.world.observation import ObservationLayout, observation_terms
 from usvauv.kernels.flow.vortex import Eddies
 from usvauv.kernels.mission import target_rules
 from usvauv.kernels.mission.boat_motion import CONTROL_TIME, DRIFT_TIME
-from usvauv.kernels.mission.columns import Action, Information, Parameter, Refraction, Schedule, Sensor
+from usvauv.kernels.mission.columns import Action, Information, Parameter, Schedule, Sensor
 from usvauv.kernels.mission.tasks.data_collection import LEAST_RATE, arrival_table
 from usvauv.kernels.mission.vehicles import Motion
 from usvauv.kernels.mission.worlds import Program
@@ -179,11 +180,7 @@ def sound_profile(site: Site) -> SoundSpeedProfile:
 def sound_speed(site: Site) -> float:
     """The one speed of sound by which the array turns phases into cosines and delays into metres, m/s."""
     scenario, profile = site.scenario, site.sound_speed
-    if profile is None:
-        return scenario.acoustics.sound_speed
-    if scenario.usbl.refraction == "array":
-        return profile.at(0.0)
-    return profile.harmonic_mean(0.0, scenario.auv.depth)
+    return profile.harmonic_mean(0.0, scenario.auv.depth) if profile else scenario.acoustics.sound_speed
 
 
 def program(site: Site, strategy: BoatStrategy, link: np.ndarray) -> Program:
@@ -193,9 +190,6 @@ def program(site: Site, strategy: BoatStrategy, link: np.ndarray) -> Program:
         ScenarioError: an unknown observation term.
     """
     s = site.scenario
-    refraction = Refraction.none
-    if site.sound_speed is not None:
-        refraction = Refraction.corrected if s.usbl.refraction == "corrected" else Refraction.ignored
     return Program(
         task=s.task_definition,
         strategy=strategy.functions,
@@ -207,7 +201,7 @@ def program(site: Site, strategy: BoatStrategy, link: np.ndarray) -> Program:
         waveform=s.usbl.model == "waveform",
         tone=s.usbl.signal == "tone",
         multipath=s.acoustics.multipath,
-        refraction=refraction,
+        refraction=site.sound_speed is not None,
         tracker=s.tracker.enabled,
         schedule=getattr(Schedule, s.channel.schedule.replace("-", "_")),
         sensor=getattr(Sensor, s.navigation.sensor),
@@ -280,32 +274,24 @@ def accuracy(scenario: Scenario) -> Accuracy:
 def link_table(site: Site) -> np.ndarray:
     """Acoustic constants of each AUV's positioning link, see `usvauv.kernels.positioning.acoustic_link`."""
     s = site.scenario
-    sonar = Sonar(
-        sound_speed=sound_speed(site),
-        source_level=s.acoustics.source_level,
-        target_strength=s.acoustics.target_strength,
-        path=s.acoustics.path,
-        spreading=s.acoustics.spreading,
-        ambient_noise=noise_law(s),
-        shipping=s.acoustics.shipping,
-        wind=wind(site),
-        absorption=partial(absorption, s),
-        bandwidth=s.acoustics.bandwidth,
-        noise_law=s.acoustics.noise_law,
-        spacing=s.usbl.spacing,
-        periods=s.usbl.periods,
-        sampling_rate=s.usbl.sampling_rate,
-        planner_noise=s.planner.noise,
-        reference_range=s.auv.depth,
-        own_noise=partial(own_noise, s),
-        array_depth=s.usbl.array_depth,
-        bubbles=s.acoustics.bubbles,
-        signal=s.usbl.signal,
-        pulse_length=s.usbl.pulse_length,
-        data_ratio=s.channel.data_ratio,
-        accuracy=accuracy(s),
-    )
-    return link_constants([s.usbl.carrier(k, s.auv.count) for k in range(s.auv.count)], sonar)
+    names = {field.name for field in fields(Sonar)}
+    given = {name: value for part in (s.acoustics, s.usbl, s.channel) for name, value in part if name in names}
+    computed = {
+        "sound_speed": sound_speed(site),
+        "ambient_noise": noise_law(s),
+        "wind": wind(site),
+        "absorption": partial(absorption, s),
+        "planner_noise": s.planner.noise,
+        "reference_range": s.auv.depth,
+        "own_noise": partial(own_noise, s),
+        "accuracy": accuracy(s),
+    }
+    return link_constants(carriers(s), Sonar(**given | computed))
+
+
+def carriers(scenario: Scenario) -> list[float]:
+    """Carrier of each AUV, Hz."""
+    return [scenario.usbl.carrier(k, scenario.auv.count) for k in range(scenario.auv.count)]
 
 
 def pulse_tables(scenario: Scenario, device: torch.device) -> pulse.Pulses:
@@ -313,8 +299,8 @@ def pulse_tables(scenario: Scenario, device: torch.device) -> pulse.Pulses:
     count = scenario.auv.count
     if scenario.usbl.signal == "tone":
         return pulse.tones(count, scenario.usbl.periods, device)
-    carriers = [scenario.usbl.carrier(k, count) for k in range(count)]
-    return pulse.pulses(pulse.codes(count, scenario.chips), carriers, scenario.acoustics.bandwidth, GATE, device)
+    codes, bandwidth = pulse.codes(count, scenario.chips), scenario.acoustics.bandwidth
+    return pulse.pulses(codes, carriers(scenario), bandwidth, GATE, device)
 
 
 def roughness(site: Site) -> float:

@@ -156,22 +156,12 @@ class TestLost:
 
 
 class TestSound:
-    def test_bent_rays_bias_only_those_who_ignore_them(self):
-        """Also where the array is tilted: whoever corrects them is off by less than 2e-5 of the range."""
-        settings = [THERMOCLINE, *LOUD, "usbl.tilt=true", "usbl.propagation=false"]
-        means, errors = {}, {}
-        for refraction in ("corrected", "mean", "array"):
-            trace = voyage([*settings, f"usbl.refraction={refraction}"], usv="hold:0,0")
-            away = column(trace, "auv_position")
-            R = np.linalg.norm(away, axis=-1)
-            off = column(trace, "fix") - away
-            means[refraction] = ((off * away).sum(-1) / R**2)[R > 60].mean()
-            errors[refraction] = (np.linalg.norm(off, axis=-1) / R)[R > 60].max()
-        assert errors["corrected"] < 2e-5
-        assert abs(means["mean"]) < 1e-3
-        profile = Site(Scenario.load("extreme", [THERMOCLINE])).sound_speed
-        c, harmonic = profile.at(0.0), profile.harmonic_mean(0.0, 100.0)
-        assert means["array"] == pytest.approx((c / harmonic) ** 2 - 1, rel=0.05)
+    def test_bent_rays_do_not_bias_fixes(self):
+        """Also where the array is tilted: they are off by less than 2e-5 of the range."""
+        trace = voyage([THERMOCLINE, *LOUD, "usbl.tilt=true", "usbl.propagation=false"], usv="hold:0,0")
+        away = column(trace, "auv_position")
+        R = np.linalg.norm(away, axis=-1)
+        assert (np.linalg.norm(column(trace, "fix") - away, axis=-1) / R)[R > 60].max() < 2e-5
 
     @pytest.mark.parametrize(
         ("settings", "message"),
