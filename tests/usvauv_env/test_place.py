@@ -11,7 +11,7 @@ from scipy.interpolate import RegularGridInterpolator
 from usvauv.env import Scenario
 from usvauv.env.scenario.fields import FARTHEST
 from usvauv.env.site import cf, ocean, place
-from usvauv.env.site.cf import Axis, OceanError
+from usvauv.env.site.cf import Axis
 from usvauv.env.site.place import (
     LocalFrame,
     auv_position,
@@ -21,6 +21,7 @@ from usvauv.env.site.place import (
 )
 from usvauv.env.site.sound_speed import SoundSpeedError, SoundSpeedProfile
 from usvauv.env.site.waves import Partition, Waves, WaveSpectrum
+from usvauv.env.storage.netcdf import OceanError
 from usvauv.kernels.errors import UserError
 
 EARTH = 6378137.0

@@ -23,10 +23,10 @@ from tests.usvauv_env.ocean_files import (
 )
 from tests.usvauv_env.wave_files import SIZE, era5, partitions, waves_of, ww3
 from usvauv.env.site import ocean, waves
-from usvauv.env.site.cf import OceanError
 from usvauv.env.site.ocean import read_bathymetry, read_flow
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.waves import read_waves
+from usvauv.env.storage.netcdf import OceanError
 
 STORM = (5.0, 11.0, 90.0, 10)
 PARTS = (4.0, 9.0, 270.0, 30.0)
@@ -236,7 +236,7 @@ def opened(monkeypatch):
     def put_in_place(dataset):
         decoded = xarray.decode_cf(dataset, decode_times=False)
         for module in (ocean, waves):
-            monkeypatch.setattr(module, "open_file", lambda path: nullcontext(decoded))
+            monkeypatch.setattr(module, "open_decoded", lambda path: nullcontext(decoded))
 
     return put_in_place
 

@@ -17,13 +17,13 @@ import numpy as np
 from usvauv.env.record.heading import directions, headings
 from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.env.site import place
-from usvauv.env.site.cf import OceanError
 from usvauv.env.site.ocean import at_time, parse_time
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site
 from usvauv.env.storage import netcdf, text_files
 from usvauv.env.storage.files import hdf5_file
 from usvauv.env.storage.memory import RowsOnDisk
+from usvauv.env.storage.netcdf import OceanError
 from usvauv.kernels.errors import UserError
 from usvauv.kernels.interruption import deferred
 

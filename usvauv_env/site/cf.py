@@ -7,8 +7,7 @@ the file. Only the part that is asked for is read. Source: https://cfconventions
 from __future__ import annotations
 
 import warnings
-from collections.abc import Hashable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from usvauv.env.storage import netcdf
-from usvauv.kernels.errors import UserError
+from usvauv.env.storage.netcdf import OceanError
 
 if TYPE_CHECKING:  # loading it takes a second and 50 MB; most runs read no NetCDF
     import xarray
@@ -42,10 +41,6 @@ METRES_PER_SECOND = {
     **dict.fromkeys(("cm s-1", "cm/s", "cm.s-1", "cm/sec"), 0.01),
     **dict.fromkeys(("knot", "knots", "kt", "kn"), 1852 / 3600),
 }
-
-
-class OceanError(UserError, ValueError):
-    """A file of bathymetry or currents cannot be used; one line names file, variable, problem and what is allowed."""
 
 
 @dataclass(frozen=True)
@@ -93,20 +88,6 @@ class Field:
         window = window.transpose(*(axes[kind].dimension for kind in kinds))
         values = netcdf.values(window, f"{self.path}: {self.name}").astype(np.float64) * self.factor
         return np.expand_dims(values, tuple(i for i, kind in enumerate(AXES) if kind not in kinds))
-
-
-@contextmanager
-def open_file(path: str | Path) -> Iterator[xarray.Dataset]:
-    """A NetCDF file, see `netcdf.open_decoded`.
-
-    Raises:
-        OceanError: it cannot be read.
-    """
-    try:
-        with netcdf.open_decoded(path) as dataset:
-            yield dataset
-    except netcdf.NetcdfError as error:
-        raise OceanError(str(error)) from None
 
 
 def find(dataset: xarray.Dataset, path: str | Path, standard_names: Sequence[str]) -> str | None:

@@ -22,13 +22,12 @@ from usvauv.env.site.cf import (
     METRES_PER_SECOND,
     Axis,
     Field,
-    OceanError,
     field,
     find,
-    open_file,
     to_nanoseconds,
 )
 from usvauv.env.site.place import EQUATOR, LocalFrame
+from usvauv.env.storage.netcdf import OceanError, open_decoded
 
 if TYPE_CHECKING:
     import xarray
@@ -113,7 +112,7 @@ def read_bathymetry(
     Raises:
         OceanError: the file does not serve; the message says why.
     """
-    with open_file(path) as dataset:
+    with open_decoded(path) as dataset:
         source, sign = _bed(dataset, path)
         for kind in ("time", "depth"):
             if kind in source.axes and len(source.axes[kind].values) > 1:
@@ -155,7 +154,7 @@ def read_flow(
     Raises:
         OceanError: the file does not serve; the message says why.
     """
-    with open_file(path) as dataset:
+    with open_decoded(path) as dataset:
         east, north = (field(dataset, path, name, METRES_PER_SECOND) for name in _current_names(dataset, path))
         picked, times, begin = mission_times(east, path, start, duration)
         clocks = [part.axes["time"].values if "time" in part.axes else [] for part in (east, north)]

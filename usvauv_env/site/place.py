@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from usvauv.env.scenario import Scenario
 from usvauv.env.scenario.fields import FARTHEST
-from usvauv.env.site.cf import OceanError
+from usvauv.env.storage.netcdf import OceanError
 from usvauv.kernels.errors import UserError
 
 EQUATOR = 6378137.0  # semi-major axis a of WGS84, m

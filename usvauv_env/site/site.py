@@ -11,11 +11,11 @@ import numpy as np
 
 from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.env.scenario.sea import Area
-from usvauv.env.site.cf import OceanError
 from usvauv.env.site.ocean import Flow, iso, parse_time, read_bathymetry, read_flow
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.sound_speed import SoundSpeedError, SoundSpeedProfile
 from usvauv.env.site.waves import Waves, read_waves
+from usvauv.env.storage.netcdf import OceanError
 from usvauv.kernels.flow.vortex import Eddies
 from usvauv.kernels.types import Level
 

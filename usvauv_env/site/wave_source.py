@@ -13,7 +13,6 @@ import numpy as np
 from usvauv.env.site.cf import (
     Axis,
     Field,
-    OceanError,
     coordinates_along,
     kind_of,
     read_axis,
@@ -23,6 +22,7 @@ from usvauv.env.site.cf import (
 from usvauv.env.site.ocean import bracket, mission_times
 from usvauv.env.site.place import EQUATOR
 from usvauv.env.storage import netcdf
+from usvauv.env.storage.netcdf import OceanError
 
 if TYPE_CHECKING:
     import xarray

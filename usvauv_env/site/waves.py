@@ -22,10 +22,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from usvauv.env.site.cf import METRES, METRES_PER_SECOND, OceanError, factor_of, find, open_file, require_numbers
+from usvauv.env.site.cf import METRES, METRES_PER_SECOND, factor_of, find, require_numbers
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.wave_source import Sample, Source
 from usvauv.env.storage import netcdf
+from usvauv.env.storage.netcdf import OceanError, open_decoded
 
 if TYPE_CHECKING:
     import xarray
@@ -160,7 +161,7 @@ def read_waves(path: str | Path, frame: LocalFrame, width: float, length: float,
         OceanError: the file does not serve; the message says why.
     """
     longitude, latitude = (float(part) for part in frame.to_geographic(np.array(width / 2), np.array(length / 2)))
-    with open_file(path) as dataset:
+    with open_decoded(path) as dataset:
         name = find(dataset, path, (STANDARD_NAME,)) or next((n for n in WELL_KNOWN if n in dataset.data_vars), None)
         if name is None:
             if not present(dataset):

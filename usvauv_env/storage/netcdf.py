@@ -29,7 +29,11 @@ FILTERS = (1, 2, 3, 4, 5, 6, 32000)  # that are HDF5's and h5py's own; for other
 TEXTS = ("standard_name", "units", "positive", "axis", "calendar")  # attributes that are read as text
 
 
-class NetcdfError(UserError, ValueError):
+class OceanError(UserError, ValueError):
+    """A file of bathymetry, currents or waves cannot be used; one line names file, variable, and what is allowed."""
+
+
+class NetcdfError(OceanError):
     """A NetCDF file cannot be read; one line names the file and the problem."""
 
 
