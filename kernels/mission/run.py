@@ -18,7 +18,7 @@ from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.mission import boat_motion, channel, fixes, motion, navigation, observation, reception, vehicles
 from usvauv.kernels.mission.columns import AuvColumn, Draw, EstimateColumn, Parameter, Phase, Schedule, Sensor
 from usvauv.kernels.mission.tasks import rewards
-from usvauv.kernels.mission.worlds import ARRAYS, Worlds, address, key, uniforms
+from usvauv.kernels.mission.worlds import ARRAYS, Rows, Worlds, address, key, uniforms
 from usvauv.kernels.positioning.pulse import Pulses
 from usvauv.kernels.types import array1, array2, array3, array4, index1, index2
 
@@ -213,6 +213,7 @@ PARAMETERS = {
     **WATER,
     **{name: array.type for name, array in ARRAYS.items()},
 }
+PASSED = [f"Rows.of({name}, ARRAYS[{name!r}])" if array.axes[:1] == "W" else name for name, array in ARRAYS.items()]
 SOURCE = f"""
 def run({", ".join(f"{name}: PARAMETERS[{name!r}]" for name in PARAMETERS)}):
     ti.loop_config(serialize=program.serial)
@@ -220,7 +221,7 @@ def run({", ".join(f"{name}: PARAMETERS[{name!r}]" for name in PARAMETERS)}):
         water = ti.static(Water(vortex, stream, p[Parameter.width], p[Parameter.length], bed, eta, U, V,
                                 unit_x, unit_y, nx, ny, sea_index, wave, program.eddies))
         pulses = ti.static(Pulses(pulse_envelope, pulse_output, pulse_rate, program.tone))
-        worlds = ti.static(Worlds(program, water, pulses, {", ".join(ARRAYS)}))
+        worlds = ti.static(Worlds(program, water, pulses, {", ".join(PASSED)}))
         if ti.static(phase == Phase.step):
             advance(worlds, w)
         elif ti.static(phase == Phase.look):
@@ -251,6 +252,8 @@ run = kernel_of(
     Water=Water,
     Pulses=Pulses,
     Worlds=Worlds,
+    Rows=Rows,
+    ARRAYS=ARRAYS,
     advance=advance,
     begin_episode=begin_episode,
     look=look,

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import taichi as ti
+from taichi.lang import impl
 
 from usvauv.kernels import random
 from usvauv.kernels.flow.vortex import Eddies, Vortex
@@ -194,6 +195,40 @@ ARRAYS = {
     "workspace": Array("W.", "numbers that the target rule needs while it chooses, at least one"),
     "pulse_noise": Array("W..", "noise of one pulse, where it is sampled"),
 }
+
+
+class Rows(tuple[Any, ...]):
+    """An array of all worlds in a kernel, with its sizes but the first, and indexed as ever.
+
+    Taichi by itself reads all sizes again at each access, since what was stored before might have changed them, which
+    takes a tenth of a mission step. Here they are read once a world.
+    """
+
+    __slots__ = ()
+
+    @classmethod
+    def of(cls, argument: Any, array: Array) -> "Rows":
+        """An argument of the kernel."""
+        sizes = [impl.expr_init(size) for size in argument.shape[1:]]
+        if array.names:
+            sizes[-1] = len(array.names)
+        return cls((argument, *sizes))
+
+    @property
+    def shape(self) -> tuple[Any, ...]:
+        """Sizes of all axes."""
+        argument, *sizes = self
+        return argument.shape[0], *sizes
+
+    def __getitem__(self, indices: Any) -> Any:
+        """Taichi calls it for `array[w, k, c]`."""
+        argument, *sizes = self
+        if not impl.current_cfg().check_out_of_bound:
+            place, *others = indices
+            for size, index in zip(sizes, others, strict=True):
+                place = place * size + index
+            indices = *(0 for _ in others), place
+        return impl.subscript(None, argument, *indices)
 
 
 class Worlds(namedtuple("Worlds", ("program", "water", "pulses", *ARRAYS))):
