@@ -6,11 +6,20 @@ import numpy as np
 import pytest
 import torch
 from scipy import stats
-from scipy.linalg import solve_discrete_are
+from scipy.linalg import expm, solve_discrete_are
 
+from usvauv.kernels.functions import kernel
 from usvauv.kernels.positioning import tracker
+from usvauv.kernels.types import array1, array3, vec2
 
 UPPER = np.triu_indices(4)
+
+
+@kernel
+def drift_together(track: array3, time: array1, carried: vec2, variance: float, correlation_time: float):
+    for n in range(time.shape[0]):
+        for k in range(track.shape[1]):
+            tracker.drift(track, n, k, carried, time[n], variance, correlation_time)
 
 
 EXTREME_CURRENT = {"variance": 0.22, "correlation_time": 180.0}
@@ -128,6 +137,28 @@ def reference(
 def band(mean, count):
     """95 % band of the mean of `count` numbers from χ² with `mean` degrees of freedom (normal for so many)."""
     return mean + 1.96 * math.sqrt(2 * mean / count) * np.array([-1, 1])
+
+
+def test_a_drift_of_any_length_in_one_pass(device):
+    """From a covariance and from none, by the matrix exponential of the model and of its noise (Van Loan 1978)."""
+    variance, tau, carried = 0.22, 180.0, np.array([3.0, -2.0])
+    times = np.array([1e-3, 0.1, 0.9, 17.0, 19.0, 180.0, 1800.0])
+    random = np.random.default_rng(5)
+    root = random.normal(size=(4, 4)) * np.array([[2.0], [2.0], [0.4], [0.4]])
+    state, P = random.normal(size=4), np.array([root @ root.T, np.zeros((4, 4))])
+    track = np.zeros((len(times), 2, tracker.COLUMNS))
+    track[..., :4], track[..., tracker.XX : tracker.VV + 1] = state, P[:, UPPER[0], UPPER[1]]
+    track = single(track, device)
+    drift_together(track, single(times, device), vec2(*carried), variance, tau)
+    track = track.double().cpu().numpy()
+    F, noise = np.kron([[0, 1], [0, -1 / tau]], np.eye(2)), np.diag([0, 0, 1, 1]) * 2 * variance / tau
+    for n, time in enumerate(times):
+        both = expm(np.block([[-F, noise], [np.zeros((4, 4)), F.T]]) * time)
+        moved = both[4:, 4:].T
+        expected = moved @ P @ moved.T + moved @ both[:4, 4:]
+        assert track[n, :, :4] == pytest.approx(np.tile(moved @ state + [*carried, 0, 0], (2, 1)), rel=1e-5, abs=1e-6)
+        assert covariances(track[n, 0]) == pytest.approx(expected[0], rel=2e-5, abs=5e-6)
+        assert covariances(track[n, 1]) == pytest.approx(expected[1], rel=2e-4, abs=1e-15)
 
 
 class TestClosedForms:
