@@ -14,7 +14,7 @@ from usvauv.kernels.functions import func
 from usvauv.kernels.mission.columns import BoatColumn, Draw, EstimateColumn, Parameter
 from usvauv.kernels.mission.vehicles import turned_angle
 from usvauv.kernels.mission.worlds import normals
-from usvauv.kernels.types import Level, vec2
+from usvauv.kernels.types import Level, vec2, vec3
 from usvauv.kernels.vehicles import otter
 from usvauv.kernels.vehicles.otter import HullColumn
 
@@ -161,13 +161,6 @@ def place_boats(worlds: ti.template(), w):
 
 
 @func
-def reach(worlds: ti.template()) -> ti.f32:
-    """Distance from a goal at which a boat begins to slow down, m; without lag the way of a step at top speed."""
-    p = ti.static(worlds.p)
-    return p[Parameter.top_speed] * p[Parameter.control_time] + p[Parameter.dead_band]
-
-
-@func
 def command_to(worlds: ti.template(), w, b, way: vec2) -> vec2:
     """Velocity through the water that leads boat b with a lag to its goal, which is `way` (m) from it, m/s.
 
@@ -242,6 +235,26 @@ ASTERN = 0.5  # m/s, of a command up to which it goes astern rather than turn
 def boat_heading(worlds: ti.template(), w, b) -> ti.f32:
     """Heading of an Otter, rad anticlockwise from east."""
     return turned_angle(worlds.hull[w, b, HullColumn.heading])
+
+
+@func
+def reach(worlds: ti.template(), w, b) -> vec3:
+    """Middle and radius of the disc of goals towards which boat b slows down, m; without lag the way of a step.
+
+    An Otter that turns by θ at the rate ω before it goes at top speed V gets as far in the time in which it turns round
+    and slows down as in the direction θ the way of slowing down and (π − θ) V/ω. So half the greatest of these is what
+    the middle lies ahead of it and the radius is longer.
+    """
+    p = ti.static(worlds.p)
+    middle = boat_place(worlds, w, b)
+    radius = p[Parameter.top_speed] * p[Parameter.control_time] + p[Parameter.dead_band]
+    if ti.static(worlds.program.otter):
+        heading = boat_heading(worlds, w, b)
+        ahead = 0.5 * math.pi * p[Parameter.top_speed] / worlds.otter[otter.Number.turn_rate]
+        middle += ahead * vec2(ti.cos(heading), ti.sin(heading))
+        middle = ti.min(ti.max(middle, 0.0), vec2(p[Parameter.width], p[Parameter.length]))
+        radius += ahead
+    return vec3(middle[0], middle[1], radius)
 
 
 @func

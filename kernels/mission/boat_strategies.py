@@ -107,15 +107,15 @@ def fim(worlds: ti.template(), w, b) -> vec2:
 
 
 @func
-def best_within(worlds: ti.template(), w, b, reach) -> vec2:
-    """The place with the best information at most `reach` (m) from the boat."""
+def best_within(worlds: ti.template(), w, b, middle: vec2, radius) -> vec2:
+    """The place with the best information in a disc, m."""
     count = boat_motion.num_served(worlds, w, b)
     chosen = members(worlds, w, b)
     team = ti.static(team_of(worlds, w, count, chosen))
     size = vec2(worlds.p[Parameter.width], worlds.p[Parameter.length])
     goal = boat_motion.boat_place(worlds, w, b)
     if count > 0:
-        best = search.greedy(team, worlds.program.objective_code, goal, reach, size)
+        best = search.greedy(team, worlds.program.objective_code, middle, radius, size)
         goal = vec2(best[0], best[1])
     return goal
 
@@ -123,13 +123,14 @@ def best_within(worlds: ti.template(), w, b, reach) -> vec2:
 @func
 def fim_greedy(worlds: ti.template(), w, b) -> vec2:
     """As `fim`, but looks only at places so near that the boat slows down towards them."""
-    return best_within(worlds, w, b, boat_motion.reach(worlds))
+    disc = boat_motion.reach(worlds, w, b)
+    return best_within(worlds, w, b, vec2(disc[0], disc[1]), disc[2])
 
 
 @func
 def fim_anywhere(worlds: ti.template(), w, b) -> vec2:
     """Where `fim_greedy` begins: the same search without a limit of its reach."""
-    return best_within(worlds, w, b, search.ANYWHERE)
+    return best_within(worlds, w, b, boat_motion.boat_place(worlds, w, b), search.ANYWHERE)
 
 
 HOLD = Strategy(start=hold, goal=hold)

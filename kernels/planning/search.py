@@ -349,9 +349,9 @@ def plan(team: ti.template(), code: ti.template(), start: vec2, size: vec2) -> v
 
 
 @func
-def greedy(team: ti.template(), code: ti.template(), boat: vec2, reach, size: vec2) -> vec3:
-    """`search` within `reach` (m) of the boat's place in the area of the given width and length, m."""
-    return search(team, code, boat, ti.static(Region(size, boat, reach, True)))
+def greedy(team: ti.template(), code: ti.template(), centre: vec2, reach, size: vec2) -> vec3:
+    """`search` within `reach` (m) of a place in the area of the given width and length, m."""
+    return search(team, code, centre, ti.static(Region(size, centre, reach, True)))
 
 
 @kernel

@@ -9,7 +9,7 @@ import torch
 from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.record.recorder import record
 from usvauv.env.world import tables
-from usvauv.kernels.mission.columns import AuvColumn, BoatColumn
+from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn
 from usvauv.kernels.vehicles import otter
 from usvauv.kernels.vehicles.otter import HullColumn
 
@@ -138,6 +138,24 @@ def test_it_gets_as_far_as_planners_reckon():
     off = np.abs(np.remainder(turns.numpy() + math.pi, 2 * math.pi) - math.pi)
     assert np.abs(seconds - (off / world.scenario.otter.turn_rate + 100 / 2)).max() < 3
     assert seconds.max() > seconds.min() + 8
+
+
+def test_the_goals_of_fim_greedy_are_all_reached_in_the_same_time():
+    """Towards an AUV far to the east they lie twice as far ahead as astern."""
+    world = world_of("fim-greedy", 8, area={"width": 3000})
+    heading = 0.5 * math.pi - torch.arange(8) * math.pi / 4
+    world.hull[:, 0, HullColumn.heading] = heading
+    world.auv[..., AuvColumn.span("x", "y")] = torch.tensor([2500.0, 500.0])
+    world.estimate[..., EstimateColumn.span("x", "y")] = torch.tensor([2500.0, 500.0])
+    sailed(world, 1)
+    goal = world.boat[:, 0, BoatColumn.span("goal_x", "goal_y")].cpu() - 500
+    assert goal[0].tolist() == pytest.approx([48, 0], abs=2)
+    assert goal[4].tolist() == pytest.approx([24, 0], abs=2)
+    away = world_of("hold:500,500", 8)
+    away.hull[:, 0, HullColumn.heading] = heading
+    away.boat[:, 0, PLACE] = 500 - goal
+    seconds = (np.linalg.norm(sailed(away, 60) - 500, axis=-1) > 10).sum(0)
+    assert np.ptp(seconds) <= 6
 
 
 def test_it_does_what_its_action_asks_for():
