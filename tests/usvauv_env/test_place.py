@@ -204,6 +204,25 @@ class TestSoundSpeed:
         with pytest.raises(SoundSpeedError, match=said):
             SoundSpeedProfile.from_table(refused)
 
+    @pytest.mark.parametrize(
+        ("changes", "further", "said"),
+        [
+            ({"latitude": 90}, {"latitude": 90.1}, "latitude 90.1, longitude 0: allowed are"),
+            ({"temperature": -3}, {"temperature": -3.1}, "temperature -3.1 °C at 0 m; allowed: -3 to 45"),
+            ({"temperature": 45}, {"temperature": 45.1}, "temperature 45.1 °C at 0 m"),
+            ({"salt": 0}, {"salt": -0.1}, "salinity -0.1 g/kg at 0 m; allowed: 0 to 50 g/kg"),
+            ({"salt": 0.02}, {"salt": 0.021}, "salinity 0.021 at 0 m looks like kg/kg"),
+        ],
+    )
+    def test_the_last_numbers_of_water(self, changes, further, said):
+        def read(temperature=10, salt=35, latitude=40, longitude=0):
+            rows = [(0, temperature, salt), (9, temperature, salt)]
+            SoundSpeedProfile.from_water(rows, latitude=latitude, longitude=longitude, salinity="absolute")
+
+        read(**changes)
+        with pytest.raises(SoundSpeedError, match=said):
+            read(**further)
+
     def test_a_mirror(self):
         profile = SoundSpeedProfile.from_table([(0, 1500), (40, 1490), (60, 1485), (100, 1480)])
         mirrored = profile.mirrored(60)

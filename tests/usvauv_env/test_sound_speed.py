@@ -1,5 +1,8 @@
-"""Profiles of the speed of sound: their mean slowness."""
+"""Profiles of the speed of sound: their mean slowness, and sea water by TEOS-10."""
 
+import importlib.util
+
+import numpy as np
 import pytest
 from scipy.integrate import quad
 
@@ -33,3 +36,47 @@ class TestProfile:
         SoundSpeedProfile.constant(1500).check_reaches(5000)
         with pytest.raises(SoundSpeedError, match="last depth 200 m; the profile must reach 201 m"):
             THERMOCLINE.check_reaches(201)
+
+
+class TestWater:
+    @pytest.fixture(autouse=True)
+    def _library(self):
+        pytest.importorskip("gsw")
+
+    def test_published_value(self):
+        """The check value of TEOS-10 for SA = 34.7118 g/kg, t = 28.7856 °C, p = 10 dbar."""
+        import gsw
+
+        z = -float(gsw.z_from_p(10.0, 4.0))
+        profile = SoundSpeedProfile.from_water(
+            [(z, 28.7856, 34.7118), (50, 28.4329, 34.8915)], latitude=4, longitude=188, salinity="absolute"
+        )
+        assert profile.speeds[0] == pytest.approx(1542.615803587414, abs=1e-8)
+
+    def test_near_another_formula(self):
+        """Mackenzie, J. Acoust. Soc. Am. 70 (1981) 807, doi 10.1121/1.386920."""
+        for T, S in ((4.0, 35.0), (12.0, 34.0), (22.0, 36.5)):
+            profile = SoundSpeedProfile.from_water([(0, T, S), (300, T, S)], latitude=40, longitude=-30)
+            for D in (0.0, 300.0):
+                c = 1448.96 + 4.591 * T - 5.304e-2 * T**2 + 2.374e-4 * T**3 + 1.340 * (S - 35) + 1.630e-2 * D
+                c += 1.675e-7 * D**2 - 1.025e-2 * T * (S - 35) - 7.139e-13 * T * D**3
+                assert profile.at(D) == pytest.approx(c, abs=0.15)
+
+    def test_between_rows_temperature_is_linear_and_not_speed(self):
+        import gsw
+
+        rows = [(0, 24, 36.0), (40, 10, 35.0), (100, 9, 35.0)]
+        profile = SoundSpeedProfile.from_water(rows, latitude=40, longitude=-30)
+        z = np.linspace(0, 100, 501)
+        depth, t, s = np.array(rows, float).T
+        p = gsw.p_from_z(-z, 40)
+        salt = gsw.SA_from_SP(np.interp(z, depth, s), p, -30, 40)
+        exact = gsw.sound_speed_t_exact(salt, np.interp(z, depth, t), p)
+        assert np.abs(np.interp(z, profile.depths, profile.speeds) - exact).max() < 0.006
+
+
+def test_without_gsw(monkeypatch):
+    find = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name, *a: None if name == "gsw" else find(name, *a))
+    with pytest.raises(SoundSpeedError, match="need the library gsw: pip install gsw"):
+        SoundSpeedProfile.from_water([(0, 10, 35), (9, 10, 35)], latitude=50)

@@ -17,8 +17,6 @@ RETIRED: dict[str, tuple[object, ...]] = {
     "planner.objective": ("e",),
     "auv.refused_power": (),
     "usbl.refraction": (),
-    "acoustics.temperature_salinity": (),
-    "acoustics.salinity": (),
     "sea.start_rms": (),
     "sea.start_modes": (),
 }
@@ -27,8 +25,6 @@ UNUSED: dict[str, tuple[object, ...]] = {
     "planner.horizon": (10,),
     "auv.refused_power": ("travelling", "hovering"),
     "usbl.refraction": ("corrected",),
-    "acoustics.temperature_salinity": ([],),
-    "acoustics.salinity": ("practical",),
     "sea.start_rms": (0.0,),
     "sea.start_modes": (4,),
 }

@@ -30,6 +30,12 @@ class Acoustics(Section):
     sound_speed_profile: tuple[tuple[Number, Number], ...] = Field(
         (), description="speed of sound against depth, [[m, m/s], ...], in place of the constant; empty: constant"
     )
+    temperature_salinity: tuple[tuple[Number, Number, Number], ...] = Field(
+        (), description="or the water itself, [[depth m, in-situ °C, salinity], ...]; the speed follows by TEOS-10"
+    )
+    salinity: Literal["practical", "absolute"] = Field(
+        "practical", description="kind of that salinity: practical (PSS-78, as a CTD gives it), or absolute, g/kg"
+    )
     path: Literal["echo", "transponder"] = Field("transponder", description="two-way echo or one-way transponder")
     spreading: float = Field(
         20.0, ge=10, le=30, description="spreading loss a decade of range, dB: 20 spherical, 15 in the paper"

@@ -171,15 +171,27 @@ class Site:
         """Speed of sound against depth, or None where it is a constant.
 
         Raises:
-            ScenarioError: the profile cannot be used.
+            ScenarioError: the scenario has two profiles, or one that cannot be used.
         """
-        if not (table := self.scenario.acoustics.sound_speed_profile):
+        acoustic, water = self.scenario.acoustics, self.scenario.water
+        if not (acoustic.sound_speed_profile or acoustic.temperature_salinity):
             return None
+        field = "sound_speed_profile" if acoustic.sound_speed_profile else "temperature_salinity"
+        if acoustic.sound_speed_profile and acoustic.temperature_salinity:
+            raise ScenarioError("acoustics.sound_speed_profile and acoustics.temperature_salinity: give one of them")
         try:
-            profile = SoundSpeedProfile.from_table(table)
+            if acoustic.sound_speed_profile:
+                profile = SoundSpeedProfile.from_table(acoustic.sound_speed_profile)
+            else:
+                profile = SoundSpeedProfile.from_water(
+                    acoustic.temperature_salinity,
+                    latitude=water.latitude,
+                    longitude=water.longitude,
+                    salinity=acoustic.salinity,
+                )
             profile.check_reaches(self.scenario.auv.depth)
         except SoundSpeedError as error:
-            raise ScenarioError(f"acoustics.sound_speed_profile: {error}") from None
+            raise ScenarioError(f"acoustics.{field}: {error}") from None
         return profile
 
     @cached_property

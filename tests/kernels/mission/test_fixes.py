@@ -168,10 +168,13 @@ class TestSound:
         [
             (["acoustics.sound_speed_profile=[[0, 1500], [90, 1490]]"], "sound_speed_profile: last depth 90 m"),
             (["acoustics.sound_speed_profile=[[0, 4900]]"], "sound_speed_profile: speed 4900 m/s at 0 m; allowed"),
+            ([THERMOCLINE, "acoustics.temperature_salinity=[[0, 10, 35], [200, 9, 35]]"], "give one of them"),
+            (["acoustics.temperature_salinity=[[0, 283, 35], [200, 9, 35]]"], "temperature_salinity: temperature 283"),
             (["usbl.model=waveform", "usbl.periods=4"], "usbl.periods = 4: must be at least 5"),
         ],
     )
     def test_bad_settings_are_one_line(self, settings, message):
+        pytest.importorskip("gsw")
         with pytest.raises(ScenarioError) as caught:
             World(Scenario.load("extreme", [*PLAIN, *settings]), 1)
         assert message in str(caught.value)
