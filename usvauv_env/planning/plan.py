@@ -173,6 +173,7 @@ def solve(
     places = []
     for (x, y), value in zip(boats, log_objective(boats), strict=True):
         errors = expect(link, auvs, (x, y))
+        axes = deviations(errors)
         latitude, longitude = geographic(x, y)
         places.append(
             BoatPlace(
@@ -181,8 +182,8 @@ def solve(
                 latitude,
                 longitude,
                 log_objective=float(value) if math.isfinite(value) else None,
-                rms=root_mean_square(errors),
-                mean=geometric_mean(errors),
+                rms=math.sqrt(2 * np.square(axes).mean()) if axes else None,
+                mean=float(np.exp(np.log(axes).mean())) if axes else None,
                 located=sum(error.located for error in errors),
                 errors=errors,
                 budget={
@@ -218,18 +219,6 @@ def deviations(errors: Sequence[FixError]) -> list[float] | None:
     """Standard deviations along both axes of the errors of the AUVs that are located, m; None as in `BoatPlace`."""
     axes = [axis for error in errors if error.located for axis in (error.major, error.minor)]
     return [axis for axis in axes if axis] if axes and None not in axes else None
-
-
-def root_mean_square(errors: Sequence[FixError]) -> float | None:
-    """Rms of the errors of the AUVs that are located, see `BoatPlace`, m."""
-    axes = deviations(errors)
-    return math.sqrt(2 * np.square(axes).mean()) if axes else None
-
-
-def geometric_mean(errors: Sequence[FixError]) -> float | None:
-    """Geometric mean of the errors along both axes of the AUVs that are located, see `BoatPlace`, m."""
-    axes = deviations(errors)
-    return float(np.exp(np.log(axes).mean())) if axes else None
 
 
 def warnings_of(

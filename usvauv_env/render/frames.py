@@ -9,17 +9,18 @@ import cv2
 import numpy as np
 
 from usvauv.env.record.trace import Trace
-from usvauv.env.render import style
+from usvauv.env.render import shapes, style
 from usvauv.env.render.arrangement import Sheet
 from usvauv.env.render.between import Series, Vehicle, step_of
 from usvauv.env.render.comparison import ComparisonFrames
 from usvauv.env.render.layout import (
     AXES,
-    Bars,
+    SMALLEST_LETTERS,
     Head,
     Layout,
     Rectangle,
     draw_card,
+    fitting,
     within_margins,
     write_heading,
 )
@@ -28,7 +29,7 @@ from usvauv.env.render.map import MissionMap, draw_map_axes, view_note
 from usvauv.env.render.mission import RunningMetrics, figures
 from usvauv.env.render.perspective import PerspectiveView
 from usvauv.env.render.plots import DepthSection, FixInsets, RecordedPlot
-from usvauv.env.render.style import Theme, write
+from usvauv.env.render.style import Theme, text_width, write
 from usvauv.env.site.site import Site
 from usvauv.kernels.errors import UserError
 
@@ -128,7 +129,7 @@ class MissionFrames:
         if "section" in boxes:
             self._parts.append(DepthSection(still, trace, self._running, boxes["section"], layout))
         if "reward" in boxes:
-            self._parts.append(self._reward(boxes["reward"]))
+            self._parts.append(RewardBars(still, trace, self._running, boxes["reward"], layout))
         if "legend" in boxes:
             foresees = not np.array_equal(trace.foreseen_position, trace.estimate)
             draw_legend(still, boxes["legend"], layout, scenario, foresees, "map" in boxes)
@@ -158,9 +159,6 @@ class MissionFrames:
         insets.draw_still(self._still)
         return insets
 
-    def _reward(self, box: Rectangle) -> RewardBars:
-        return RewardBars(self._still, self._trace, self._running, box, self.layout)
-
     def frame(self, t: float) -> np.ndarray:
         time = float(self._time.at(t))
         for plot in self._plots:
@@ -184,22 +182,45 @@ class Part(Protocol):
 
 
 class RewardBars:
-    """The largest terms of the reward, means of the last 30 s."""
+    """The largest terms of the reward side by side, means of the last 30 s, each with a bar from the middle."""
+
+    TITLE = "reward a step,", "last 30 s"
 
     def __init__(
         self, still: np.ndarray, trace: Trace, running: RunningMetrics, box: Rectangle, layout: Layout
     ) -> None:
-        title, self._running = ("reward a step,", "last 30 s"), running
+        self._layout, self._row, unit, muted = layout, box.top, layout.unit, layout.theme.muted
         size = np.abs(running.reward).max(axis=0)
         largest = [term for term in np.argsort(-size)[:TERMS].tolist() if size[term] > 0] or [0]
-        most = Bars.most(box, layout, title, [trace.reward_names[term] for term in largest])
-        self._terms = sorted(largest[:most])
-        scale = max(float(np.quantile(np.abs(running.reward[:, self._terms]), 0.98)), 1e-9)
-        self._bars = Bars(still, box, layout, title, [trace.reward_names[term] for term in self._terms], scale)
+        start = box.left + max(text_width(words, 11 * unit) for words in self.TITLE) + 26 * unit
+        # As many of them, from the largest one on, as are legible side by side.
+        forms = [f"{trace.reward_names[term]} +00.00" for term in largest]
+        widths = [text_width(form, SMALLEST_LETTERS) + 10 * unit for form in forms]
+        fitting_ones = (n for n in range(1, len(widths) + 1) if n * max(widths[:n]) <= box.right - start)
+        terms = sorted(largest[: max(fitting_ones, default=1)])
+        self._values = running.reward[:, terms]
+        self._scale = max(float(np.quantile(np.abs(self._values), 0.98)), 1e-9)
+        across = (box.right - start) / len(terms)
+        self._left, self._room = [start + place * across for place in range(len(terms))], across - 10 * unit
+        names, row = [trace.reward_names[term] for term in terms], box.top + 30 * unit
+        self._size = min(fitting(f"{name} +00.00", 11 * unit, self._room) for name in names)
+        for line, words in enumerate(self.TITLE):
+            write(still, words, (box.left + 10 * unit, box.top + (18 + 15 * line) * unit), 11 * unit, muted)
+        for left, name in zip(self._left, names, strict=True):
+            write(still, name, (left, box.top + 18 * unit), self._size, muted)
+            ends = np.array([(left, row), (left + self._room, row)])
+            shapes.stroke(still, ends, layout.theme.line, layout.px(2))
 
     def draw(self, picture: np.ndarray, t: float) -> None:
         """Draw a moment."""
-        self._bars.draw(picture, self._running.reward[step_of(t), self._terms].tolist())
+        layout, unit, room = self._layout, self._layout.unit, self._room
+        for left, value in zip(self._left, self._values[step_of(t)].tolist(), strict=True):
+            number, row = f"{value:+.2f}".replace("-", "−"), self._row + 30 * unit
+            position = left + room, self._row + 18 * unit
+            write(picture, number, position, self._size, layout.theme.text, anchor="right")
+            middle, length = left + room / 2, room / 2 * min(max(value / self._scale, -1.0), 1.0)
+            ink = style.GAUGE[0] if value > 0 else style.GAUGE[2]
+            shapes.stroke(picture, np.array([(middle, row), (middle + length, row)]), ink, layout.px(4))
 
 
 class Instruments:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from usvauv.env.render import shapes, style
+from usvauv.env.render import style
 from usvauv.env.render.style import Theme, clock, shorten, text_width, write
 from usvauv.env.scenario.sea import Area
 
@@ -268,45 +268,3 @@ def within_margins(
     return Rectangle(
         box.left + a, box.top + c, max(box.width - a - b, 8), max(box.height - c - round(bottom * unit), 8)
     )
-
-
-class Bars:
-    """A title, and named values side by side, each with a bar from the middle that `scale` fills."""
-
-    def __init__(
-        self, still: np.ndarray, box: Rectangle, layout: Layout, title: tuple[str, str], names: list[str], scale: float
-    ) -> None:
-        unit, theme = layout.unit, layout.theme
-        for line, words in enumerate(title):
-            write(still, words, (box.left + 10 * unit, box.top + (18 + 15 * line) * unit), 11 * unit, theme.muted)
-        start = box.left + self._title_width(title, unit)
-        across = (box.right - start) / len(names)
-        self._layout, self._scale, self._row = layout, scale, box.top
-        self._left, self._room = [start + place * across for place in range(len(names))], across - 10 * unit
-        self._size = min(fitting(f"{name} +00.00", 11 * unit, self._room) for name in names)
-        row = box.top + 30 * unit
-        for left, name in zip(self._left, names, strict=True):
-            write(still, name, (left, box.top + 18 * unit), self._size, theme.muted)
-            shapes.stroke(still, np.array([(left, row), (left + self._room, row)]), theme.line, layout.px(2))
-
-    @staticmethod
-    def _title_width(title: tuple[str, str], unit: float) -> float:
-        return max(text_width(words, 11 * unit) for words in title) + 26 * unit
-
-    @classmethod
-    def most(cls, box: Rectangle, layout: Layout, title: tuple[str, str], names: list[str]) -> int:
-        """How many of the names, from the first one on, are legible side by side."""
-        widths = [text_width(f"{name} +00.00", SMALLEST_LETTERS) + 10 * layout.unit for name in names]
-        room = box.width - cls._title_width(title, layout.unit)
-        return max((n for n in range(1, len(names) + 1) if n * max(widths[:n]) <= room), default=1)
-
-    def draw(self, picture: np.ndarray, values: list[float]) -> None:
-        """Draw the values over a copy of the still picture."""
-        layout, unit, room = self._layout, self._layout.unit, self._room
-        for left, value in zip(self._left, values, strict=True):
-            number, row = f"{value:+.2f}".replace("-", "−"), self._row + 30 * unit
-            position = left + room, self._row + 18 * unit
-            write(picture, number, position, self._size, layout.theme.text, anchor="right")
-            middle, length = left + room / 2, room / 2 * min(max(value / self._scale, -1.0), 1.0)
-            ink = style.GAUGE[0] if value > 0 else style.GAUGE[2]
-            shapes.stroke(picture, np.array([(middle, row), (middle + length, row)]), ink, layout.px(4))

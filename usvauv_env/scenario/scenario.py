@@ -382,7 +382,7 @@ class Scenario(Section):
         base = self.load(self.name) if shipped else self.from_dict({})
         changes = [
             f"  {name} = {files.as_toml(value)}, {'shipped' if shipped else 'default'} {files.as_toml(usual)}"
-            for name, value, usual in _differences(self, base)
+            for name, value, usual in self.differences(base)
         ]
         area, auvs, boats = self.area, self.auv.count, self.boat.count
         head = (
@@ -394,6 +394,17 @@ class Scenario(Section):
         return "\n".join([head, *changes[:MOST_CHANGES], *rest])
 
     __str__ = __repr__
+
+    def differences(self, other: Scenario) -> Iterator[tuple[str, Any, Any]]:
+        """Fields whose values differ, but for name and description: name with its section, and both values."""
+        for name, own in self:
+            usual = getattr(other, name)
+            if not isinstance(own, Section):
+                found = [] if name in ("name", "description") else [(name, own, usual)]
+            else:
+                there = dict(usual)
+                found = [(f"{name}.{field}", value, there.get(field, "none")) for field, value in own]
+            yield from (each for each in found if each[1] != each[2])
 
     def to_dict(self) -> dict[str, Any]:
         """Nested plain values, the inverse of `from_dict`."""
@@ -416,16 +427,3 @@ class Scenario(Section):
                 ]
                 lines += [f"{key} = {files.as_toml(value)}" for key, value in (section.model_extra or {}).items()]
         return "\n".join(lines) + "\n"
-
-
-def _differences(one: Section, other: Section, before: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Fields whose values differ, but for names: name with its section, and both values."""
-    here, there = dict(one), dict(other)
-    for field in here:
-        if not before and field in ("name", "description"):
-            continue
-        value, usual = here[field], there.get(field, "none")
-        if isinstance(value, Section):
-            yield from _differences(value, usual, f"{field}.")
-        elif value != usual:
-            yield f"{before}{field}", value, usual

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple, cast
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,10 +22,11 @@ from usvauv.kernels import runtime
 from usvauv.kernels.shallow_water.boundaries import Boundary, Side
 from usvauv.kernels.shallow_water.discretisation import LANES
 from usvauv.kernels.shallow_water.linear import COURANT, ShallowWater
-from usvauv.kernels.shallow_water.nonlinear import NonlinearBoundary, NonlinearShallowWater
+from usvauv.kernels.shallow_water.nonlinear import NonlinearShallowWater
 
 FEWEST_CELLS = 4
 MOST_SUBSTEPS = 1_000_000
+LARGEST_SEED = (1 << 64) - 1
 RESONANT_GAIN = 10.0  # |1/cos kL| above which a component starts from rest instead of in its steady state
 
 
@@ -39,15 +40,6 @@ def fine_cells(scenario: Scenario) -> tuple[int, int]:
     """Cells (nx, ny) with `sea.fine_cells` along the longer side, for a sea that is drawn."""
     size = max(scenario.area.width, scenario.area.length) / scenario.sea.fine_cells
     return max(3, round(scenario.area.width / size)), max(3, round(scenario.area.length / size))
-
-
-def check_seed(seed: object) -> None:
-    """Refuse what is not a seed.
-
-    Raises:
-        ScenarioError: it is not a whole number from 0 to 2⁶⁴ − 1.
-    """
-    whole_number("seed", seed, 0, (1 << 64) - 1)
 
 
 def whole_number(name: str, value: object, least: int, most: int) -> int:
@@ -123,35 +115,19 @@ def build_sea(site: Site, seas: Sequence[tuple[int, int]], cells: tuple[int, int
     size = scenario.area.width, scenario.area.length
     mean_depth = float(depth[depth > 0].mean())
     waves = boundary_waves(site, seas)
-    eta, u, v = start(scenario, waves, seas, cells, mean_depth)
+    eta, u, v = start(scenario, waves, cells, mean_depth)
+    like: dict[str, Any] = {"size": size, "cells": cells, "boundaries": boundaries(scenario)}
+    like |= {"interval": sea.update_interval, "gravity": sea.gravity, "drag": sea.drag}
     if sea.equations == "nonlinear":
         solvers = []
         for row, wave in enumerate(zip(*waves, strict=True)):
-            solver = NonlinearShallowWater(
-                size=size,
-                cells=cells,
-                bed=-depth,
-                interval=sea.update_interval,
-                gravity=sea.gravity,
-                drag=sea.drag,
-                manning=sea.manning,
-                boundaries=cast(dict[Side, NonlinearBoundary], boundaries(scenario)),
-            )
+            solver = NonlinearShallowWater(bed=-depth, manning=sea.manning, **like)
             solver.set_forcing(*wave)
             solver.set_state(eta[row], (u[row, :, 1:] + u[row, :, :-1]) / 2, (v[row, 1:] + v[row, :-1]) / 2)
             solvers.append(solver)
         return NonlinearSeas(solvers)
-    solver = ShallowWater(
-        size=size,
-        cells=cells,
-        depth=np.maximum(depth, 0),
-        interval=sea.update_interval,
-        gravity=sea.gravity,
-        drag=sea.drag,
-        boundaries=boundaries(scenario),
-        sponge_width=sea.sponge_width if sea.sponge_edges else None,
-        num_seas=len(seas),
-    )
+    sponge = sea.sponge_width if sea.sponge_edges else None
+    solver = ShallowWater(depth=np.maximum(depth, 0), sponge_width=sponge, num_seas=len(seas), **like)
     solver.set_forcing(*waves)
     solver.set_state(eta, u, v)
     return solver
@@ -236,19 +212,9 @@ def long_wave_rms(site: Site) -> float:
 
 
 def start(
-    scenario: Scenario, waves: BoundaryWaves, seas: Sequence[tuple[int, int]], cells: tuple[int, int], depth: float
+    scenario: Scenario, waves: BoundaryWaves, cells: tuple[int, int], depth: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Start of the seas: elevation (seas, ny, nx) and velocities (seas, ny, nx + 1), (seas, ny + 1, nx)."""
-    nx, ny = cells
-    eta, u, v = (np.zeros((len(seas), *shape)) for shape in ((ny, nx), (ny, nx + 1), (ny + 1, nx)))
-    add_response(scenario, waves, depth, eta, u, v)
-    return eta, u, v
-
-
-def add_response(
-    scenario: Scenario, waves: BoundaryWaves, depth: float, eta: np.ndarray, u: np.ndarray, v: np.ndarray
-) -> None:
-    """Add the steady response of the basins to their boundary waves at t = 0, so that the forcing sets in smoothly.
+    """The steady response of the basins to their boundary waves at t = 0, so that the forcing sets in smoothly.
 
     With s the distance from the opposite boundary, the forced one at s = L, and R = 1 for a wall at s = 0, 0 for a
     boundary that lets waves out:
@@ -262,11 +228,14 @@ def add_response(
 
     Args:
         depth: h, m.
-        eta, u, v: elevation and face velocities as of `start`, changed in place.
+
+    Returns:
+        elevation (seas, ny, nx) and velocities at faces (seas, ny, nx + 1), (seas, ny + 1, nx).
     """
-    sea = scenario.sea
+    sea, (nx, ny), seas = scenario.sea, cells, len(waves.period)
+    eta, u, v = (np.zeros((seas, *shape)) for shape in ((ny, nx), (ny, nx + 1), (ny + 1, nx)))
     if sea.forced_edge == "none":
-        return
+        return eta, u, v
     west_east = sea.forced_edge in ("west", "east")
     backwards = sea.forced_edge in ("west", "south")
     length = _fetch(scenario)
@@ -276,9 +245,9 @@ def add_response(
     B = np.where(abs(at_boundary) * RESONANT_GAIN < 2 * R, 0.0, Z / at_boundary)
     C = -1j * sea.gravity * k * B / (1j * omega + sea.drag)
 
-    cells = eta.shape[2 if west_east else 1]
-    centres = (np.arange(cells) + 0.5) * (length / cells)
-    faces = np.arange(cells + 1) * (length / cells)
+    count = nx if west_east else ny
+    centres = (np.arange(count) + 0.5) * (length / count)
+    faces = np.arange(count + 1) * (length / count)
     if backwards:
         centres, faces, C = length - centres, length - faces, -C
     velocity, axis = (u, 1) if west_east else (v, 2)
@@ -288,6 +257,7 @@ def add_response(
         eta += np.expand_dims((B[:, component, None] * (there + R * back)).real, axis)
         there, back = (np.exp(sign * 1j * (own * faces)) for sign in (1, -1))
         velocity += np.expand_dims((C[:, component, None] * (there - R * back)).real, axis)
+    return eta, u, v
 
 
 def speed_bound(site: Site) -> float:
@@ -327,7 +297,7 @@ def _fetch(scenario: Scenario) -> float:
 
 
 def _response(scenario: Scenario, omega: np.ndarray, depth: float) -> tuple[np.ndarray, float, np.ndarray]:
-    """Wave number k, reflection R opposite to the forced boundary, and Z/B there; see `add_response`."""
+    """Wave number k, reflection R opposite to the forced boundary, and Z/B there; see `start`."""
     sea = scenario.sea
     opposite = {"west": "east", "east": "west", "south": "north", "north": "south"}[sea.forced_edge]
     R = 0.0 if opposite in (*sea.radiating_edges, *sea.sponge_edges) else 1.0

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from usvauv.env.scenario import Scenario, ScenarioError
-from usvauv.env.sea.build import build_sea, build_short_waves, check_sea, check_seed, fine_cells
+from usvauv.env.sea.build import LARGEST_SEED, build_sea, build_short_waves, check_sea, fine_cells, whole_number
 from usvauv.env.sea.long_waves import SeaWatch
 from usvauv.env.site.site import Site
 from usvauv.kernels import runtime
@@ -87,7 +87,7 @@ class SeaSimulation:
         interval: float,
         vortices: torch.Tensor | None = None,
     ) -> None:
-        check_seed(seed)
+        whole_number("seed", seed, 0, LARGEST_SEED)
         self.scenario, self.seed, self.interval = scenario, seed, interval
         self._vortex = torch.zeros((1, 0, 4), device=runtime.start().device) if vortices is None else vortices.clone()
         paced = scenario.sea.model_copy(update={"update_interval": interval})

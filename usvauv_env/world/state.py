@@ -181,40 +181,15 @@ def check_state(given: Mapping[str, torch.Tensor], own: Mapping[str, torch.Tenso
             refuse(f"world {problem[0]}: {problem[1]}")
 
 
-def check_adjustable(before: Scenario, after: Scenario) -> None:
-    """Refuse a scenario that worlds of another one cannot go on under.
+def check_same(before: Scenario, after: Scenario, but_for: Collection[str], problem: str) -> None:
+    """Refuse a scenario that differs from another in a field that is not among those named, see `problem`.
 
     Raises:
-        ScenarioError: they differ in a field that is not `ADJUSTABLE`.
+        ScenarioError: it does.
     """
-    _check(before, after, ADJUSTABLE, "cannot change while worlds run")
-
-
-def check_continues(before: Scenario, after: Scenario) -> None:
-    """Refuse a scenario whose worlds cannot go on where one of another scenario is.
-
-    Raises:
-        ScenarioError: they differ in a field that is none of `DECISIONS`.
-    """
-    _check(before, after, DECISIONS, "must be as in the world that is continued")
-
-
-def _check(before: Scenario, after: Scenario, allowed: Collection[str], problem: str) -> None:
-    old, new = _fields(before), _fields(after)
-    for name in (*old, *new):
-        if name not in allowed and old.get(name) != new.get(name):
-            raise ScenarioError(f"{name} = {new.get(name)!r}: {problem}; what may differ is {', '.join(allowed)}")
-
-
-def _fields(scenario: Scenario) -> dict[str, object]:
-    """All values of a scenario by "section.field"."""
-    fields: dict[str, object] = {}
-    for name, value in scenario.to_dict().items():
-        if isinstance(value, dict):
-            fields |= {f"{name}.{field}": number for field, number in value.items()}
-        else:
-            fields[name] = value
-    return fields
+    for name, value, _ in after.differences(before):
+        if name not in but_for:
+            raise ScenarioError(f"{name} = {value!r}: {problem}; what may differ is {', '.join(but_for)}")
 
 
 def numbers_of(name: str, given: object, shape: Sequence[int]) -> torch.Tensor:

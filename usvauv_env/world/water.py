@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from usvauv.env.scenario import Scenario, ScenarioError
-from usvauv.env.sea.build import boundary_waves, build_sea, build_short_waves, check_seed, fine_cells
+from usvauv.env.sea.build import LARGEST_SEED, boundary_waves, build_sea, build_short_waves, fine_cells, whole_number
 from usvauv.env.sea.long_waves import LongWaves, SeaWatch
 from usvauv.env.sea.storm import AirySea
 from usvauv.env.site.site import Site
@@ -44,7 +44,7 @@ class Seeds:
         several = isinstance(seed, Sequence | np.ndarray)
         numbers = list(seed) if several else [seed]
         for number in numbers:
-            check_seed(number)
+            whole_number("seed", number, 0, LARGEST_SEED)
         if several and len(numbers) != num_worlds:
             raise ScenarioError(f"seed: {len(numbers)} for {num_worlds} worlds; must be one for all, or one for each")
         if several and first_world:

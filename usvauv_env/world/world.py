@@ -22,12 +22,13 @@ from usvauv.env.world import tables
 from usvauv.env.world.boat_strategies import AGENT, StrategyChoice, boat_strategies
 from usvauv.env.world.observation import ObservationLayout, observation_terms
 from usvauv.env.world.state import (
+    ADJUSTABLE,
+    DECISIONS,
     LARGEST,
     Numbers,
     allocate,
     array_shapes,
-    check_adjustable,
-    check_continues,
+    check_same,
     check_state,
     first_fault,
     mask_of,
@@ -430,7 +431,7 @@ class World:
         Raises:
             ScenarioError: another field differs.
         """
-        check_adjustable(self.scenario, scenario)
+        check_same(self.scenario, scenario, ADJUSTABLE, "cannot change while worlds run")
         redrawn = scenario.current != self.scenario.current
         for name, value in (("scenario", scenario), ("site", self.site.under(scenario))):
             object.__setattr__(self, name, value)
@@ -461,7 +462,7 @@ class World:
         """
         if not other.begun:
             raise ScenarioError(f"continue_from: in the other world {NOT_BEGUN}")
-        check_continues(other.scenario, self.scenario)
+        check_same(other.scenario, self.scenario, DECISIONS, "must be as in the world that is continued")
         taken = other.state()
         self._clock[:, 0] = taken["clock"][:, 0] - 1
         self.reset()  # for its tours
