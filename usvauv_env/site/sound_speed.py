@@ -300,18 +300,15 @@ def _thinned(
 ) -> tuple[np.ndarray, np.ndarray]:
     """As few depths, and speeds there, as are found to serve; see `SoundSpeedProfile.thinned`.
 
-    Two ways are tried: all speeds weigh the same, or each as the time that the flattest direct ray within the longest
-    range takes at it, by 1/cos θ.
+    Each speed weighs as the time that the flattest direct ray within the longest range takes at it, by 1/cos θ.
     """
     asked = _Sound(depths, speeds, arrays, source, longest)
-    by_time = 1 / np.sqrt(np.maximum(np.abs(1 - (speeds * asked.flattest) ** 2), FLAT**2))
-    best = depths, speeds
-    for weights in (np.ones_like(speeds), by_time):
-        tolerance = FIRST_STEP * float(np.ptp(speeds))
+    weights = 1 / np.sqrt(np.maximum(np.abs(1 - (speeds * asked.flattest) ** 2), FLAT**2))
+    best, tolerance = (depths, speeds), FIRST_STEP * float(np.ptp(speeds))
+    few = _simplified(depths, speeds, weights, tolerance)
+    while tolerance > LEAST_STEP and len(few[0]) < len(best[0]):
+        if asked.holds(*few):
+            best = few
+        tolerance /= STEP
         few = _simplified(depths, speeds, weights, tolerance)
-        while tolerance > LEAST_STEP and len(few[0]) < len(best[0]):
-            if asked.holds(*few):
-                best = few
-            tolerance /= STEP
-            few = _simplified(depths, speeds, weights, tolerance)
     return best
