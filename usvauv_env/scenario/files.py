@@ -11,23 +11,18 @@ from typing import Any
 from usvauv.env.storage import text_files
 from usvauv.kernels.errors import UserError, choices
 
-# Fields that are gone, or values of a field; none: all. A stored scenario is read without them.
+# Fields that are gone, and values that earlier versions printed into every file: a file is read with those, which now
+# change nothing, and a stored scenario with any.
 RETIRED: dict[str, tuple[object, ...]] = {
-    "planner.horizon": (),
-    "planner.objective": ("e",),
-    "auv.refused_power": (),
-    "usbl.refraction": (),
-    "sea.start_rms": (),
-    "sea.start_modes": (),
-}
-# What earlier versions printed into every file and has no effect on what is left; read without it.
-UNUSED: dict[str, tuple[object, ...]] = {
     "planner.horizon": (10,),
     "auv.refused_power": ("travelling", "hovering"),
     "usbl.refraction": ("corrected",),
+    "acoustics.temperature_salinity": ([],),
+    "acoustics.salinity": ("practical",),
     "sea.start_rms": (0.0,),
     "sea.start_modes": (4,),
 }
+GONE = ("planner.objective", "e")  # a value of a field that is still there
 
 
 class ScenarioError(UserError, ValueError):
@@ -75,15 +70,24 @@ def override_field(data: dict[str, Any], override: str) -> None:
     place[parts[-1]] = value
 
 
-def retired(data: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Section and field of what `RETIRED` lists."""
-    found = []
-    for name, values in RETIRED.items():
+def without_retired(data: Mapping[str, Any], source: str, stored: bool) -> Mapping[str, Any]:
+    """Data without what `RETIRED` and `GONE` list.
+
+    Raises:
+        ScenarioError: a field has a value with which only a stored scenario is read.
+    """
+    for name in (*RETIRED, GONE[0]):
         section, _, field = name.partition(".")
         content = data.get(section) if isinstance(data, Mapping) else None
-        if isinstance(content, Mapping) and field in content and (not values or content[field] in values):
-            found.append((section, field))
-    return found
+        if not isinstance(content, Mapping) or field not in content:
+            continue
+        value = content[field]
+        if name == GONE[0] and value != GONE[1]:
+            continue
+        if not stored and value not in RETIRED.get(name, ()):
+            raise ScenarioError(f"{source}: {name} = {value!r}: no longer there")
+        data = {**data, section: {other: inner for other, inner in content.items() if other != field}}
+    return data
 
 
 def as_toml(value: Any) -> str:

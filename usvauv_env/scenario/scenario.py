@@ -16,11 +16,10 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 from usvauv.env.scenario import files
 from usvauv.env.scenario.fields import Section, one_line, one_of, section
 from usvauv.env.scenario.files import ScenarioError
-from usvauv.env.scenario.otter import Otter
 from usvauv.env.scenario.sea import INFRAGRAVITY, SMALLEST_PERIOD, Area, Current, Mission, Sea, Storm, Water
 from usvauv.env.scenario.sound import Acoustics, Channel, Usbl
 from usvauv.env.scenario.task import Nodes, Observation, Reference, Reward, Stations, TaskParameters
-from usvauv.env.scenario.vehicles import Auv, Boat, Navigation, Planner, Torpedo, Tracker
+from usvauv.env.scenario.vehicles import Auv, Boat, Navigation, Otter, Planner, Torpedo, Tracker
 from usvauv.env.storage import text_files
 from usvauv.kernels.mission.tasks.task import Task, tasks
 from usvauv.kernels.positioning.pulse import FEWEST_CHIPS, FEWEST_PERIODS
@@ -365,12 +364,7 @@ class Scenario(Section):
         """
         try:
             text_files.check_plain(data)
-            for section, field in files.retired(data):
-                name, value = f"{section}.{field}", data[section][field]
-                if not stored and value not in files.UNUSED.get(name, ()):
-                    raise ScenarioError(f"{source}: {name} = {value!r}: no longer there")
-                data = {**data, section: {name: value for name, value in data[section].items() if name != field}}
-            return cls.model_validate(data)
+            return cls.model_validate(files.without_retired(data, source, stored))
         except text_files.TextFileError as error:
             raise ScenarioError(f"{source}: {error}") from None
         except ValidationError as error:
