@@ -19,7 +19,18 @@ from usvauv.env.scenario import Scenario
 from usvauv.env.world.observation import ObservationLayout
 from usvauv.env.world.world import World
 from usvauv.kernels.registry import Registry
-from usvauv.policies.guidance import TINY, SpeedToFly, clear_of_others, command, crab, rotate, unit, unrotate
+from usvauv.policies.guidance import (
+    TINY,
+    SpeedToFly,
+    clear_of_others,
+    command,
+    components,
+    crab,
+    length,
+    rotate,
+    unit,
+    unrotate,
+)
 from usvauv.policies.heuristics.passing import Pass
 from usvauv.policies.policy import PolicyError
 
@@ -107,7 +118,7 @@ class TargetFrame(Frame):
     def encode(self, observation: Tensor) -> Tensor:
         target = self.term(observation, "target")
         bearing = unit(target)
-        distance = target.norm(dim=-1, keepdim=True)
+        distance = length(target).unsqueeze(-1)
         parts = [distance, torch.exp(-distance / self.reach), bearing, self._others(observation, bearing)]
         for name in self.layout.terms:
             if name in RELATIVE:
@@ -120,14 +131,14 @@ class TargetFrame(Frame):
                 parts.append(unrotate(vectors.unflatten(-1, (-1, 2)), bearing.unsqueeze(-2)).flatten(-2))
                 value = value[..., vectors.shape[-1] :]
             parts.append(value)
-        return torch.cat(parts, -1)
+        return torch.cat([part.movedim(-1, 0) for part in parts]).movedim(0, -1)
 
     def _others(self, observation: Tensor, bearing: Tensor) -> Tensor:
         """Nearest other AUV and sum of closeness, (..., 5); zeros for a single AUV."""
         if self.layout.num_auvs == 1:
             return observation.new_zeros((*observation.shape[:-1], 5))
         others = unrotate(self.term(observation, "others").unflatten(-1, (-1, 2)), bearing.unsqueeze(-2))
-        distance = others.norm(dim=-1, keepdim=True)
+        distance = length(others).unsqueeze(-1)
         nearest = others.gather(-2, distance.argmin(-2, keepdim=True).expand_as(others[..., :1, :])).squeeze(-2)
         closeness = torch.exp(-distance / self.reach)
         crowding = (closeness * others / distance.clamp_min(TINY)).sum(-2)
@@ -141,7 +152,7 @@ class TargetFrame(Frame):
     def _course(self, action: Tensor, ahead: Tensor) -> Tensor:
         """The course that a_0 commands, π a_0 left of `ahead`; unit vectors in world axes, (..., 2)."""
         course = math.pi * action[..., 0]
-        return rotate(torch.stack((torch.cos(course), torch.sin(course)), -1), ahead)
+        return rotate(components(torch.cos(course), torch.sin(course)), ahead)
 
 
 class GuidedFrame(TargetFrame):
@@ -176,7 +187,7 @@ class GuidedFrame(TargetFrame):
         side = self._side = self._side.to(position)  # copied but once
         outwards = ((position < BORDER_MARGIN) & (track < 0.0)) | ((position > side - BORDER_MARGIN) & (track > 0.0))
         along = torch.where(outwards, 0.0, track)
-        return torch.where(along.norm(dim=-1, keepdim=True) > TINY, unit(along), track)
+        return torch.where(length(along).unsqueeze(-1) > TINY, unit(along), track)
 
 
 class Observed(threading.local):
@@ -198,7 +209,7 @@ class Observed(threading.local):
     def water_velocity(self) -> Tensor:
         """Velocity of each AUV through the water, (W, K, 2), m/s."""
         forward, starboard = self.term(self.observation, "motion")[..., :2].unbind(-1)
-        return rotate(torch.stack((forward, -starboard), -1), self.term(self.observation, "attitude")[..., :2])
+        return rotate(components(forward, -starboard), self.term(self.observation, "attitude")[..., :2])
 
 
 class PassingFrame(TargetFrame):
@@ -234,7 +245,7 @@ class PassingFrame(TargetFrame):
         heading, speed = self._steer(observation)
         speed = speed + action[..., 1] * (auv.speed_max - auv.speed_min)
         turn = TURN * action[..., 0]
-        heading = rotate(torch.stack((torch.cos(turn), torch.sin(turn)), -1), heading)
+        heading = rotate(components(torch.cos(turn), torch.sin(turn)), heading)
         return command(heading, speed.clamp(auv.speed_min, auv.speed_max), self.scenario)
 
     def _steer(self, observation: Tensor) -> tuple[Tensor, Tensor]:

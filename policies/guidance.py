@@ -15,6 +15,7 @@ from usvauv.kernels.vehicles.vehicle import Actuators, Command
 from usvauv.policies.policy import PolicyError
 
 TINY = 1e-9
+LEAST = 1e-18  # added to no effect, but that a zero vector has a direction; its square is above zero
 LEVEL_TIME = 1.0  # s
 SPEEDS = 33  # number of speeds among which `SpeedToFly` chooses
 LEAST_ADVANCE = 0.05  # m/s over ground, lower bound on headway
@@ -23,26 +24,37 @@ NEAREST = 1e-3  # m, smaller distances between AUVs repel like it
 HOPELESS = 1e6  # J/m, above every cost with headway
 
 
+def length(vector: Tensor) -> Tensor:
+    """Euclidean norm (...) of vectors (..., 2)."""
+    x, y = vector.unbind(-1)
+    return (x.square() + y.square()).sqrt()
+
+
 def unit(vector: Tensor) -> Tensor:
     """Direction of vectors (..., 2); (1, 0) for a zero vector."""
-    length = vector.norm(dim=-1, keepdim=True)
-    east = torch.zeros_like(vector)
-    east[..., 0] = 1.0
-    return torch.where(length > TINY, vector / length.clamp_min(TINY), east)
+    x, y = vector.unbind(-1)
+    x = x + LEAST
+    size = (x.square() + y.square()).sqrt()
+    return components(x / size, y / size)
+
+
+def components(x: Tensor, y: Tensor) -> Tensor:
+    """Vectors (..., 2) of components (...), which lie apart in memory, so that operations go over many at once."""
+    return torch.stack((x, y)).movedim(0, -1)
 
 
 def rotate(vector: Tensor, direction: Tensor) -> Tensor:
     """Components in world axes of a vector given along and left of `direction`; both (..., 2)."""
     along, left = vector.unbind(-1)
     x, y = direction.unbind(-1)
-    return torch.stack((along * x - left * y, along * y + left * x), -1)
+    return components(along * x - left * y, along * y + left * x)
 
 
 def unrotate(vector: Tensor, direction: Tensor) -> Tensor:
     """Components along and left of `direction` of a vector given in world axes; both (..., 2)."""
     vx, vy = vector.unbind(-1)
     x, y = direction.unbind(-1)
-    return torch.stack((vx * x + vy * y, vy * x - vx * y), -1)
+    return components(vx * x + vy * y, vy * x - vx * y)
 
 
 def command(direction: Tensor, speed: Tensor | float, scenario: Scenario) -> Tensor:
@@ -67,7 +79,7 @@ def command(direction: Tensor, speed: Tensor | float, scenario: Scenario) -> Ten
     span = auv.speed_max - auv.speed_min
     throttle = 2.0 * (speed - auv.speed_min) / span - 1.0 if span > 0 else torch.zeros_like(speed)
     heading = torch.atan2(direction[..., 1], direction[..., 0]) / math.pi
-    return torch.stack((heading, throttle.expand_as(heading)), -1).clamp(-1.0, 1.0)
+    return components(heading, throttle.expand_as(heading)).clamp(-1.0, 1.0)
 
 
 def crab(track: Tensor, speed: Tensor, current: Tensor) -> Tensor:
@@ -77,7 +89,7 @@ def crab(track: Tensor, speed: Tensor, current: Tensor) -> Tensor:
     track and V the speed. A component above V cannot be compensated; the heading is then opposite to it.
     """
     sine = (-unrotate(current, track)[..., 1] / speed).clamp(-1.0, 1.0)
-    return rotate(torch.stack(((1.0 - sine.square()).clamp_min(0.0).sqrt(), sine), -1), track)
+    return rotate(components((1.0 - sine.square()).clamp_min(0.0).sqrt(), sine), track)
 
 
 def clear_of_others(towards: Tensor, others: Tensor, safe_distance: float) -> Tensor:
@@ -95,7 +107,7 @@ def clear_of_others(towards: Tensor, others: Tensor, safe_distance: float) -> Te
     """
     if others.shape[-2] == 0:
         return towards
-    distance, nearest = others.norm(dim=-1, keepdim=True).min(-2, keepdim=True)
+    distance, nearest = length(others).unsqueeze(-1).min(-2, keepdim=True)
     away = -unit(others.gather(-2, nearest.expand_as(others[..., :1, :]))).squeeze(-2)
     ratio = REACH * safe_distance / distance.squeeze(-2).clamp_min(NEAREST)
     return unit(towards + (ratio - 1.0).clamp_min(0.0) * ratio.square() * away)
@@ -104,7 +116,7 @@ def clear_of_others(towards: Tensor, others: Tensor, safe_distance: float) -> Te
 def turned(track: Tensor, lead: float, curvature: Tensor) -> Tensor:
     """A track as it is `lead` metres further on a path with this curvature (..., 1/m, positive to the left)."""
     angle = lead * curvature
-    return rotate(torch.stack((angle.cos(), angle.sin()), -1), track)
+    return rotate(components(angle.cos(), angle.sin()), track)
 
 
 def follow_line(to_point: Tensor, direction: Tensor, lookahead: float, lead: float = 0.0) -> Tensor:
@@ -122,7 +134,7 @@ def follow_line(to_point: Tensor, direction: Tensor, lookahead: float, lead: flo
         lead: metres that the vehicle goes on before it has turned; the track is that of so much later.
     """
     error = -unrotate(to_point, direction)[..., 1] / lookahead
-    ahead = torch.stack((torch.ones_like(error), -error), -1)
+    ahead = components(torch.ones_like(error), -error)
     course = unit(ahead)
     bend = course[..., 0].square() * -course[..., 1] / lookahead
     return turned(rotate(course, direction), lead, bend)
@@ -148,7 +160,7 @@ def follow_circle(
     turn = torch.as_tensor(turn, dtype=to_centre.dtype, device=to_centre.device)
     inward = unit(to_centre)
     outside = (distance - radius) / lookahead
-    course = unit(torch.stack((outside, -turn.expand_as(outside)), -1))  # along and left of the way to the centre
+    course = unit(components(outside, -turn.expand_as(outside)))  # along and left of the way to the centre
     cosine, sine = -turn * course[..., 1], course[..., 0]
     bend = turn * (cosine / distance.clamp_min(0.5 * radius) - cosine.square() * sine / lookahead)
     return turned(rotate(course, inward), lead, bend)
@@ -194,8 +206,11 @@ class SpeedToFly:
 
     def __call__(self, track: Tensor, price: Tensor, current: Tensor) -> Tensor:
         """Speeds (...), m/s, for tracks (unit vectors, (..., 2)), prices (...), W, and currents (..., 2), m/s."""
+        along, across = unrotate(current, track).unbind(-1)
+        like = (SPEEDS, *along.dim() * [1])
         speeds, power = self.speeds, self.power = self.speeds.to(track), self.power.to(track)  # copied but once
-        along, across = unrotate(current, track).split(1, -1)
-        advance = (speeds.square() - across.square()).clamp_min(0.0).sqrt() + along
-        cost = (power + price.unsqueeze(-1)) / advance.clamp_min(LEAST_ADVANCE)
-        return speeds[torch.where(advance > LEAST_ADVANCE, cost, HOPELESS - advance).argmin(-1)]
+        speeds, power = speeds.view(like), power.view(like)
+        advance = (speeds.square() - across.square()).clamp_min_(0.0).sqrt_().add_(along)
+        cost = (power + price).div_(advance.clamp_min(LEAST_ADVANCE))
+        cost = torch.where(advance > LEAST_ADVANCE, cost, HOPELESS - advance)
+        return torch.where(cost > cost.amin(0), math.inf, speeds).amin(0)  # of equal costs the lowest speed

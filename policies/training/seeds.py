@@ -19,7 +19,7 @@ from usvauv.policies.algorithms import ALGORITHMS
 from usvauv.policies.cuda_graph import Recorded
 from usvauv.policies.frames import FRAMES
 from usvauv.policies.learned import Standardizer
-from usvauv.policies.policy import PolicyError
+from usvauv.policies.policy import PolicyError, by_component
 from usvauv.policies.training.exploration import explore
 from usvauv.policies.training.replay import Replay
 from usvauv.policies.training.saved_run import learning_bytes
@@ -202,13 +202,13 @@ class BatchedRuns:
 
     def _features(self, observation: Tensor) -> dict[str, Tensor]:
         with FRAMES.calling(self.config.frame):
-            features = self.first.frame.encode(observation).unflatten(0, (self.count, -1))
-        return {"features": self.standardizer(features).flatten(0, 1)}
+            features = self.first.frame.encode(by_component(observation)).unflatten(0, (self.count, -1))
+        return {"features": self.standardizer(features).flatten(0, 1).contiguous()}
 
     def _explore(self, observation: Tensor, features: Tensor, noise: Tensor) -> dict[str, Tensor]:
         action = explore(self.learner, self.config, features, noise, self.count)
         with FRAMES.calling(self.config.frame):
-            return {"action": action, "command": self.first.frame.decode(observation, action)}
+            return {"action": action, "command": self.first.frame.decode(by_component(observation), action)}
 
     def hand_out(self) -> None:
         """Bring learner and observation of every run up to date."""

@@ -21,7 +21,7 @@ from usvauv.policies.config import TrainingConfig
 from usvauv.policies.cuda_graph import Recorded
 from usvauv.policies.frames import FRAMES
 from usvauv.policies.learned import LearnedPolicy, Standardizer
-from usvauv.policies.policy import PolicyError
+from usvauv.policies.policy import PolicyError, by_component
 from usvauv.policies.training.exploration import TrainingWorld, explore
 from usvauv.policies.training.figures import LOGS, Meter, scalar_writer, wandb_writer
 from usvauv.policies.training.ranks import ALONE, Ranks
@@ -272,13 +272,14 @@ class Trainer(SavedRun):
 
     def _features(self, observation: Tensor) -> dict[str, Tensor]:
         with FRAMES.calling(self.config.frame):
-            return {"features": self.standardizer(self.frame.encode(observation))}
+            features = self.frame.encode(by_component(observation))
+        return {"features": self.standardizer(features).contiguous()}
 
     def _explore(self, observation: Tensor, features: Tensor, noise: Tensor) -> dict[str, Tensor]:
         """The network's exploring action (W, K, A), and the world's command for it."""
         action = explore(self.learner, self.config, features, noise)
         with FRAMES.calling(self.config.frame):
-            return {"action": action, "command": self.frame.decode(observation, action)}
+            return {"action": action, "command": self.frame.decode(by_component(observation), action)}
 
     def standardize(self, features: Tensor) -> Tensor:
         """Take the statistics of features and reward from the replay, once before the first update; rescale the replay
