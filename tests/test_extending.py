@@ -11,7 +11,7 @@ import pytest
 
 from tests.links import EVERY_STEP
 from usvauv import env, policies
-from usvauv.env import Scenario, World, plugins
+from usvauv.env import Scenario, ScenarioError, World, plugins
 from usvauv.kernels.mission.columns import AuvColumn, NodeColumn
 from usvauv.kernels.vehicles.fleet import Fleet
 from usvauv.kernels.vehicles.vehicle import Command
@@ -107,10 +107,14 @@ def test_observation_term():
 
 def test_vehicle(evaluated):
     """It pays for the speed of `straight` by its own law, and turns on its own radius."""
-    rows = evaluated("vehicle.py", "--set", "auv.model=dubins", "--set", "nodes.service=passing")
+    chosen = ["auv.model=dubins", "nodes.service=passing", "vehicle_parameters.drag=5"]
+    rows = evaluated("vehicle.py", *(part for setting in chosen for part in ("--set", setting)))
     speed = Scenario.load("ideal").reference.straight_speed
     for row in rows:
-        assert float(row["ec"]) == pytest.approx(15.0 + 4.0 * speed**3, rel=0.02)
+        assert float(row["ec"]) == pytest.approx(15.0 + 5.0 * speed**3, rel=0.02)
+    for wrong, why in (("radius=0.5", "radius = 0.5: must be from 1 to 1000"), ("span=1", "span: allowed .*: radius,")):
+        with pytest.raises(ScenarioError, match=f"^ideal: vehicle_parameters.{why}"):
+            Scenario.load("ideal", [*chosen, f"vehicle_parameters.{wrong}"])
     auvs = Fleet(3, "dubins", {"radius": 12.0})
     auvs.set(Command, speed=1.5, depth=20.0)
     auvs.trim()

@@ -210,7 +210,8 @@ class Vehicle(NamedTuple):
     """A model of an AUV. `table` below is a 1-D array argument of a kernel, from `table_of`.
 
     Attributes:
-        numbers: its numbers by name, of which its section of a scenario is made.
+        numbers: its numbers by name, of which its section of a scenario is made; a plugin's are set in
+            `vehicle_parameters`.
         table_of: names → values, all of `numbers` → what the functions read, (N,) float32.
         advance: (table, body, actuators, surroundings, dt) → Body, one substep of dt s; position, attitude,
             velocities, actuators with their lags and limits, energy.

@@ -10,7 +10,7 @@ import pytest
 from tests.trials.scenarios import numbers
 from usvauv.env import Scenario, ScenarioError
 from usvauv.env.scenario.fields import Section
-from usvauv.env.scenario.task import TaskParameters
+from usvauv.env.scenario.task import PluginNumbers
 
 
 @pytest.mark.parametrize("name", Scenario.shipped())
@@ -65,7 +65,7 @@ def test_toml_round_trip():
     s = Scenario.load("extreme", ["auv.count=5", "current.centres=[[1, 2], [3.5, 4]]", 'name="a \\"b\\""'])
     assert Scenario.from_dict(tomllib.loads(s.to_toml())) == s
     assert Scenario.from_dict(s.to_dict()) == s
-    of_a_plugin = s.model_copy(update={"task_parameters": TaskParameters.model_validate({"dwell": 3.5})})
+    of_a_plugin = s.model_copy(update={"task_parameters": PluginNumbers.model_validate({"dwell": 3.5})})
     assert tomllib.loads(of_a_plugin.to_toml())["task_parameters"] == {"dwell": 3.5}
 
 

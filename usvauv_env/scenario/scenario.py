@@ -18,11 +18,12 @@ from usvauv.env.scenario.fields import Section, one_line, one_of, section
 from usvauv.env.scenario.files import ScenarioError
 from usvauv.env.scenario.sea import INFRAGRAVITY, SMALLEST_PERIOD, Area, Current, Mission, Sea, Storm, Water
 from usvauv.env.scenario.sound import Acoustics, Channel, Usbl
-from usvauv.env.scenario.task import Nodes, Observation, Reference, Reward, Stations, TaskParameters
+from usvauv.env.scenario.task import Nodes, Observation, PluginNumbers, Reference, Reward, Stations
 from usvauv.env.scenario.vehicles import Auv, Boat, Navigation, Otter, Planner, Torpedo, Tracker
 from usvauv.env.storage import text_files
 from usvauv.kernels.mission.tasks.task import Task, tasks
 from usvauv.kernels.positioning.pulse import FEWEST_CHIPS, FEWEST_PERIODS
+from usvauv.kernels.vehicles.vehicle import vehicles
 
 LONGEST_NAME = 120  # bytes; the name of a file, of which it is a part, may have 255
 MOST_CHANGES = 12  # that `repr` lists
@@ -57,9 +58,10 @@ class Scenario(Section):
     tracker: Tracker = section(Tracker, "tracker of the AUVs")
     auv: Auv = section(Auv, "the AUVs")
     torpedo: Torpedo = section(Torpedo, "the AUVs with auv.model = torpedo")
+    vehicle_parameters: PluginNumbers = section(PluginNumbers, "numbers of the vehicle where a plugin's is auv.model")
     nodes: Nodes = section(Nodes, "sensor nodes and their data link")
     stations: Stations = section(Stations, "formation of the task station-keeping")
-    task_parameters: TaskParameters = section(TaskParameters, "numbers of a plugin's task, and weights of its rewards")
+    task_parameters: PluginNumbers = section(PluginNumbers, "numbers of a plugin's task, and weights of its rewards")
     observation: Observation = section(Observation, "what an AUV observes")
     reward: Reward = section(Reward, "weights of the reward's named terms")
     reference: Reference = section(Reference, "recorded speeds of the heuristics")
@@ -137,6 +139,14 @@ class Scenario(Section):
 
     def _check_vehicle(self) -> None:
         auv, depth = self.auv, self.area.depth
+        declared = vehicles[auv.model].numbers if auv.model not in ("point", "torpedo") else {}
+        for name, value in self.vehicle_parameters.numbers.items():
+            if name not in declared:
+                allowed = ", ".join(declared) or "none"
+                raise ValueError(f"vehicle_parameters.{name}: allowed for auv.model {auv.model!r}: {allowed}")
+            _, low, high, _ = declared[name]
+            if not low <= value <= high:
+                raise ValueError(f"vehicle_parameters.{name} = {value:g}: must be from {low:g} to {high:g}")
         if not auv.dynamic:
             for term in VEHICLE_TERMS:
                 if term in self.observation.extra:

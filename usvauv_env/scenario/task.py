@@ -86,8 +86,8 @@ class Stations(Section):
     radius: Distance = Field(40.0, description="radius of the circle on which the stations lie, one an AUV, m")
 
 
-class TaskParameters(Section):
-    """Numbers of a plugin's task by name; what is not given has the task's default."""
+class PluginNumbers(Section):
+    """Numbers of a plugin's task or vehicle by name; what is not given has its default."""
 
     model_config = ConfigDict(frozen=True, extra="allow")
     __pydantic_extra__: dict[str, Number] = Field(init=False)

@@ -412,10 +412,11 @@ def vehicle_motion(scenario: Scenario) -> Motion:
 
 
 def vehicle_table(scenario: Scenario) -> np.ndarray:
-    """The numbers of the vehicle, as its functions read them: those of its section, or else its own."""
+    """The numbers of the vehicle, as its functions read them: those of the scenario, or else its own."""
     name = scenario.auv.model
     vehicle = vehicles[name]
-    numbers = {each: about.default for each, about in vehicle.numbers.items()} | dict(getattr(scenario, name, ()))
+    given = dict(scenario.torpedo) if name == "torpedo" else scenario.vehicle_parameters.numbers
+    numbers = {each: about.default for each, about in vehicle.numbers.items()} | given
     with vehicles.calling(name):
         return np.ascontiguousarray(vehicle.table_of(numbers), np.float32)
 
