@@ -21,6 +21,7 @@ TABLE = 220.0, 260.0  # least width and height of the figures of two missions
 NAME, LEAST_PLOT = 18.0, 84.0  # heights of the line above a map of two, and of their plots
 LEAST = {"title": 56.0, "errors": 90.0, "fixes": 110.0, "reward": 44.0, "section": 80.0}  # heights of cards
 SHARES = {"fixes": 0.42, "errors": 0.33, "section": 0.25}  # of the height that is left
+PLOTS = "yield", "errors"  # of two missions
 IMPORTANCE = ("title", "tiles", "errors", "fixes", "legend", "reward", "section")
 BELOW = ("tiles", "reward", "fixes", "errors", "section", "legend")  # of the title, from the top to the bottom
 
@@ -210,16 +211,9 @@ class Sheet(NamedTuple):
         with_plots, alone = self._in_a_row(rest, plots), self._in_a_row(rest, 0.0)
         if with_plots["first"].height < 0.7 * alone["first"].height:
             with_plots = alone
-        others = self._over_all(rest), self._one_over_other(rest)
-        possible = [
-            rooms
-            for rooms in others
-            if all(
-                rooms[plot].height >= LEAST_PLOT and rooms[plot].width >= LEAST_PLOT_WIDTH
-                for plot in ("yield", "errors")
-            )
-        ]
-        rooms = max([with_plots, *possible], key=lambda rooms: rooms["first"].height)
+        across = self._over_all(rest)
+        legible = all(across[plot].height >= LEAST_PLOT and across[plot].width >= LEAST_PLOT_WIDTH for plot in PLOTS)
+        rooms = across if legible and across["first"].height > with_plots["first"].height else with_plots
         return {name: room.pixels(self.unit) for name, room in {"title": title, **rooms}.items()}
 
     def _named_map(self, room: Room) -> Room:
@@ -249,20 +243,3 @@ class Sheet(NamedTuple):
         each = plots.beside(half) if half >= LEAST_PLOT_WIDTH else plots.over((plots.height - GAP) / 2)
         maps = {"first": self._named_map(first), "second": self._named_map(second)}
         return {**maps, "table": table, "yield": each[0], "errors": each[1]}
-
-    def _one_over_other(self, room: Room) -> Rooms:
-        """Two maps below each other at the left, the figures at the right, plots there or below."""
-        across, up = self.map_with_axes(room.width - TABLE[0] - GAP, (room.height - GAP) / 2 - NAME)
-        column, side = room.beside(across)
-        left = room.height - 2 * (NAME + up) - GAP
-        rooms: Rooms = {}
-        if left >= LEAST_PLOT + GAP:
-            _, rooms["errors"] = room.over(room.height - left)
-            column, side = (part._replace(height=room.height - left) for part in (column, side))
-        first, second = column.over((column.height - GAP) / 2)
-        table, plots = side.over(max(TABLE[1], 0.36 * side.height))
-        if "errors" in rooms:
-            rooms["yield"] = plots
-        else:
-            rooms["yield"], rooms["errors"] = plots.over((plots.height - GAP) / 2)
-        return {"first": self._named_map(first), "second": self._named_map(second), "table": table, **rooms}
