@@ -23,7 +23,7 @@ from matplotlib.figure import Figure
 from benchmarks.machine import describe
 from usvauv import policies
 from usvauv.env import Scenario, World
-from usvauv.env.record import error_bound
+from usvauv.env.planning import fix_errors
 from usvauv.env.record.metrics import own_error, position_error, usable
 from usvauv.env.record.recorder import record
 from usvauv.env.record.trace import Trace
@@ -58,8 +58,8 @@ def rms(error: np.ndarray) -> np.ndarray:
 
 def from_best_place(trace: Trace) -> np.ndarray:
     """For each episode, the median error of fixes from the best place."""
-    variance = error_bound.variance(trace)
-    return np.array([error_bound.median_of_normals(variance[:, w].ravel()) for w in range(variance.shape[1])])
+    variance = fix_errors.best_variance(trace)
+    return np.array([fix_errors.median_of_normals(variance[:, w].ravel()) for w in range(variance.shape[1])])
 
 
 def interval(values: np.ndarray, over: np.ndarray | None = None) -> list[float]:

@@ -14,7 +14,7 @@ from usvauv.env.planning.fix_errors import (
     error_budget,
     predict,
 )
-from usvauv.env.planning.plan import reason, root_mean_square
+from usvauv.env.planning.plan import deviations, reason
 from usvauv.env.site.site import Site
 from usvauv.env.world.tables import link_table
 
@@ -39,9 +39,9 @@ def test_who_is_located():
     assert error(good=LEAST_GOOD).located
     assert not error(good=LEAST_GOOD - 1e-6).located
     located = [error(major=3.0, minor=4.0), error(major=12.0, minor=0.5), error(good=0.5, major=90.0, minor=None)]
-    assert root_mean_square(located) == pytest.approx(math.sqrt((9 + 16 + 144 + 0.25) / 2))
-    assert root_mean_square([*located, error(major=None)]) is None
-    assert root_mean_square(located[2:]) is None
+    assert deviations(located) == [3.0, 4.0, 12.0, 0.5]
+    assert deviations([*located, error(major=None)]) is None
+    assert deviations(located[2:]) is None
 
 
 @pytest.mark.parametrize(

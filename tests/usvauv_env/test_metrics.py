@@ -13,8 +13,9 @@ from scipy.optimize import brentq
 from tests.links import EVERY_STEP
 from tests.usvauv_env.test_trace import AUVS, NODES, STEP, STEPS, WORLDS, random_trace
 from usvauv.env import Scenario, Trace, World, evaluate
+from usvauv.env.planning import fix_errors
 from usvauv.env.planning.fix_errors import SUM, error_budget
-from usvauv.env.record import error_bound, evaluation
+from usvauv.env.record import evaluation
 from usvauv.env.record.metrics import COLUMNS, energy_consumption, episode_metrics, mean_figures, newest_birth, usable
 from usvauv.env.record.recorder import record
 from usvauv.env.record.trace import VARIABLES
@@ -283,7 +284,7 @@ def test_the_variance_is_that_of_a_fix_from_the_best_place(device):
     whole = random_trace()
     first = {name: getattr(whole, name)[:2] for name, about in VARIABLES.items() if about.dimensions[0] == "time"}
     trace = replace(whole, **first)
-    found = error_bound.variance(trace)
+    found = fix_errors.best_variance(trace)
     assert found.shape == trace.power.shape
     scenario = trace.scenario
     link, code = torch.from_numpy(link_table(Site(scenario))).to(device), objectives.objective_code("fix", "d")
@@ -300,5 +301,5 @@ def test_the_variance_is_that_of_a_fix_from_the_best_place(device):
 def test_the_median_of_plane_normals(variances):
     v = np.array(variances)
     expected = brentq(lambda m: np.mean(1 - np.exp(-m * m / (2 * v))) - 0.5, 0, 1e3, xtol=1e-13)
-    assert error_bound.median_of_normals(v) == pytest.approx(expected, rel=1e-9)
+    assert fix_errors.median_of_normals(v) == pytest.approx(expected, rel=1e-9)
     assert len(v) > 1 or expected == pytest.approx(2 * math.sqrt(2 * math.log(2)))

@@ -15,7 +15,7 @@ from usvauv.cli.evaluation.run import digests
 from usvauv.cli.reproduction.paper import CONDITIONS
 from usvauv.cli.sweep.run import Evaluate, Piece
 from usvauv.env import Scenario, World
-from usvauv.env.record import error_bound
+from usvauv.env.planning.fix_errors import best_variance, median_of_normals
 from usvauv.env.record.metrics import episode_metrics, position_error
 from usvauv.env.record.recorder import record
 from usvauv.env.storage.tables import write_rows
@@ -220,8 +220,8 @@ def _measure(definition: Mapping[str, Any], place: Path, step: Callable[[int], N
     of_episodes = zip(episodes, *np.quantile(error, (0.5, 0.95), axis=(0, 2)), strict=True)
     of = [(usv, *about, *row) for about, *row in of_episodes]
     if usv == "fim":
-        variance = np.concatenate([error_bound.variance(trace) for trace in traces], axis=1)
-        median = error_bound.median_of_normals
+        variance = np.concatenate([best_variance(trace) for trace in traces], axis=1)
+        median = median_of_normals
         at += [(BOUND, float(t), median(row.ravel()), "", "") for t, row in zip(time, variance, strict=True)]
         of += [(BOUND, *about, median(variance[:, w].ravel()), "") for w, about in enumerate(episodes)]
     columns = ("strategy", "time", "median", "lower_quartile", "upper_quartile")

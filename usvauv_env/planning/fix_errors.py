@@ -9,11 +9,13 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from usvauv.env.record.trace import Trace
 from usvauv.env.scenario import Scenario
 from usvauv.env.site.site import Site
 from usvauv.env.world import tables
 from usvauv.kernels import runtime
-from usvauv.kernels.planning.information import MEASUREMENTS, tilted_batch
+from usvauv.kernels.planning import objectives, search
+from usvauv.kernels.planning.information import FIX, MEASUREMENTS, tilted_batch
 from usvauv.kernels.positioning import acoustic_link, rays, reflections, usbl
 from usvauv.kernels.positioning.acoustic_link import KAPPA
 
@@ -284,3 +286,36 @@ def reflections_warning(site: Site) -> str:
     scenario, link = site.scenario, torch.from_numpy(tables.link_table(site)).to(runtime.start().device)
     place = DISTANCE * scenario.area.diagonal, 0.0, scenario.auv.depth
     return " ".join(omitted_reflections(site, link, [place] * scenario.auv.count, (0.0, 0.0)))
+
+
+def best_variance(trace: Trace) -> np.ndarray:
+    """Variance per horizontal axis of fixes from the best place at every moment, (T, W, K), m²: the mean of both axes'.
+
+    What no path of the boat can beat: a fix's error is taken as normal with the covariance J⁻¹ of the whole fix (phases
+    and delay, all errors) by a level array at the place that is D-optimal for the true positions. Where fixes have no
+    errors in common it is the bound of a single fix: a tracker, which remembers, can be better, and a moving AUV whose
+    sound takes time is worse.
+    """
+    scenario = trace.scenario
+    link = torch.from_numpy(tables.link_table(Site(scenario))).to(runtime.start().device)
+    steps, worlds, auvs = trace.power.shape
+    surface = np.take_along_axis(trace.boat_surface[..., 0], trace.served_by.astype(np.intp), axis=-1)
+    separation = scenario.auv.depth + surface
+    layout = np.concatenate([trace.auv_position, separation[..., None]], -1).reshape(-1, auvs, 3).astype(np.float32)
+    points = torch.from_numpy(layout).to(link.device)
+    width, length = scenario.area.width, scenario.area.length
+    code = objectives.objective_code("fix", "d")
+    best = search.plan_batch(link, points, code=code, width=width, length=length)[:, None, :2]
+    away = torch.cat([points[..., :2] - best, -points[..., 2:]], -1).reshape(-1, 3).contiguous()
+    index = torch.arange(auvs, dtype=torch.int32, device=link.device).repeat(steps * worlds)
+    covariance, _, _ = tilted_batch(link, index, away, torch.zeros_like(away[:, :2]), measurement=FIX)
+    return covariance[:, [0, 2]].double().mean(1).cpu().numpy().reshape(steps, worlds, auvs)
+
+
+def median_of_normals(variance: np.ndarray) -> float:
+    """Median length of plane normal vectors of the variances per axis (n,): ½ = mean(1 − exp(−m²/2v))."""
+    low, high = 0.0, 10 * float(np.sqrt(variance.max()))
+    for _ in range(60):
+        m = (low + high) / 2
+        low, high = (m, high) if np.mean(-np.expm1(-0.5 * m * m / variance)) < 0.5 else (low, m)
+    return m

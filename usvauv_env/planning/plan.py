@@ -71,15 +71,6 @@ class AuvPosition:
 
 
 @dataclass(frozen=True)
-class Extent:
-    """Size of an area, m."""
-
-    width: float
-    length: float
-    depth: float
-
-
-@dataclass(frozen=True)
 class Plan:
     """The planner's answer; `usvauv plan --json` writes its fields.
 
@@ -87,7 +78,7 @@ class Plan:
         scenario: name of the scenario.
         objective, measurement: as in its section `planner`.
         slope: ∂η/∂x and ∂η/∂y of the surface that the array lies on.
-        area: of the scenario.
+        area: width, length and depth, m.
         auvs: the layout.
         optimum: the best place.
         centroid: the mean of the AUVs' positions.
@@ -99,7 +90,7 @@ class Plan:
     objective: str
     measurement: str
     slope: tuple[float, float]
-    area: Extent
+    area: dict[str, float]
     auvs: list[AuvPosition]
     optimum: BoatPlace
     centroid: BoatPlace
@@ -197,7 +188,7 @@ def solve(
         objective=objective,
         measurement=measurement,
         slope=slope,
-        area=Extent(width, length, scenario.area.depth),
+        area={"width": width, "length": length, "depth": scenario.area.depth},
         auvs=[
             AuvPosition(x, y, *geographic(x, y), depth, scenario.usbl.carrier(k, len(auvs)))
             for k, (x, y, depth) in enumerate(auvs)

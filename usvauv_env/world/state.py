@@ -83,7 +83,7 @@ def allocate(shapes: Mapping[str, Sequence[int]], device: torch.device) -> tuple
 
 def bounds_of(scenario: Scenario) -> dict[str, np.ndarray]:
     """Bounds of the columns of each array of `STATE`, (2, columns) float64: low, high."""
-    numbers = {
+    numbers: dict[Any, float] = {
         "width": float(np.float32(scenario.area.width)),
         "length": float(np.float32(scenario.area.length)),
         "targets": scenario.targets,
@@ -92,14 +92,8 @@ def bounds_of(scenario: Scenario) -> dict[str, np.ndarray]:
         "last_boat": scenario.boat.count - 1,
         "last_kind": len(scenario.nodes.arrival_rates) - 1,
     }
-
-    def number(bound: float | str) -> float:
-        return numbers[bound] if isinstance(bound, str) else bound
-
-    return {
-        name: np.array([[number(r.low) for r in array.ranges], [number(r.high) for r in array.ranges]])
-        for name, array in STATE.items()
-    }
+    sides = {name: ([r.low for r in array.ranges], [r.high for r in array.ranges]) for name, array in STATE.items()}
+    return {name: np.array([[numbers.get(b, b) for b in side] for side in both]) for name, both in sides.items()}
 
 
 def first_outside(
