@@ -5,9 +5,8 @@ import threading
 
 import pytest
 
-from usvauv.kernels import interruption as module
 from usvauv.kernels.errors import UserError
-from usvauv.kernels.interruption import PATIENCE, SIGNALS, Interrupted, Interruption, deferred, in_thread, stoppable
+from usvauv.kernels.interruption import SIGNALS, Interrupted, Interruption, deferred, in_thread, stoppable
 
 
 @pytest.fixture
@@ -62,21 +61,6 @@ def test_sigterm_without_a_handler_keeps_ending_the_process():
     assert before == signal.SIG_DFL
     with stoppable():
         assert signal.getsignal(signal.SIGTERM) is before
-
-
-def test_a_signal_counts_again_after_a_while(monkeypatch):
-    clock = [0.0]
-    monkeypatch.setattr(module.time, "monotonic", lambda: clock[0])
-    handler = Interruption()
-    for now, raises in ((0.0, True), (0.9 * PATIENCE, False), (PATIENCE, True), (1.9 * PATIENCE, False)):
-        clock[0] = now
-        handler.received = None
-        if raises:
-            with pytest.raises(Interrupted):
-                handler(signal.SIGTERM)
-        else:
-            handler(signal.SIGTERM)
-        assert handler.received == (signal.SIGTERM if raises else None)
 
 
 def test_a_signal_that_is_ignored_stays_ignored(interruption):

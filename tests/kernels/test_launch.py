@@ -82,27 +82,6 @@ def test_arguments_live_as_long_as_the_launch(device):
     assert held() is None
 
 
-@ti.func
-def wrong(x):
-    return x + nowhere_to_be_found  # noqa: F821
-
-
-@ti.kernel
-def call_wrong(x: ti.types.ndarray(dtype=ti.f32, ndim=1)):
-    for i in range(x.shape[0]):
-        x[i] = wrong(x[i])
-
-
-def test_an_error_names_file_and_line(device):
-    line = call_wrong._primal.func.__code__.co_firstlineno + 3
-    with pytest.raises(ti.TaichiCompilationError) as caught:
-        call_wrong(torch.zeros(3, device=device))
-    message = str(caught.value)
-    assert f'File "{__file__}", line {line}, in call_wrong' in message
-    assert "in wrong" in message
-    assert "nowhere_to_be_found" in message
-
-
 @ti.kernel
 def add_row(x: ti.types.ndarray(dtype=ti.f32, ndim=2), y: ti.types.ndarray(dtype=ti.f32, ndim=1)):
     for i, j in ti.ndrange(x.shape[0], x.shape[1]):

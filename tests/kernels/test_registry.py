@@ -1,8 +1,8 @@
-"""Names of plugins."""
+"""Names of plugins, and messages, which are one line that can be read, whatever they quote."""
 
 import pytest
 
-from usvauv.kernels.errors import UserError
+from usvauv.kernels.errors import LONGEST, UserError
 from usvauv.kernels.positioning.sonar import absorption_laws
 from usvauv.kernels.registry import Registry
 
@@ -66,3 +66,20 @@ def test_an_item_of_the_packages_raises_as_it_does():
     assert str(absorption_laws.refuse(name, 1, "2")) == f"absorption law {name!r}: returned 1: must be 2"
     with pytest.raises(ValueError, match=r"^odd$"), absorption_laws.calling(name):
         raise ValueError("odd")
+
+
+@pytest.mark.parametrize("excess", [-1, 0, 1, 5000])
+def test_the_middle_of_a_long_message_is_left_out(excess):
+    message = "".join(chr(ord("a") + n % 26) for n in range(LONGEST + excess))
+    shown = str(UserError(message))
+    if excess <= 0:
+        assert shown == message
+    else:
+        begin, end = shown.split(" … ")
+        assert len(begin) == len(end) == LONGEST // 2
+        assert message.startswith(begin)
+        assert message.endswith(end)
+
+
+def test_what_cannot_be_printed_is_written_as_python_does():
+    assert str(UserError("a\nb\x1b[2Jc ä\u202e'\"")) == "a\\nb\\x1b[2Jc ä\\u202e'\""

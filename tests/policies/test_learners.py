@@ -147,13 +147,6 @@ class TestNetworks:
         expected = torch.autograd.grad(alone.square().sum(), parameters)
         torch.testing.assert_close(found, expected, rtol=1e-3, atol=1e-5)
 
-    @torch.no_grad()
-    def test_many_inputs_without_gradients(self):
-        network = StackedMLP(2, (5, 32, 16, 3), seeded())
-        x = torch.randn((2, 600, 5), generator=seeded(1))
-        alone = torch.stack([self.alone(network, index, x[index]) for index in range(2)])
-        torch.testing.assert_close(network(x), alone, rtol=1e-4, atol=1e-6)
-
     def test_the_squashed_density_integrates_to_one(self):
         actor = GaussianActor(1, (3, 8, 2), seeded(), output_gain=0.0)
         with torch.no_grad():

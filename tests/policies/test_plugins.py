@@ -171,15 +171,6 @@ def test_what_fails_names_the_class_and_its_file(name, problem):
         policies.acting(f"own_east:{name}", world)(world.reset())
 
 
-@pytest.mark.usefixtures("_modules")
-def test_heuristics_and_folders_come_first(tmp_path):
-    with pytest.raises(PolicyError, match="'East' is not a speed"):
-        policies.check("straight:East", scenario())
-    (tmp_path / "own_east:East").mkdir()
-    with pytest.raises(PolicyError, match=r"holds no best\.safetensors"):
-        policies.check("own_east:East", scenario())
-
-
 def fails(error=None):
     raise error or KeyError("no\nsuch")
 
@@ -241,14 +232,6 @@ def test_a_frame_and_a_target_rule_are_named_too(tmp_path):
         target_rules.register(name, TargetRule(node_far_beyond, **parts))
         with pytest.raises(UserError, match=rf"^target rule '{name}' of .*: raised Odd, in .*plugins\.py, line"):
             World(Scenario.load("ideal", [f"nodes.target_rule={name}"]), 1)
-
-
-@pytest.mark.parametrize(
-    ("registry", "item"), [(HEURISTICS, 5), (HEURISTICS, dict), (boat_strategies, None), (observation_terms, "x")]
-)
-def test_an_item_of_another_form_is_refused_at_once(registry, item):
-    with pytest.raises(UserError, match=r"'wrong': is .*: must be a "):
-        registry.register("wrong", item)
 
 
 @pytest.mark.parametrize(

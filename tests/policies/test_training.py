@@ -1,4 +1,4 @@
-"""Training runs: what they learn in the toy world, their settings, renewal, the size of rewards, the policies kept."""
+"""Training runs: what they learn in the toy world, their settings, renewal, the size of rewards."""
 
 from __future__ import annotations
 
@@ -13,8 +13,6 @@ from tests.nothing_waits import NothingWaits
 from tests.policies.toy import LEARNING, ToyWorld, mean_reward, scenario, seeded
 from usvauv.kernels.errors import UserError
 from usvauv.policies import PolicyError, Trainer, TrainingConfig
-from usvauv.policies.algorithms import ALGORITHMS, Sizes
-from usvauv.policies.algorithms.learner import AVERAGED
 
 
 class TestTraining:
@@ -164,16 +162,6 @@ class TestScales:
         assert runs[1].gain == pytest.approx(8.0 * runs[0].gain)
         for one, other in zip(runs[0].learner.actor.parameters(), runs[1].learner.actor.parameters(), strict=True):
             assert torch.equal(one, other)
-
-    def test_the_policy_is_the_average_of_the_actor(self):
-        learner = ALGORITHMS["ddpg"](Sizes(1, 5, 2), LEARNING, seeded())
-        start = learner.actor.biases[0].detach().clone()
-        with torch.no_grad():
-            learner.actor.biases[0] += 1.0
-        for _ in range(3):
-            learner.average()
-        expected = start + 1.0 - (1.0 - 1.0 / AVERAGED) ** 3
-        torch.testing.assert_close(learner.averaged.biases[0].data, expected)
 
 
 class TestSettings:

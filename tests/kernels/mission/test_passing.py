@@ -12,8 +12,8 @@ from usvauv.env.record.metrics import energy_consumption, episode_metrics, fairn
 from usvauv.env.record.recorder import record
 from usvauv.env.site.site import BED_WAVES, Site, random_bed
 from usvauv.env.world.tables import DataLink
-from usvauv.kernels.mission.columns import AuvColumn, BeliefColumn, NodeColumn, Parameter, TallyColumn
-from usvauv.policies.heuristics.passing import Loiter, exit_distance, loiter_radius
+from usvauv.kernels.mission.columns import AuvColumn, BeliefColumn, NodeColumn, TallyColumn
+from usvauv.policies.heuristics.passing import Loiter, loiter_radius
 
 STILL = ["auv.speed_lag=0", "auv.speed_noise=0", "auv.depth_noise=0", "nodes.arrival_rates=[0]", "auv.count=1"]
 SOUND = ["nodes.service=passing", "nodes.service_range=80", "nodes.rate_law=shannon", "nodes.payload=200"]
@@ -190,25 +190,8 @@ class TestLoiter:
         expected = 60 * rate_at(world, 0.0, distance.mean(), height) * PACKETS
         assert seen["packets_delivered"].sum() == pytest.approx(expected, rel=5e-3)
 
-    def test_it_does_not_turn_inside_its_turning_circle(self, world):
-        class Turning(Loiter):
-            turn = 20.0
-
-            def course(self, like):
-                return torch.tensor([1.0, 0.0]).expand_as(like)
-
-        policy = Turning.__new__(Turning)
-        aims = torch.tensor([[5.0, 15.0], [-5.0, -25.0], [10.0, 50.0], [0.0, 41.0], [30.0, 0.0]])
-        found = Loiter.reachable(policy, aims)
-        assert found[:2] == pytest.approx(np.array([[1.0, 0.0]] * 2))
-        assert found[2:] == pytest.approx((aims / aims.norm(dim=-1, keepdim=True))[2:])
-
 
 class TestPass:
-    def test_way_out_of_a_circle(self):
-        start, east = torch.tensor([[0.0, 0.0], [3.0, 4.0], [0.0, 6.0]]), torch.tensor([[1.0, 0.0]] * 3)
-        assert exit_distance(start, east, torch.zeros(3, 2), 5.0) == pytest.approx(np.array([5.0, 0.0, 0.0]))
-
     def test_it_goes_by_on_its_way_to_the_next_node_and_the_data_are_out_as_it_leaves(self, world):
         for name, nearest in (("pass:200", 20.0), ("clear:200", 1.0)):
             policy = policies.load(name, world)
@@ -223,8 +206,3 @@ class TestPass:
             assert min(distance) == pytest.approx(nearest, abs=3)
             assert world.node[0, 0, NodeColumn.backlog] == 0
             assert (distance[-1] > 25) == (name == "pass:200")
-
-
-def test_target_rules_reckon_with_the_range(world):
-    numbers = world._constants["p"]
-    assert float(numbers[Parameter.hover_radius]) == pytest.approx(math.sqrt(80**2 - 20**2))

@@ -123,14 +123,6 @@ def test_value_of_unequal_links_is_that_of_double_precision(device, code, K):
         assert (value[:, 0].double().cpu() - exact).abs().max() < 1e-3
 
 
-def test_names():
-    with pytest.raises(ValueError, match="measurement: 'sound' is not one of phase, fix"):
-        objectives.objective_code("sound", "d")
-    with pytest.raises(ValueError, match="objective: 'best' is not one of d, a, sum, paper"):
-        objectives.objective_code("phase", "best")
-    assert len(set(CODES.values())) == len(CODES) == 7
-
-
 def test_layouts_that_are_refused(device):
     def search_from(link, points, start, code):
         return search.plan_batch(link, points, code=code, start=start)

@@ -85,12 +85,6 @@ TABLE = {
 }
 
 
-@pytest.mark.parametrize("name", reflections.SEDIMENTS)
-def test_sediments(name):
-    density, speed, loss = TABLE[name]
-    assert reflections.SEDIMENTS[name] == pytest.approx((density / 1000, speed / 1500, loss))
-
-
 @pytest.mark.parametrize("which", [0, 1])
 def test_paths_and_angles_where_sound_bends(device, which):
     """MELTWATER has one speed down to the array's depth, so that the reflection from the surface is exact too."""
