@@ -32,15 +32,20 @@ from collections.abc import Callable
 from pathlib import Path
 
 import av
+import torch
 import xarray
 
-from tests.trials.kills import BEGIN, CPU
 from usvauv.cli import app, parser, report, sea_view  # noqa: F401  imported once, for all forks
 from usvauv.cli.planning import figure  # noqa: F401
 from usvauv.cli.reproduction import page  # noqa: F401
 from usvauv.policies import checkpoint
 from usvauv.policies.policy import PolicyError
 
+CPU = torch.device("cpu")
+BEGIN = [
+    *("ideal", "--worlds", "4", "--steps", "1000", "--usv", "centroid", "--seed", "5", "--set", "mission.duration=12"),
+    *("--learn", "warmup=100", "--learn", "batch=16", "--learn", "replay=4000", "--learn", "hidden=16,16"),
+]
 CALL = "from usvauv.cli.app import main; main()"
 STUDY = Path(__file__).with_name("study.toml")
 PLAN = ["plan", "--auv", "60,80,100", "--auv", "150,120,90"]
