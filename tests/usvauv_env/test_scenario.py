@@ -10,6 +10,7 @@ import pytest
 from tests.trials.scenarios import numbers
 from usvauv.env import Scenario, ScenarioError
 from usvauv.env.scenario.fields import Section
+from usvauv.env.scenario.files import RETIRED
 from usvauv.env.scenario.task import PluginNumbers
 
 
@@ -86,6 +87,12 @@ def test_what_is_gone_is_refused_in_a_file_and_read_from_what_was_stored(tmp_pat
     content = Scenario.load("extreme", ["planner.measurement=phase"]).to_dict()
     stored = Scenario.from_dict({**content, section: {**content[section], field: value}}, stored=True)
     assert stored.to_dict() == content
+
+
+def test_no_field_is_both_there_and_gone():
+    parts = Scenario.from_dict({}).to_dict().items()
+    there = {f"{name}.{field}" for name, part in parts if isinstance(part, dict) for field in part}
+    assert not there & RETIRED.keys()
 
 
 def test_a_file_that_0_2_printed_is_read(tmp_path):

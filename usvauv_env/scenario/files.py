@@ -17,8 +17,6 @@ RETIRED: dict[str, tuple[object, ...]] = {
     "planner.horizon": (10,),
     "auv.refused_power": ("travelling", "hovering"),
     "usbl.refraction": ("corrected",),
-    "acoustics.temperature_salinity": ([],),
-    "acoustics.salinity": ("practical",),
     "sea.start_rms": (0.0,),
     "sea.start_modes": (4,),
 }
