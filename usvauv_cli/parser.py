@@ -10,20 +10,7 @@ from typing import Annotated
 
 import typer
 
-from usvauv.cli.commands import (
-    evaluate,
-    export,
-    inspect,
-    lists,
-    live,
-    plan,
-    replay,
-    sea,
-    simulate,
-    sweep,
-    train,
-    train_targets,
-)
+from usvauv.cli.commands import evaluate, export, inspect, plan, sea, simulate, sweep, train, train_targets
 
 app = typer.Typer(
     name="usvauv",
@@ -34,8 +21,8 @@ app = typer.Typer(
     rich_markup_mode="markdown",
 )
 app.command("simulate")(simulate.simulate)
-app.command("replay")(replay.replay)
-app.command("live")(live.live)
+app.command("replay")(simulate.replay)
+app.command("live")(simulate.live)
 app.command("train")(train.train)
 app.command("train-targets")(train_targets.train_targets)
 app.command("eval")(evaluate.evaluate)
@@ -45,9 +32,9 @@ app.command("reproduce")(sweep.reproduce)
 app.command("plan")(plan.plan)
 app.command("sea")(sea.sea)
 app.command("scenarios")(inspect.scenarios)
-app.command("policies")(lists.policies)
-app.command("boats")(lists.boats)
-app.command("targets")(lists.targets)
+app.command("policies")(inspect.policies)
+app.command("boats")(inspect.boats)
+app.command("targets")(inspect.targets)
 app.command("doctor")(inspect.doctor)
 
 

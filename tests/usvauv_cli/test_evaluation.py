@@ -13,7 +13,6 @@ from scipy import stats
 import usvauv
 from usvauv import policies
 from usvauv.cli.evaluation.comparison import (
-    EXACT,
     LEAST_EPISODES,
     Comparison,
     Estimate,
@@ -43,7 +42,7 @@ def rows(values):
 
 
 class TestMoments:
-    @pytest.mark.parametrize("freedom", [*range(1, 40), 199, 200, EXACT, EXACT + 1, 9999, 10**6])
+    @pytest.mark.parametrize("freedom", [*range(1, 40), 199, 200, 1000, 9999, 10**6])
     def test_quantile_of_t(self, freedom):
         assert t_quantile(freedom) == pytest.approx(stats.t.ppf(0.975, freedom), rel=1e-10)
 

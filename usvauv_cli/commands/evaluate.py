@@ -8,43 +8,27 @@ from typing import Annotated
 
 import typer
 
-from usvauv.cli.commands.options import (
-    BOATS,
-    POLICIES,
-    TARGETS,
-    Arch,
-    Force,
-    Overrides,
-    Plugins,
-    ScenarioName,
-    Seed,
-    at_least,
-    check_regime,
-    make_folder,
-    preparing,
-    warn_team_size,
-    writable,
-)
+from usvauv.cli.commands import options
 from usvauv.kernels.errors import UserError, choices
 
 
 def evaluate(
     context: typer.Context,
-    scenario: ScenarioName = "extreme",
+    scenario: options.ScenarioName = "extreme",
     policy: Annotated[
         list[str] | None,
-        typer.Option(help=f"{POLICIES}; may be repeated. Default: that of simulate, and straight."),
+        typer.Option(help=f"{options.POLICIES}; may be repeated. Default: that of simulate, and straight."),
     ] = None,
     usv: Annotated[
         list[str] | None,
-        typer.Option(help=f"{BOATS}; may be repeated. Default: the scenario's."),
+        typer.Option(help=f"{options.BOATS}; may be repeated. Default: the scenario's."),
     ] = None,
     targets: Annotated[
         list[str] | None,
-        typer.Option(help=f"{TARGETS}; may be repeated. Default: the scenario's."),
+        typer.Option(help=f"{options.TARGETS}; may be repeated. Default: the scenario's."),
     ] = None,
     episodes: Annotated[int, typer.Option(help="Episodes for each combination.")] = 20,
-    seed: Seed = 0,
+    seed: options.Seed = 0,
     out: Annotated[Path, typer.Option(help="CSV to write, one row an episode.")] = Path("metrics.csv"),
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with OUT.csv.partial, which the same command left when it stopped.")
@@ -78,10 +62,10 @@ def evaluate(
         Path | None,
         typer.Option("--report", metavar="DIR", help="Folder for a page with intervals, figures and a player."),
     ] = None,
-    arch: Arch = "auto",
-    overrides: Overrides = None,
-    force: Force = False,
-    plugins: Plugins = None,
+    arch: options.Arch = "auto",
+    overrides: options.Overrides = None,
+    force: options.Force = False,
+    plugins: options.Plugins = None,
 ) -> None:
     """Compare policies, boats and target rules in the same worlds: means, and who is ahead by how much.
 
@@ -117,15 +101,15 @@ def evaluate(
     from usvauv.env.record.metrics import FIGURES, task_metrics
     from usvauv.env.storage.tables import growing_table
 
-    at_least("--episodes", episodes, 1)
+    options.at_least("--episodes", episodes, 1)
     if until is not None:
-        at_least("--until-halfwidth", until, 0)
+        options.at_least("--until-halfwidth", until, 0)
     setting = Scenario.load(scenario, overrides or ())
-    writable(context, out, "--out", (".csv",))
+    options.writable(context, out, "--out", (".csv",))
     names = list(dict.fromkeys(policy or [policies.default(setting), "straight"]))
     for name in names:
         policies.check(name, setting)
-        warn_team_size(name, setting)
+        options.warn_team_size(name, setting)
     scenarios = combinations(setting, names, usv or [None], targets or [None])
     figures = (*FIGURES, *(name for name, metric in task_metrics.items() if metric.task == setting.task))
     score = chosen_score or "arps"
@@ -138,10 +122,10 @@ def evaluate(
     if report_folder:
         if resume:
             raise UserError("--report: cannot go with --resume: its figures are of missions that are not run again")
-        make_folder(report_folder, "--report")
-        writable(context, report_folder / "index.html", "--report", (".html",))
-    check_regime(setting)
-    preparing(setting, arch)
+        options.make_folder(report_folder, "--report")
+        options.writable(context, report_folder / "index.html", "--report", (".html",))
+    options.check_regime(setting)
+    options.preparing(setting, arch)
     recordings = Recordings(len(scenarios))
     kept = front_episodes(len(scenarios)) if report_folder else 0
     comparison = Comparison(list(scenarios), reference, kept, setting.random_seas)
@@ -157,7 +141,6 @@ def evaluate(
             table.begin(about)
         elif difference := first_difference(about["definition"], decides):
             raise UserError(f"{table.path}: is of another command: {difference}")
-        plan = run.Plan(scenarios, policies.named(*names), episodes, seed, arch)
         try:
             with console.progress("evaluating", len(scenarios) * episodes * setting.mission.steps) as advance:
 
@@ -166,8 +149,12 @@ def evaluate(
                     return until is not None and (comparison.reached(score, until) or comparison.floor(score) > until)
 
                 run.run(
-                    plan,
+                    scenarios,
+                    policies.named(*names),
+                    episodes,
                     about["batch"],
+                    seed,
+                    arch,
                     table,
                     comparison,
                     enough,

@@ -31,6 +31,9 @@ Overrides = Annotated[
 POLICIES = (
     "Who steers the AUVs: a name of `usvauv policies`, a checkpoint or the folder of a run, or MODULE:CLASS of your own"
 )
+Policy = Annotated[
+    str | None, typer.Option(help=f"{POLICIES}. Default: the one that usvauv policies lists for the scenario.")
+]
 BOATS = "Where the boat goes: a name of `usvauv boats`, such as fim or hold:X,Y"
 Usv = Annotated[str | None, typer.Option(help=f"{BOATS}. Default: the scenario's.")]
 

@@ -10,18 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Protocol
 
 import typer
 
-from usvauv.cli.commands.options import (
-    Arch,
-    Force,
-    Overrides,
-    Plugins,
-    ScenarioName,
-    Seed,
-    at_least,
-    check_regime,
-    parse_size,
-    writable,
-)
+from usvauv.cli.commands import options
 from usvauv.kernels.errors import DivergenceError, UserError
 from usvauv.kernels.interruption import Stop, stoppable
 
@@ -48,7 +37,7 @@ class Sink(Protocol):
 
 def sea(
     context: typer.Context,
-    scenario: ScenarioName = "extreme",
+    scenario: options.ScenarioName = "extreme",
     duration: Annotated[float, typer.Option(help="Seconds of sea.")] = 60.0,
     resolution: Annotated[
         float | None, typer.Option(metavar="M", help="Grid spacing, m. Default: the scenario's sea.fine_cells.")
@@ -57,7 +46,7 @@ def sea(
         Path | None,
         typer.Option(help="Video .mp4, data .nc or figure .png, .pdf, .svg; default usvauv-sea-SCENARIO.mp4."),
     ] = None,
-    seed: Seed = 0,
+    seed: options.Seed = 0,
     interval: Annotated[
         float | None,
         typer.Option(
@@ -69,10 +58,10 @@ def sea(
     size: Annotated[
         str | None, typer.Option(metavar="WxH", help="Frame size of a video in pixels; default 1280x720.")
     ] = None,
-    arch: Arch = "auto",
-    overrides: Overrides = None,
-    force: Force = False,
-    plugins: Plugins = None,
+    arch: options.Arch = "auto",
+    overrides: options.Overrides = None,
+    force: options.Force = False,
+    plugins: options.Plugins = None,
 ) -> None:
     """Simulate the sea alone: long waves, storm and current, the same that `simulate` of this seed sails on.
 
@@ -105,16 +94,16 @@ def sea(
 
     setting = Scenario.load(scenario, overrides or ())
     out = out or Path(f"usvauv-sea-{setting.name}.mp4")
-    kind = writable(context, out, "--out", FORMATS).suffix.lower()
+    kind = options.writable(context, out, "--out", FORMATS).suffix.lower()
     for option, value in (("--fps", fps), ("--size", size)):
         if value is not None and kind != ".mp4":
             raise UserError(f"{option} {value}: is for videos; --out {out} is not one")
-    fps, pixels = 30 if fps is None else fps, parse_size(size or "1280x720")
-    at_least("--fps", fps, 1)
-    at_least("--duration", duration, 0.1)
+    fps, pixels = 30 if fps is None else fps, options.parse_size(size or "1280x720")
+    options.at_least("--fps", fps, 1)
+    options.at_least("--duration", duration, 0.1)
     if interval is None:
         interval = {".mp4": SPEED / fps, ".nc": setting.sea.update_interval}.get(kind, FIGURE_INTERVAL)
-    at_least("--interval", interval, 1e-3)
+    options.at_least("--interval", interval, 1e-3)
     if interval > duration:
         raise UserError(f"--duration {duration:g}: must not be shorter than --interval, {interval:g} s")
     shape = cells(setting, resolution)
@@ -125,7 +114,7 @@ def sea(
     records = round(duration / interval) + 1
     water = SeaSimulation(setting, seed, shape, interval, first_vortices(setting, seed, arch))
     typer.echo(describe(water, records))
-    check_regime(setting)
+    options.check_regime(setting)
     if kind == ".mp4":
         typer.echo(f"{records / fps:.3g} s of video at {fps} frames a second, played at {fps * interval:g} × real time")
     begun = time.perf_counter()

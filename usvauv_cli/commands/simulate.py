@@ -1,40 +1,17 @@
-"""`usvauv simulate`: one mission on a live, finely resolved sea, or two side by side, to a video."""
+"""`usvauv simulate`, `replay` and `live`: missions as a video, drawn again from their traces, or in a browser tab."""
 
 from __future__ import annotations
 
+import webbrowser
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from usvauv.cli.commands.options import (
-    POLICIES,
-    Arch,
-    At,
-    Follow,
-    Force,
-    Fps,
-    Overrides,
-    Plugins,
-    ScenarioName,
-    Seed,
-    Size,
-    Speedup,
-    Targets,
-    ThemeOption,
-    Usv,
-    VideoOut,
-    ViewOption,
-    at_least,
-    check_follow,
-    check_regime,
-    checked_video,
-    preparing,
-    warn_reflections,
-    warn_team_size,
-    writable,
-)
+from usvauv.cli.commands import options
+from usvauv.kernels.errors import UserError
+from usvauv.kernels.interruption import stoppable
 
 if TYPE_CHECKING:
     from usvauv.env import Scenario, Trace
@@ -43,14 +20,11 @@ if TYPE_CHECKING:
 
 def simulate(
     context: typer.Context,
-    scenario: ScenarioName = "extreme",
-    policy: Annotated[
-        str | None,
-        typer.Option(help=f"{POLICIES}. Default: the one that usvauv policies lists for the scenario."),
-    ] = None,
-    usv: Usv = None,
-    targets: Targets = None,
-    seed: Seed = 0,
+    scenario: options.ScenarioName = "extreme",
+    policy: options.Policy = None,
+    usv: options.Usv = None,
+    targets: options.Targets = None,
+    seed: options.Seed = 0,
     duration: Annotated[
         float | None, typer.Option(help="Seconds to simulate, in whole mission steps; default an episode.")
     ] = None,
@@ -61,19 +35,19 @@ def simulate(
             help="Show the same world with another policy, boat or target rule beside it.",
         ),
     ] = None,
-    out: VideoOut = None,
-    view: ViewOption = "map",
-    theme: ThemeOption = "dark",
-    size: Size = None,
-    fps: Fps = None,
-    speedup: Speedup = None,
-    at: At = None,
-    follow: Follow = None,
+    out: options.VideoOut = None,
+    view: options.ViewOption = "map",
+    theme: options.ThemeOption = "dark",
+    size: options.Size = None,
+    fps: options.Fps = None,
+    speedup: options.Speedup = None,
+    at: options.At = None,
+    follow: options.Follow = None,
     trace: Annotated[Path | None, typer.Option(help="Also save everything that happened, as NetCDF.")] = None,
-    arch: Arch = "auto",
-    overrides: Overrides = None,
-    force: Force = False,
-    plugins: Plugins = None,
+    arch: options.Arch = "auto",
+    overrides: options.Overrides = None,
+    force: options.Force = False,
+    plugins: options.Plugins = None,
 ) -> None:
     """Simulate one mission, with the sea solved live, and show it as a video.
 
@@ -99,21 +73,21 @@ def simulate(
 
     setting = Scenario.load(scenario, overrides or ())
     out = out or Path(f"usvauv-{setting.name}.mp4")
-    video = checked_video(context, out, size, fps, speedup, view, theme, at, follow)
-    check_follow(video, setting)
+    video = options.checked_video(context, out, size, fps, speedup, view, theme, at, follow)
+    options.check_follow(video, setting)
     if trace:
-        writable(context, trace, "--trace", (".nc",))
-    at_least("--duration", 1.0 if duration is None else duration, 0.1)
+        options.writable(context, trace, "--trace", (".nc",))
+    options.at_least("--duration", 1.0 if duration is None else duration, 0.1)
     runs = [Run(policy or policies.default(setting), usv, targets)]
     if compare:
         runs.append(runs[0].but(compare))
     for run in runs:
         policies.check(run.policy, run.scenario(setting))
-        warn_team_size(run.policy, setting)
+        options.warn_team_size(run.policy, setting)
         StrategyChoice.parse(run.usv, setting)
-    check_regime(setting)
-    warn_reflections(setting)
-    preparing(setting, arch)
+    options.check_regime(setting)
+    options.warn_reflections(setting)
+    options.preparing(setting, arch)
     recorded, problem = [], None
     for run in runs:
         shown, problem = simulated(run, setting, seed, duration, arch)
@@ -174,3 +148,120 @@ def simulated(
             return error.trace, error
         finally:
             give_back()  # drawing takes more than simulating
+
+
+def replay(
+    context: typer.Context,
+    traces: Annotated[
+        list[Path],
+        typer.Argument(metavar="TRACE.nc [TRACE.nc]", help="Of simulate --trace; two are compared."),
+    ],
+    episode: Annotated[int, typer.Option(help="Which episode of a trace of several, from 0.")] = 0,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Video (.mp4, .webm, .gif, .webp), picture (.png), or .geojson for a map; default TRACE.mp4."
+        ),
+    ] = None,
+    view: options.ViewOption = "map",
+    theme: options.ThemeOption = "dark",
+    size: options.Size = None,
+    fps: options.Fps = None,
+    speedup: options.Speedup = None,
+    at: options.At = None,
+    follow: options.Follow = None,
+    force: options.Force = False,
+    plugins: options.Plugins = None,
+) -> None:
+    """Draw a recorded mission as a video or a picture, without simulating it again, or write it for a map.
+
+    GeoJSON has the area, the tracks with their times, nodes and services, in longitude and latitude.
+
+    **Examples:**
+
+    `usvauv replay mission.nc --view both --theme light --out mission.webm`
+
+    `usvauv replay mission.nc --at 120 --out moment.png`
+
+    `usvauv replay mission.nc --view sea --speedup 1 --at 120:150 --follow auv:1 --out close.mp4`
+
+    `usvauv replay fim.nc belief.nc --out compared.mp4`
+
+    `usvauv replay mission.nc --out mission.geojson`
+    """
+    from usvauv.cli import console
+    from usvauv.cli.words import counted
+    from usvauv.env import Trace
+    from usvauv.env.exchange import geojson
+
+    out = out or Path(f"{traces[0].stem}.mp4")
+    mapped = out.suffix.lower() == geojson.ENDING
+    if len(traces) > (1 if mapped else 2):
+        raise UserError(
+            f"{len(traces)} traces: {f'--out {out} takes one' if mapped else 'at most two can be compared'}"
+        )
+    if mapped and follow:
+        raise UserError(f"--follow {follow}: {out} shows the whole area")
+    if mapped:
+        options.writable(context, out, "--out", (geojson.ENDING,))
+    video = None if mapped else options.checked_video(context, out, size, fps, speedup, view, theme, at, follow)
+    recorded = [Trace.load(path) for path in traces]
+    for path, trace in zip(traces, recorded, strict=True):
+        worlds = trace.power.shape[1]
+        if not 0 <= episode < worlds:
+            raise UserError(f"--episode {episode}: {path} has episodes 0 to {worlds - 1}")
+    recorded = [trace.episode(episode) for trace in recorded]
+    if video:
+        options.check_follow(video, *(trace.scenario for trace in recorded))
+    if video is None:
+        features = geojson.of_mission(recorded[0])
+        geojson.write(out, features)
+        typer.echo(f"{counted(len(features), 'feature')}: {out.resolve()}")
+        return
+    with console.progress("drawing", len(video.moments(recorded))) as advance:
+        summary = video.write(recorded, advance)
+    typer.echo(f"{counted(summary.frames, 'frame')}: {summary.path.resolve()}")
+    for line in filter(None, (summary.part, summary.remark)):
+        typer.echo(line)
+
+
+def live(
+    scenario: options.ScenarioName = "extreme",
+    policy: options.Policy = None,
+    usv: options.Usv = None,
+    targets: options.Targets = None,
+    seed: options.Seed = 0,
+    port: Annotated[int, typer.Option(help="Port of this machine to serve the tab at; 0 takes a free one.")] = 0,
+    open_tab: Annotated[bool, typer.Option("--open/--no-open", help="Open the tab in the default browser.")] = False,
+    arch: options.Arch = "auto",
+    overrides: options.Overrides = None,
+    plugins: options.Plugins = None,
+) -> None:
+    """Simulate one mission in a browser tab, in perspective or as a map, and change it while it runs.
+
+    The address that is printed holds a secret, without which nobody on this machine gets anything; other machines
+    cannot connect. Needs the extra *live*: `pip install "usvauv[live]"`. Ctrl-C ends it.
+
+    **Examples:**
+
+    `usvauv live`
+
+    `usvauv live wide --policy sac-wide --open`
+    """
+    from usvauv.cli.live.server import Show, listen, serve
+    from usvauv.cli.live.session import Session
+    from usvauv.env import Scenario
+
+    setting = Scenario.load(scenario, overrides or ()).with_targets(targets)
+    options.check_regime(setting)
+    with listen(port) as listening, serve(listening, f"usvauv {setting.name}") as (server, address):
+        options.preparing(setting, arch)
+        session = Session(setting, seed, usv, policy, arch)
+        options.warn_team_size(session.policy, setting)
+        show = Show(server, session)
+        typer.echo(f"live: {address} (Ctrl-C ends it)")
+        if open_tab:
+            webbrowser.open(address)
+        with stoppable() as stop:
+            show.run(stop)
+        stop.raise_if_asked()

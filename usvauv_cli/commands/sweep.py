@@ -90,7 +90,7 @@ def reproduce(
 
     `usvauv reproduce table2 --out full`
     """
-    from usvauv.cli.commands.lists import show
+    from usvauv.cli.commands.inspect import show
     from usvauv.cli.reproduction.page import listed, reproduce
     from usvauv.cli.reproduction.runs import FULL, QUICK
     from usvauv.cli.sweep.perform import engine

@@ -12,19 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from usvauv.cli.commands.options import (
-    Arch,
-    Overrides,
-    Plugins,
-    ScenarioName,
-    Seed,
-    Targets,
-    Usv,
-    at_least,
-    check_regime,
-    make_folder,
-    preparing,
-)
+from usvauv.cli.commands import options
 from usvauv.kernels.errors import UserError
 from usvauv.kernels.interruption import Interrupted
 
@@ -40,7 +28,7 @@ FOLDER = "seed-"  # and the seed: the folder of one of several runs
 
 
 def train(
-    scenario: ScenarioName = "extreme",
+    scenario: options.ScenarioName = "extreme",
     algorithm: Annotated[str, typer.Option(help="sac, td3, ddpg or ppo.")] = "sac",
     steps: Annotated[
         int | None,
@@ -49,7 +37,7 @@ def train(
         ),
     ] = None,
     worlds: Annotated[int | None, typer.Option(help="Worlds simulated in parallel. Default 256; with ppo 128.")] = None,
-    seed: Seed = 0,
+    seed: options.Seed = 0,
     seeds: Annotated[
         int, typer.Option(help="Runs trained together, which differ in the seed alone: --seed and those after it.")
     ] = 1,
@@ -71,11 +59,11 @@ def train(
     log: Annotated[
         str, typer.Option(help="Where the curves go: tensorboard, beside the checkpoints, or wandb (extra `wandb`).")
     ] = "tensorboard",
-    usv: Usv = None,
-    targets: Targets = None,
-    arch: Arch = "auto",
-    overrides: Overrides = None,
-    plugins: Plugins = None,
+    usv: options.Usv = None,
+    targets: options.Targets = None,
+    arch: options.Arch = "auto",
+    overrides: options.Overrides = None,
+    plugins: options.Plugins = None,
 ) -> None:
     """Train a policy with SAC, TD3, DDPG or PPO and keep its best and last checkpoint, with curves for TensorBoard
     beside them or in Weights & Biases.
@@ -112,8 +100,8 @@ def train(
 
         def begin() -> tuple[Path, dict[Path, Run], str | None, int]:
             """The folder, which is this process's from here on, the runs in it by folder, boat strategy and steps."""
-            at_least("--steps", STEPS if steps is None else steps, 1)
-            at_least("--worlds", 1 if worlds is None else worlds, 1)
+            options.at_least("--steps", STEPS if steps is None else steps, 1)
+            options.at_least("--worlds", 1 if worlds is None else worlds, 1)
             check_log(log)
             if not 1 <= seeds <= MOST_SEEDS:
                 raise UserError(f"--seeds {seeds}: must be from 1 to {MOST_SEEDS}")
@@ -124,7 +112,7 @@ def train(
                     "--set, --learn, --targets: a resumed run keeps the scenario and settings it was begun with"
                 )
             setting = Scenario.load(scenario, overrides or ()).with_targets(targets)
-            check_regime(setting)
+            options.check_regime(setting)
             config = policies.TrainingConfig.of(
                 setting, algorithm=algorithm, num_worlds=worlds, seed=seed, shared=shared
             )
@@ -135,7 +123,7 @@ def train(
             name = f"{setting.name}-{algorithm}-{seed if seeds == 1 else f'{seed}-to-{last}'}"
             place = out or Path("runs") / name
             if not resume:
-                make_folder(place)
+                options.make_folder(place)
             elif not place.is_dir():
                 raise UserError(f"--out {place}: there is no run to resume")
             stack.enter_context(locked(place))
@@ -150,7 +138,7 @@ def train(
             if folders and ranks.count > 1:
                 raise UserError("--seeds: several seeds are trained in one process, not by torchrun")
             for folder in folders.values():
-                make_folder(inside(place, folder))
+                options.make_folder(inside(place, folder))
                 stack.enter_context(locked(folder))
                 clean(folder)
             folders = folders or {seed: place}
@@ -166,7 +154,7 @@ def train(
 
         place, runs, boats, total = ranks.from_first(begin)
         if ranks.leads:
-            preparing(next(iter(runs.values()))[0], arch)
+            options.preparing(next(iter(runs.values()))[0], arch)
         trainers, baselines = [], []
         for folder, (setting, config, begun) in runs.items():
             mine, evaluate = ranks.share(config.num_worlds), None

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from importlib import metadata
 from itertools import product
 from pathlib import Path
@@ -95,27 +94,13 @@ def first_difference(one: Any, other: Any, name: str = "") -> str:
     return "" if one == other else f"{name} = {json.dumps(one)[:200]}, here {json.dumps(other)[:200]}"
 
 
-@dataclass(frozen=True)
-class Plan:
-    """What is run.
-
-    Attributes:
-        scenarios: of each combination; they differ in their target rules.
-        policies: by name.
-        episodes: of each combination, at most.
-        seed, arch: as `World` takes them.
-    """
-
-    scenarios: Mapping[Combination, Scenario]
-    policies: Mapping[str, MakePolicy]
-    episodes: int
-    seed: int
-    arch: str
-
-
 def run(
-    plan: Plan,
+    scenarios: Mapping[Combination, Scenario],
+    policies: Mapping[str, MakePolicy],
+    episodes: int,
     size: int,
+    seed: int,
+    arch: str,
     table: GrowingTable,
     comparison: Comparison,
     enough: Callable[[], bool],
@@ -125,8 +110,11 @@ def run(
     """Run what the table does not have yet.
 
     Args:
-        plan: what is run.
+        scenarios: of each combination; they differ in their target rules.
+        policies: by name.
+        episodes: of each combination, at most.
         size: worlds of a batch.
+        seed, arch: as `World` takes them.
         table: gets the rows.
         comparison: gets them when a batch is complete in all combinations.
         enough: asked then whether to end.
@@ -140,14 +128,14 @@ def run(
         on_step(before + worlds)
         before = 0
 
-    for first in range(0, plan.episodes, size):
-        count = min(size, plan.episodes - first)
+    for first in range(0, episodes, size):
+        count = min(size, episodes - first)
         batch = {}
-        for which, scenario in plan.scenarios.items():
+        for which, scenario in scenarios.items():
             taken = table.take(which, first, count)
             if taken is None:
-                world = World(scenario, count, plan.seed, which.usv, first_world=first, arch=plan.arch)
-                make = plan.policies[which.policy]
+                world = World(scenario, count, seed, which.usv, first_world=first, arch=arch)
+                make = policies[which.policy]
                 rows = [row.columns() for row in evaluate_batch(world, first, which.policy, make, step, on_trace)]
                 table.append(which, rows)
                 batch[which] = rows
