@@ -27,9 +27,8 @@ import torch
 from benchmarks.machine import best_time, command_line, describe
 from usvauv import policies
 from usvauv.cli.commands.train import STEPS
-from usvauv.cli.sweep.clusters import OnRay
-from usvauv.cli.sweep.engine import Engine, Signs, Task, conduct, signs_in
-from usvauv.cli.sweep.local import Local
+from usvauv.cli.sweep.engine import Engine, Local, Signs, Task, conduct, signs_in
+from usvauv.cli.sweep.perform import OnRay
 from usvauv.env import Scenario, World
 from usvauv.kernels import runtime
 from usvauv.kernels.errors import UserError

@@ -18,7 +18,7 @@ from pathlib import Path
 from benchmarks.machine import describe
 from benchmarks.studies.table import figure, head, interval, line
 from usvauv import policies
-from usvauv.cli.sweep.local import Local
+from usvauv.cli.sweep.engine import Local
 from usvauv.cli.sweep.perform import perform_all
 from usvauv.cli.sweep.run import Piece
 from usvauv.cli.sweep.study import Evaluation, StudyRun, define

@@ -14,10 +14,9 @@ from types import SimpleNamespace
 import pytest
 
 from tests.usvauv_cli import slurm_here, work
-from usvauv.cli.sweep import clusters
-from usvauv.cli.sweep.clusters import OnRay, OnSlurm
-from usvauv.cli.sweep.engine import ATTEMPTS, Ended, Engine, Task, conduct, signs_in
-from usvauv.cli.sweep.local import Local
+from usvauv.cli.sweep import perform
+from usvauv.cli.sweep.engine import ATTEMPTS, Ended, Engine, Local, Task, conduct, signs_in
+from usvauv.cli.sweep.perform import OnRay, OnSlurm
 from usvauv.kernels.errors import UserError
 from usvauv.kernels.interruption import SIGNALS, Interrupted, Interruption
 
@@ -94,7 +93,7 @@ class TestLocalEngine:
 def slurm(monkeypatch):
     """Commands of the names of Slurm's; a job is soon forgotten."""
     pytest.importorskip("submitit", reason="needs the extra scale")
-    monkeypatch.setattr(clusters, "ASK", 1.0)
+    monkeypatch.setattr(perform, "ASK", 1.0)
     with slurm_here.stand_in() as variables:
         for name, value in variables.items():
             monkeypatch.setenv(name, value)

@@ -6,7 +6,7 @@ from functools import reduce
 import pytest
 
 from usvauv.cli.planning.fixes import BadLine, NoFix
-from usvauv.cli.planning.sentences import Boat, Geographic, Heading, Relative, parse
+from usvauv.cli.planning.ship_log import Boat, Geographic, Heading, Relative, parse
 
 
 def signed(body: str) -> str:

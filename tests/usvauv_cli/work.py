@@ -33,10 +33,10 @@ class Here:
 def cores_of_process(path: Path, signs: Signs) -> None:
     import torch
 
-    from usvauv.cli.sweep import local
+    from usvauv.cli.sweep import engine
     from usvauv.kernels import runtime
 
-    threads = [os.environ[local.THREADS], runtime.start().threads, torch.get_num_threads()]
+    threads = [os.environ[engine.THREADS], runtime.start().threads, torch.get_num_threads()]
     time.sleep(0.5)  # so that another process gets the other piece
     path.write_text(json.dumps([os.getpid(), sorted(os.sched_getaffinity(0)), *threads]))
 

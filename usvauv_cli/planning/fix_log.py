@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usvauv.cli.planning import ship_log, table_log
-from usvauv.cli.planning.fixes import DAY, LATE, Contents, Fix, near
+from usvauv.cli.planning import ship_log
+from usvauv.cli.planning.fixes import DAY, LATE, NEEDED, Contents, Fix, near, read_table
 from usvauv.env import Scenario
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site
@@ -118,7 +118,7 @@ def read_log(path: Path, scenario: Scenario, beacons: Sequence[str] = ()) -> Log
     """
     try:
         lines = _lines(path)
-        contents = table_log.read(lines) or ship_log.read(lines)
+        contents = read_table(lines) or ship_log.read(lines)
         by_name = _of_auvs(contents, beacons)
         scenario = _placed([fix for own in by_name.values() for fix in own], scenario)
         frame = Site(scenario).frame
@@ -167,7 +167,7 @@ def _of_auvs(contents: Contents, beacons: Sequence[str]) -> dict[str, list[Fix]]
     """
     if not contents.fixes:
         reasons = contents.warnings() or [
-            f"expected CSV with a header ({table_log.NEEDED}) or a USBL system's sentences"
+            f"expected CSV with a header ({NEEDED}) or a USBL system's sentences"
         ]
         raise UserError(f"no fix in it: {'; '.join(reasons)}")
     by_name: dict[str, list[Fix]] = {}

@@ -53,8 +53,7 @@ def table_rows(settings: Settings, folder: Path) -> list[Row]:
         (method.key, method.title, trained_in): [learned(settings, method.key, name, s) for s in settings.seeds]
         for trained_in, name in paper.CONDITIONS.items()
         for method in settings.methods
-    }
-    runs |= {(policy, policy, ""): [heuristic(settings, policy)] for policy in HEURISTICS}
+    } | {(policy, policy, ""): [heuristic(settings, policy)] for policy in HEURISTICS}
     return [
         pool(*about, condition, [[row for row in piece.rows(folder) if row["scenario"] == name] for piece in pieces])
         for about, pieces in runs.items()

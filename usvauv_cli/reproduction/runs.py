@@ -127,29 +127,18 @@ def learned(settings: Settings, method: str, trained_in: str, seed: int) -> Piec
     """A training run, and the tests of its best policy in both conditions."""
     about = settings.method(method)
     config = asdict(replace(about.config, seed=seed))
-    definition = {
-        "scenario": settings.scenario(trained_in, about.learning).to_dict(),
-        "policy": about.title,
-        "training": {
-            **config,
-            "total": settings.steps,
-            "evaluations": settings.evaluations,
-            "judged": settings.judged,
-        },
-        "usv": about.usv,
-        "seed": seed,
-        "evaluation": _tests(settings, about.testing, settings.episodes, settings.seeds.index(seed)),
-    }
-    return _piece(definition, trained_in, _test)
+    sizes = {"total": settings.steps, "evaluations": settings.evaluations, "judged": settings.judged}
+    tests = _tests(settings, about.testing, settings.episodes, settings.seeds.index(seed))
+    scenario = settings.scenario(trained_in, about.learning)
+    return _piece(scenario, about.title, about.usv, tests, trained_in, _test, config | sizes, seed)
 
 
 def heuristic(settings: Settings, policy: str) -> Piece:
     """The tests of a heuristic in both conditions."""
     scenario = settings.scenario(CONDITIONS["ISC"])
-    evaluation = _tests(settings, (), settings.episodes * len(settings.seeds), 0)
+    tests = _tests(settings, (), settings.episodes * len(settings.seeds), 0)
     usv = StrategyChoice.parse(None, scenario).name
-    definition = {"scenario": scenario.to_dict(), "policy": policy, "training": None, "usv": usv, "seed": 0}
-    return _piece(definition | {"evaluation": evaluation}, "both conditions", _test)
+    return _piece(scenario, policy, usv, tests, "both conditions", _test)
 
 
 def fix_errors(settings: Settings, name: str, usv: str) -> Piece:
@@ -158,15 +147,8 @@ def fix_errors(settings: Settings, name: str, usv: str) -> Piece:
     The rows are median and 95th percentile of each episode over steps and AUVs, the table `OVER_TIME` median and
     quartiles over episodes and AUVs, in s and m. The bound has neither quartiles nor percentile.
     """
-    definition = {
-        "scenario": settings.scenario(name).to_dict(),
-        "policy": "straight",
-        "training": None,
-        "usv": usv,
-        "seed": 0,
-        "evaluation": {"episodes": settings.fix_episodes * len(settings.seeds), "seeds": list(settings.seeds)},
-    }
-    return _piece(definition, f"{name}, boat {usv}", _measure)
+    evaluation = {"episodes": settings.fix_episodes * len(settings.seeds), "seeds": list(settings.seeds)}
+    return _piece(settings.scenario(name), "straight", usv, evaluation, f"{name}, boat {usv}", _measure)
 
 
 def best(piece: Piece, folder: Path) -> dict[str, Any]:
@@ -181,9 +163,19 @@ def _tests(settings: Settings, changes: tuple[str, ...], count: int, number: int
     return about | {"scenarios": scenarios}
 
 
-def _piece(definition: dict[str, Any], task: str, evaluate: Evaluate) -> Piece:
-    files = [digest for _, digest in digests([], ())]
-    return Piece(definition=definition | {"files": files}, method=definition["policy"], task=task, evaluate=evaluate)
+def _piece(
+    scenario: Scenario,
+    policy: str,
+    usv: str,
+    evaluation: dict[str, Any],
+    task: str,
+    evaluate: Evaluate,
+    training: dict[str, Any] | None = None,
+    seed: int = 0,
+) -> Piece:
+    definition = {"scenario": scenario.to_dict(), "policy": policy, "training": training, "usv": usv, "seed": seed}
+    definition |= {"evaluation": evaluation, "files": [digest for _, digest in digests([], ())]}
+    return Piece(definition=definition, method=policy, task=task, evaluate=evaluate)
 
 
 def _test(definition: Mapping[str, Any], place: Path, step: Callable[[int], None]) -> list[dict[str, Any]]:

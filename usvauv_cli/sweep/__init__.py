@@ -1,5 +1,5 @@
-"""Many runs, each done once, on an engine (`engine`): on this machine (`local`), on Ray or under Slurm (`clusters`).
+"""Many runs, each done once, on an engine: on this machine (`engine`), on Ray or under Slurm (`perform`).
 
 `perform` does runs (`run`) and shows them in the terminal; `results` does those of a study file (`study`) and writes
-what they say (`summary`, `report`).
+what they say (`summary`).
 """

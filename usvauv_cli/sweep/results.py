@@ -3,30 +3,52 @@
 DIR/runs/HASH/      a run, see `usvauv.cli.sweep.run`
 DIR/results.csv     one row for each run and episode: `FIRST`, then the columns of `usvauv eval`; also as .parquet
 DIR/summary.json    see `usvauv.cli.sweep.summary`
-DIR/report/         see `usvauv.cli.sweep.report`
+DIR/report/         a page: what `summary.summary` says as tables and figures, how the trainings went, and all runs
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import fields
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from usvauv.cli.sweep import report, summary
+import numpy as np
+
+from usvauv import policies
+from usvauv.cli import tables
+from usvauv.cli.sweep import summary
 from usvauv.cli.sweep.engine import Engine
 from usvauv.cli.sweep.perform import perform_all
+from usvauv.cli.sweep.run import FAILURE, Piece, seconds
 from usvauv.cli.sweep.study import Study
+from usvauv.cli.web_report import document
+from usvauv.cli.web_report import figure_style as look
+from usvauv.cli.web_report.figures import truncated
 from usvauv.cli.words import counted
 from usvauv.env.record.metrics import EpisodeMetrics
+from usvauv.env.render.plain_matplotlib import Axes, Figure, Line2D
 from usvauv.env.scenario import Scenario
-from usvauv.env.storage.files import atomic_write, locked
+from usvauv.env.storage.files import atomic_write, inside, locked, writing
 from usvauv.env.storage.tables import write_rows
 from usvauv.kernels.errors import UserError
+from usvauv.policies.policy import PolicyError
 
 TABLE = "results.csv"
 FIRST = ("run", "method", "task", "training_seed")
+
+NAMES = {"iqm": "interquartile mean", "median": "median", "mean": "mean"}
+ROW = 0.15  # inches of a row of points
+TITLE = 54  # letters
+Values = Mapping[str, Any]  # "value", "low" and "high", of which the last two may be None
+Curve = Sequence[tuple[float, Values]]  # world-steps, score
+
+METHODS, TASKS, PAIRS = 12, 12, 15  # that are legible in figures
+LONGEST, WORDS = 40, 240  # letters of a name in a figure, of a failure
 
 
 def sweep(study: Study, folder: Path, make_engine: Callable[[], Engine]) -> None:
@@ -71,7 +93,7 @@ def write_results(study: Study, folder: Path) -> None:
         partial.write_text(json.dumps(results, indent=2) + "\n", encoding="utf-8")
     summary.show(results)
     print(f"summary: {folder / 'summary.json'}")
-    print(f"report: {report.write_report(folder, study, results)}")
+    print(f"report: {write_report(folder, study, results)}")
 
 
 def _write_parquet(table: Path) -> str:
@@ -87,3 +109,261 @@ def _write_parquet(table: Path) -> str:
     with atomic_write(path) as partial, table.open("rb") as source, partial.open("wb") as target:
         parquet.write_table(csv.read_csv(source, convert_options=options), target)
     return " and .parquet"
+
+
+def write_report(folder: Path, study: Study, results: Mapping[str, Any]) -> Path:
+    """Write DIR/report/index.html and its figures as PDF; returns the page.
+
+    Args:
+        folder: of the study.
+        study: of which the page is.
+        results: of `summary.summary`.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    place = folder / "report"
+    with writing(place):
+        inside(folder, place).mkdir(exist_ok=True)
+    runs = [_row(folder, piece) for piece in study.runs]
+    runs.sort(key=lambda row: row["how"] == "done")  # in the order of the study but for that
+    methods = list(dict.fromkeys(method for task in results["tasks"].values() for method in task))
+    counts = {how: sum(row["how"] == how for row in runs) for how in ("done", "failed", "not run")}
+    return document.write(
+        place,
+        "sweep/report.html",
+        f"{study.path.stem}: study by usvauv",
+        {"summary": f"The study file, {study.path}", "text": study.text},
+        arch=study.resources.arch,
+        study=study,
+        counts={how: count for how, count in counts.items() if count},
+        results=results,
+        methods=methods,
+        tasks=list(results["tasks"]),
+        ahead=results["differences"][:PAIRS],
+        pairs=results["improvement"],
+        runs=runs,
+        figures_of=f"{METHODS} methods and {TASKS} tasks"
+        if len(methods) > METHODS or len(results["tasks"]) > TASKS
+        else "",
+        words=summary.in_words,
+        pictures=_pictures(place, study, results, _learning(folder, study)),
+    )
+
+
+def _row(folder: Path, piece: Piece) -> dict[str, Any]:
+    """A run in the table of runs."""
+    place = piece.place(folder)
+    how, words, took = "not run", "", seconds(place)
+    if piece.finished(folder):
+        how = "done"
+    elif (place / FAILURE).is_file():
+        lines = inside(place, place / FAILURE).read_text(encoding="utf-8", errors="replace").strip().splitlines()
+        how, words = "failed", lines[-1][:WORDS] if lines else ""
+    about = {"key": piece.key, "method": piece.method, "task": piece.task, "seed": piece.seed}
+    return {**about, "how": how, "seconds": took, "words": words}
+
+
+def _learning(folder: Path, study: Study) -> dict[str, dict[str, Curve]]:
+    """Score of the evaluations during the trainings that are done: task → method → curve."""
+    found: dict[str, dict[str, list[dict[float, float]]]] = {}
+    for piece in study.runs:
+        if piece.definition["training"] and piece.finished(folder):
+            with suppress(PolicyError):
+                history = policies.read_history(piece.place(folder))
+                scores = {row["steps"]: row[study.evaluation.score] for row in history if study.evaluation.score in row}
+                if scores:
+                    found.setdefault(piece.task, {}).setdefault(piece.method, []).append(scores)
+    return {task: {m: _mean_curve(runs) for m, runs in methods.items()} for task, methods in found.items()}
+
+
+def _mean_curve(runs: list[dict[float, float]]) -> Curve:
+    """Mean over runs with its interval at the steps that all of them have."""
+    return [
+        (step, summary.as_json(summary.interval(summary.mean, [np.array([run[step] for run in runs])])))
+        for step in sorted(set.intersection(*map(set, runs)))
+    ]
+
+
+def _pictures(
+    place: Path, study: Study, results: Mapping[str, Any], learning: Mapping[str, Mapping[str, Curve]]
+) -> list[document.Picture]:
+    """The figures for which there are numbers; PDFs of others are removed."""
+    score, words = study.evaluation.score, summary.in_words
+    tasks = dict(islice(results["tasks"].items(), TASKS))
+    methods = list(dict.fromkeys(method for task in results["tasks"].values() for method in task))[:METHODS]
+    short = tables.shortened(methods, LONGEST)
+    tasks = {task: {m: about for m, about in of.items() if m in short} for task, of in tasks.items()}
+    made: list[document.Picture] = []
+
+    def add(*parts: Any) -> None:
+        made.append(document.picture(place, *parts))
+
+    if tasks:
+        add(
+            "scores",
+            draw_scores(tasks, short, score),
+            "Scores",
+            "; ".join(f"{m} in {task}: {words(about)}" for task, of in tasks.items() for m, about in of.items()),
+            "Mean over runs, with 95 % intervals of the bootstrap over runs.",
+        )
+    if len(results["aggregates"]) > 1:
+        of = {m: about for m, about in results["aggregates"].items() if m in short}
+        add(
+            "aggregates",
+            draw_aggregates(of, short),
+            "Scores over all tasks",
+            "; ".join(f"{m}: interquartile mean {words(about['iqm'])}" for m, about in of.items()),
+            "Scaled so that in each task the worst run is 0 and the best 1.",
+        )
+        add(
+            "profiles",
+            draw_profiles({m: profile for m, profile in results["profiles"].items() if m in short}, short),
+            "Performance profiles",
+            f"Share of runs above a scaled score, for {', '.join(of)}.",
+            "The higher the line, the better; where lines cross, neither method is better throughout.",
+        )
+        pairs = [pair for pair in results["improvement"] if {pair["method"], pair["over"]} <= short.keys()][:PAIRS]
+        add(
+            "improvement",
+            draw_improvement(pairs, short),
+            "Probability of improvement",
+            "; ".join(f"{pair['method']} over {pair['over']}: {words(pair)}" for pair in pairs),
+            "That a run of the one is better than one of the other on the same task. An interval that holds 0.5 tells"
+            " nothing.",
+        )
+    learned = {task: {m: curve for m, curve in of.items() if m in short} for task, of in learning.items()}
+    learned = {task: of for task, of in islice(learned.items(), TASKS) if of}
+    if learned:
+        ends = (f"{m} in {task} ends at {words(c[-1][1])}" for task, of in learned.items() for m, c in of.items())
+        add(
+            "learning",
+            draw_learning(learned, short, score),
+            "Learning",
+            "; ".join(ends),
+            "Mean over runs of the evaluations during the training, in worlds of their own, with 95 % intervals.",
+        )
+    for path in place.glob("*.pdf"):
+        if path.stem not in {picture.name for picture in made}:
+            path.unlink()
+    return made
+
+
+def draw_scores(tasks: Mapping[str, Mapping[str, Values]], methods: Mapping[str, str], score: str) -> Figure:
+    """Mean score of each method, a plot for each task; `methods` has names in the order of their colours."""
+    with look.drawing("scores"):
+        heights = [ROW * len(of) + 0.42 for of in tasks.values()]
+        figure = look.new(sum(heights) + 0.25 + look.rows_of_legend(list(methods.values())))
+        plots = figure.subplots(len(tasks), 1, squeeze=False, height_ratios=heights).ravel()
+        for axes, (task, of_methods) in zip(plots, tasks.items(), strict=True):
+            _rows(axes, [(list(methods).index(method), value) for method, value in of_methods.items()])
+            axes.set_title(truncated(task, TITLE), loc="left", pad=3)
+        plots[-1].set_xlabel(score)
+        look.legend(figure, _points(methods.values()))
+    return figure
+
+
+def draw_aggregates(of_methods: Mapping[str, Mapping[str, Values]], methods: Mapping[str, str]) -> Figure:
+    """Interquartile mean, median and mean of scaled scores, side by side."""
+    with look.drawing("aggregates"):
+        figure = look.new(ROW * len(of_methods) + 0.65 + look.rows_of_legend(list(methods.values())))
+        plots = figure.subplots(1, len(NAMES), sharex=True)
+        for axes, (name, words) in zip(plots, NAMES.items(), strict=True):
+            _rows(axes, [(list(methods).index(method), of[name]) for method, of in of_methods.items()])
+            axes.set_title(words, loc="left", pad=3)
+            axes.set_xlim(-0.02, 1.02)
+        plots[1].set_xlabel("scaled score")
+        look.legend(figure, _points(methods.values()))
+    return figure
+
+
+def draw_profiles(of_methods: Mapping[str, Sequence[Values]], methods: Mapping[str, str]) -> Figure:
+    """Share of runs above a scaled score, with bands of 95 %."""
+    with look.drawing("profiles"):
+        figure = look.new(2.2 + look.rows_of_legend(list(methods.values())))
+        axes = figure.add_subplot()
+        for method, profile in of_methods.items():
+            _curve(axes, list(methods).index(method), [(point["above"], point) for point in profile])
+        axes.set(xlabel="scaled score τ", ylabel="share of runs above τ", xlim=(0, 1), ylim=(-0.02, 1.02))
+        look.style_axes(axes)
+        look.legend(figure, _lines(methods.values()))
+    return figure
+
+
+def draw_improvement(pairs: Sequence[Values], methods: Mapping[str, str]) -> Figure:
+    """Probability that a run of one method is better than one of another, for each pair."""
+    with look.drawing("improvement"):
+        figure = look.new(0.32 * len(pairs) + 0.55)
+        axes = figure.add_subplot()
+        _rows(axes, [(list(methods).index(pair["method"]), pair) for pair in pairs])
+        names = [[truncated(methods[pair[which]], 24) for which in ("method", "over")] for pair in pairs]
+        axes.set_yticks(range(0, -len(pairs), -1), [f"{one}\nover {other}" for one, other in names])
+        axes.axvline(0.5, color=look.MUTED, lw=0.8, zorder=1)
+        axes.set(xlim=(-0.02, 1.02), xlabel="probability of improvement")
+    return figure
+
+
+def draw_learning(tasks: Mapping[str, Mapping[str, Curve]], methods: Mapping[str, str], score: str) -> Figure:
+    """Mean score of evaluations during the training, with bands of 95 % over seeds, a plot for each task."""
+    drawn = {method for of_methods in tasks.values() for method in of_methods}
+    with look.drawing("learning"):
+        figure = look.new(1.75 * len(tasks) + 0.25 + look.rows_of_legend([methods[method] for method in drawn]))
+        plots = figure.subplots(len(tasks), 1, squeeze=False).ravel()
+        for axes, (task, of_methods) in zip(plots, tasks.items(), strict=True):
+            for method, curve in of_methods.items():
+                _curve(axes, list(methods).index(method), curve)
+            axes.set_title(truncated(task, TITLE), loc="left", pad=3)
+            axes.set_ylabel(score)
+            look.style_axes(axes)
+        plots[-1].set_xlabel("world-steps")
+        look.legend(
+            figure, [line for method, line in zip(methods, _lines(methods.values()), strict=True) if method in drawn]
+        )
+    return figure
+
+
+def _rows(axes: Axes, rows: Sequence[tuple[int, Values]]) -> None:
+    """A point with its interval in each row, of method number i."""
+    for place, (i, about) in enumerate(rows):
+        if about["low"] is not None:
+            axes.plot(
+                [about["low"], about["high"]],
+                [-place, -place],
+                color=look.colour(i),
+                lw=1.2,
+                solid_capstyle="butt",
+            )
+        axes.plot(
+            about["value"],
+            -place,
+            look.marker(i),
+            color=look.colour(i),
+            ms=4.5,
+            mec=look.INK,
+            mew=0.6,
+            zorder=5,
+        )
+    look.style_axes(axes)
+    axes.set_yticks([])
+    axes.set_ylim(0.6 - len(rows), 0.6)
+
+
+def _curve(axes: Axes, i: int, curve: Curve) -> None:
+    """A line of method number i, with its band."""
+    at = [place for place, _ in curve]
+    low, value, high = (
+        [math.nan if about[name] is None else about[name] for _, about in curve] for name in ("low", "value", "high")
+    )
+    axes.fill_between(at, low, high, color=look.colour(i), alpha=0.15, lw=0)
+    axes.plot(at, value, color=look.colour(i), ls=look.dash(i))
+
+
+def _points(names: Iterable[str]) -> list[Line2D]:
+    looks = {"ls": "none", "ms": 4.5, "mec": look.INK, "mew": 0.6}
+    return [
+        Line2D([], [], marker=look.marker(i), color=look.colour(i), label=name, **looks) for i, name in enumerate(names)
+    ]
+
+
+def _lines(names: Iterable[str]) -> list[Line2D]:
+    return [Line2D([], [], color=look.colour(i), ls=look.dash(i), label=name) for i, name in enumerate(names)]
