@@ -16,8 +16,16 @@ from rich.table import Table
 
 from usvauv.cli import tables
 from usvauv.cli.console import LINE_EVERY
-from usvauv.cli.evaluation.comparison import Comparison, Estimate, interval, labels, words
-from usvauv.cli.evaluation.differences import dependence, headline, sentences
+from usvauv.cli.evaluation.comparison import (
+    Comparison,
+    Estimate,
+    dependence,
+    headline,
+    interval,
+    labels,
+    sentences,
+    words,
+)
 from usvauv.cli.tables import Column, column_tables
 from usvauv.cli.words import counted, duration
 from usvauv.env.record.metrics import EpisodeMetrics

@@ -12,8 +12,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from usvauv.cli.evaluation.table import evaluate
-    from usvauv.cli.web_report.cell import play
+    from usvauv.cli.evaluation.run import evaluate
+    from usvauv.cli.web_report.page import play
     from usvauv.env.record.recorder import record
     from usvauv.env.record.trace import Trace
     from usvauv.env.render.video import write_video
@@ -26,8 +26,8 @@ _MODULES = {
     "Scenario": "usvauv.env.scenario",
     "Trace": "usvauv.env.record.trace",
     "World": "usvauv.env.world.world",
-    "evaluate": "usvauv.cli.evaluation.table",
-    "play": "usvauv.cli.web_report.cell",
+    "evaluate": "usvauv.cli.evaluation.run",
+    "play": "usvauv.cli.web_report.page",
     "record": "usvauv.env.record.recorder",
     "write_video": "usvauv.env.render.video",
 }

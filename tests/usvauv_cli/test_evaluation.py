@@ -17,12 +17,14 @@ from usvauv.cli.evaluation.comparison import (
     Comparison,
     Estimate,
     Moments,
+    dependence,
     interval,
     labels,
+    sentence,
+    sentences,
     t_quantile,
     words,
 )
-from usvauv.cli.evaluation.differences import dependence, sentence, sentences
 from usvauv.env import Scenario, World, evaluate
 from usvauv.env.record import evaluation
 from usvauv.env.record.metrics import FIGURES

@@ -15,8 +15,7 @@ from scipy import stats
 
 from tests.usvauv_cli.pages import CHROMIUM, Elements, check_alone, check_figures, in_browser
 from usvauv import play, policies
-from usvauv.cli.evaluation.comparison import Comparison
-from usvauv.cli.evaluation.differences import dependence, sentences
+from usvauv.cli.evaluation.comparison import Comparison, dependence, sentences
 from usvauv.cli.tables import column_tables
 from usvauv.cli.web_report import figure_style, figures, page
 from usvauv.cli.web_report.episodes import (

@@ -166,9 +166,7 @@ def _of_auvs(contents: Contents, beacons: Sequence[str]) -> dict[str, list[Fix]]
         UserError: none is left, one picked is not there, or more than a plan can have.
     """
     if not contents.fixes:
-        reasons = contents.warnings() or [
-            f"expected CSV with a header ({NEEDED}) or a USBL system's sentences"
-        ]
+        reasons = contents.warnings() or [f"expected CSV with a header ({NEEDED}) or a USBL system's sentences"]
         raise UserError(f"no fix in it: {'; '.join(reasons)}")
     by_name: dict[str, list[Fix]] = {}
     for fix in contents.fixes:

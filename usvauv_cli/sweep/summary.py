@@ -18,8 +18,7 @@ import numpy as np
 
 from usvauv.cli import tables
 from usvauv.cli.evaluation import comparison
-from usvauv.cli.evaluation.comparison import digits
-from usvauv.cli.evaluation.differences import sentence
+from usvauv.cli.evaluation.comparison import digits, sentence
 from usvauv.cli.sweep.study import Evaluation
 
 Scores = Sequence[np.ndarray]  # one array a task, (…, N) over its runs
