@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -332,22 +331,19 @@ class SeaPainter:
             write(picture, self._stillness, middle, 14 * layout.unit, self.layout.theme.text, anchor="centre")
 
 
-class SeaVideo:
-    """A video of a sea, one frame a step.
-
-    A context manager: the file appears when the context ends, and not at all after an error.
-    """
+class SeaVideo(ExitStack):
+    """A video of a sea, one frame a step; the file appears when the context ends, and not at all after an error."""
 
     def __init__(
         self, out: Path, sea: SeaSimulation, expected: np.ndarray, frames: int, size: tuple[int, int], fps: int
     ) -> None:
+        super().__init__()
         size = even(size, out)
         self._fps = fps
         self._painter = SeaPainter(sea, expected, frames, size, fps)
         self._first: list[np.ndarray] = []
-        self._stack = ExitStack()
-        self._stack.enter_context(one_drawing_thread())
-        self._append = self._stack.enter_context(video_file(out, *size, fps))
+        self.enter_context(one_drawing_thread())
+        self._append = self.enter_context(video_file(out, *size, fps))
 
     def add(self, sea: SeaSimulation) -> None:
         """Append a frame of the present sea."""
@@ -359,12 +355,6 @@ class SeaVideo:
     def expected_bytes(self, records: int) -> int:
         """Estimated size of a video of so many frames, by the first ones."""
         return expected_bytes(self._first, records, self._fps)
-
-    def __enter__(self) -> SeaVideo:
-        return self
-
-    def __exit__(self, *problem: Any) -> None:
-        self._stack.__exit__(*problem)
 
 
 def signed(value: float) -> str:
