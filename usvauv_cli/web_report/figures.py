@@ -1,4 +1,4 @@
-"""Figures of the page: data and energy, errors of positions and fixes, maps of tracks and ages with their graticule."""
+"""Figures of the page: data and energy, errors of positions and fixes, maps of tracks and ages."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from usvauv.cli.web_report.figure_style import (
     AGES,
     COLUMN,
     INK,
-    LINE,
     MUTED,
     NODE,
     SEA,
@@ -29,15 +28,8 @@ from usvauv.cli.web_report.figure_style import (
     style_axes,
 )
 from usvauv.env.render.figures import WrittenOut
-from usvauv.env.render.layout import nice, nice_above
 from usvauv.env.render.plain_matplotlib import Axes, Figure, Line2D, MaxNLocator
 from usvauv.env.scenario import Scenario
-from usvauv.env.site.place import LocalFrame
-from usvauv.env.site.site import Site
-
-STEPS = (1, 2, 4, 5, 10)  # none is more than twice the one before, so that two lines wanted are one at least
-POINTS = 33  # of a line; parallels and meridians are curved on a plane
-BAR = 0.28  # longest scale bar, of the width
 
 
 class Kind(NamedTuple):
@@ -48,57 +40,6 @@ class Kind(NamedTuple):
 
 
 KINDS = (Kind("positions", lambda each: each.positions), Kind("fixes", lambda each: each.fixes))
-
-
-def draw_graticule(axes: Axes, frame: LocalFrame, width: float, length: float, lines: int) -> None:
-    """Draw lines of equal longitude and latitude and a scale bar on a map of width × length, m, with ticks in degrees.
-
-    Args:
-        lines: about so many each way, ≥ 2.
-    """
-    x, y = np.meshgrid([0.0, width], [0.0, length])
-    for across, degrees in zip((True, False), frame.to_geographic(x, y), strict=True):
-        low, high = degrees.min(), degrees.max()
-        step = nice_above((high - low) / lines, STEPS)
-        values = step * np.arange(math.ceil(low / step), math.floor(high / step) + 1)
-        places, shown = [], []
-        for value in values:
-            line = _line(frame, value, across, width, length)
-            axes.plot(*line, color=LINE, lw=0.6, zorder=0.5)
-            along, beside = line if across else line[::-1]
-            place = float(np.interp(0.0, beside, along))
-            if 0 <= place <= (width if across else length):
-                places.append(place)
-                shown.append(value)
-        set_ticks = axes.set_xticks if across else axes.set_yticks
-        set_ticks(places, degree_labels(shown, step, "EW" if across else "NS"))
-    axes.set(xlim=(0, width), ylim=(0, length))
-    _scale_bar(axes, width, length)
-
-
-def degree_labels(values: Sequence[float], step: float, sides: str) -> list[str]:
-    """Degrees with as many digits as a step needs and one of two sides; longitudes from 180° west to 180° east."""
-    digits = max(0, -math.floor(math.log10(step) + 1e-9))
-    turned = [(value + 180) % 360 - 180 if sides == "EW" else value for value in values]
-    return [f"{abs(value):.{digits}f}°{sides[int(round(value, digits) < 0)]}" for value in turned]
-
-
-def _line(
-    frame: LocalFrame, value: float, meridian: bool, width: float, length: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """x and y (POINTS,), m, of a meridian or a parallel through the area and a little beyond."""
-    along = np.linspace(-0.05, 1.05, POINTS)
-    x, y = (0.5 * width, along * length) if meridian else (along * width, 0.5 * length)
-    longitude, latitude = frame.to_geographic(*np.broadcast_arrays(x, y))
-    fixed = np.full(POINTS, value)
-    return frame.to_local(fixed, latitude) if meridian else frame.to_local(longitude, fixed)
-
-
-def _scale_bar(axes: Axes, width: float, length: float) -> None:
-    bar, left, low = nice(BAR * width), 0.05 * width, 0.05 * length
-    axes.plot([left, left + bar], [low, low], color=INK, lw=2, solid_capstyle="butt", zorder=8)
-    text = f"{bar / 1000:g} km" if bar >= 1000 else f"{bar:g} m"
-    axes.annotate(text, (left, low), (0, 2), textcoords="offset points", color=INK, va="bottom", fontsize=6, zorder=8)
 
 
 def front(names: Sequence[str], comparison: Comparison) -> Figure:
@@ -184,33 +125,25 @@ def about_errors(names: Sequence[str], recordings: Sequence[Recording]) -> str:
 
 
 def maps(names: Sequence[str], scenario: Scenario, below: float) -> tuple[Figure, list[Axes]]:
-    """A map of the area for each name, side by side, and `below` inches of room for a legend.
-
-    Where the scenario has a place on Earth it is in longitude and latitude, with a scale bar.
-    """
+    """A map of the area for each name, side by side, and `below` inches of room for a legend."""
     columns = 1 if len(names) == 1 else 2 if len(names) <= 4 else 3
     rows = math.ceil(len(names) / columns)
     width, length = scenario.area.width, scenario.area.length
     side = min((COLUMN - 0.5) / columns - 0.1, 2.9)
     height = rows * (min(max(side * length / width, 0.4), 2 * side) + 0.22) + 0.42 + below
     figure = new(height)
-    frame = Site(scenario).frame
-    across, along = ("longitude", "latitude") if frame else ("x (east), m", "y (north), m")
     plots = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     for i, (axes, name) in enumerate(zip(plots, names, strict=False)):
         axes.set_facecolor(SEA)
         axes.set(xlim=(0, width), ylim=(0, length), aspect="equal")
         axes.set_title(truncated(name, 46 // columns), loc="left", pad=3)
-        if frame:
-            draw_graticule(axes, frame, width, length, 2 if columns > 1 else 3)
-        else:
-            axes.xaxis.set_major_locator(MaxNLocator(3 if columns > 1 else 5))
-            axes.yaxis.set_major_locator(MaxNLocator(3 if columns > 1 else 5))
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_locator(MaxNLocator(3 if columns > 1 else 5))
         if i + columns >= len(names):
-            axes.set_xlabel(across)
+            axes.set_xlabel("x (east), m")
             axes.tick_params(labelbottom=True)
         if i % columns == 0:
-            axes.set_ylabel(along)
+            axes.set_ylabel("y (north), m")
         style_axes(axes, grid=False)
     for axes in plots[len(names) :]:
         axes.set_visible(False)
