@@ -114,17 +114,14 @@ def _write_parquet(table: Path) -> str:
 def write_report(folder: Path, study: Study, results: Mapping[str, Any]) -> Path:
     """Write DIR/report/index.html and its figures as PDF; returns the page.
 
-    Args:
-        folder: of the study.
-        study: of which the page is.
-        results: of `summary.summary`.
-
     Raises:
         OutputError: a file cannot be written.
     """
     place = folder / "report"
     with writing(place):
         inside(folder, place).mkdir(exist_ok=True)
+        for path in place.glob("*.pdf"):
+            path.unlink()
     runs = [_row(folder, piece) for piece in study.runs]
     runs.sort(key=lambda row: row["how"] == "done")  # in the order of the study but for that
     methods = list(dict.fromkeys(method for task in results["tasks"].values() for method in task))
@@ -143,11 +140,9 @@ def write_report(folder: Path, study: Study, results: Mapping[str, Any]) -> Path
         ahead=results["differences"][:PAIRS],
         pairs=results["improvement"],
         runs=runs,
-        figures_of=f"{METHODS} methods and {TASKS} tasks"
-        if len(methods) > METHODS or len(results["tasks"]) > TASKS
-        else "",
+        figures_of=f"{METHODS} methods and {TASKS} tasks" * (len(methods) > METHODS or len(results["tasks"]) > TASKS),
         words=summary.in_words,
-        pictures=_pictures(place, study, results, _learning(folder, study)),
+        pictures=document.pictures(place, _figures(study, results, _learning(folder, study))),
     )
 
 
@@ -185,67 +180,48 @@ def _mean_curve(runs: list[dict[float, float]]) -> Curve:
     ]
 
 
-def _pictures(
-    place: Path, study: Study, results: Mapping[str, Any], learning: Mapping[str, Mapping[str, Curve]]
-) -> list[document.Picture]:
-    """The figures for which there are numbers; PDFs of others are removed."""
-    score, words = study.evaluation.score, summary.in_words
-    tasks = dict(islice(results["tasks"].items(), TASKS))
+def _figures(
+    study: Study, results: Mapping[str, Any], learning: Mapping[str, Mapping[str, Curve]]
+) -> list[tuple[str, Figure, str, str]]:
+    """The figures for which there are numbers, as `document.pictures` takes them."""
+    score = study.evaluation.score
     methods = list(dict.fromkeys(method for task in results["tasks"].values() for method in task))[:METHODS]
     short = tables.shortened(methods, LONGEST)
-    tasks = {task: {m: about for m, about in of.items() if m in short} for task, of in tasks.items()}
-    made: list[document.Picture] = []
 
-    def add(*parts: Any) -> None:
-        made.append(document.picture(place, *parts))
+    def shown(of: Mapping[str, Any]) -> dict[str, Any]:
+        return {method: about for method, about in of.items() if method in short}
 
-    if tasks:
-        add(
-            "scores",
-            draw_scores(tasks, short, score),
-            "Scores",
-            "; ".join(f"{m} in {task}: {words(about)}" for task, of in tasks.items() for m, about in of.items()),
-            "Mean over runs, with 95 % intervals of the bootstrap over runs.",
-        )
+    made = []
+    if tasks := {task: shown(of) for task, of in islice(results["tasks"].items(), TASKS)}:
+        about = "Mean over runs, with 95 % intervals of the bootstrap over runs."
+        made.append(("scores", draw_scores(tasks, short, score), "Scores", about))
     if len(results["aggregates"]) > 1:
-        of = {m: about for m, about in results["aggregates"].items() if m in short}
-        add(
-            "aggregates",
-            draw_aggregates(of, short),
-            "Scores over all tasks",
-            "; ".join(f"{m}: interquartile mean {words(about['iqm'])}" for m, about in of.items()),
-            "Scaled so that in each task the worst run is 0 and the best 1.",
-        )
-        add(
-            "profiles",
-            draw_profiles({m: profile for m, profile in results["profiles"].items() if m in short}, short),
-            "Performance profiles",
-            f"Share of runs above a scaled score, for {', '.join(of)}.",
-            "The higher the line, the better; where lines cross, neither method is better throughout.",
-        )
         pairs = [pair for pair in results["improvement"] if {pair["method"], pair["over"]} <= short.keys()][:PAIRS]
-        add(
-            "improvement",
-            draw_improvement(pairs, short),
-            "Probability of improvement",
-            "; ".join(f"{pair['method']} over {pair['over']}: {words(pair)}" for pair in pairs),
-            "That a run of the one is better than one of the other on the same task. An interval that holds 0.5 tells"
-            " nothing.",
-        )
-    learned = {task: {m: curve for m, curve in of.items() if m in short} for task, of in learning.items()}
-    learned = {task: of for task, of in islice(learned.items(), TASKS) if of}
-    if learned:
-        ends = (f"{m} in {task} ends at {words(c[-1][1])}" for task, of in learned.items() for m, c in of.items())
-        add(
-            "learning",
-            draw_learning(learned, short, score),
-            "Learning",
-            "; ".join(ends),
-            "Mean over runs of the evaluations during the training, in worlds of their own, with 95 % intervals.",
-        )
-    for path in place.glob("*.pdf"):
-        if path.stem not in {picture.name for picture in made}:
-            path.unlink()
+        made += [
+            (
+                "aggregates",
+                draw_aggregates(shown(results["aggregates"]), short),
+                "Scores over all tasks",
+                "Scaled so that in each task the worst run is 0 and the best 1.",
+            ),
+            (
+                "profiles",
+                draw_profiles(shown(results["profiles"]), short),
+                "Performance profiles",
+                "The higher the line, the better; where lines cross, neither method is better throughout.",
+            ),
+            (
+                "improvement",
+                draw_improvement(pairs, short),
+                "Probability of improvement",
+                "That a run of the one is better than one of the other on the same task. An interval that holds 0.5"
+                " tells nothing.",
+            ),
+        ]
+    learned = {task: shown(of) for task, of in learning.items()}
+    if learned := {task: of for task, of in islice(learned.items(), TASKS) if of}:
+        about = "Mean over runs of the evaluations during the training, in worlds of their own, with 95 % intervals."
+        made.append(("learning", draw_learning(learned, short, score), "Learning", about))
     return made
 
 

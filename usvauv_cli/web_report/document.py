@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib import metadata, resources
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -31,14 +31,18 @@ class Picture(NamedTuple):
     caption: str
 
 
-def picture(folder: Path, name: str, figure: Figure, title: str, about: str, caption: str) -> Picture:
-    """A figure for the page in a folder, whose PDF is written there; `about` says what it shows to who cannot see it.
+def pictures(folder: Path, made: Sequence[tuple[str, Figure, str, str]]) -> list[Picture]:
+    """Figures for the page in a folder: name, figure, title, caption; their PDFs are written there.
 
     Raises:
-        OutputError: the PDF cannot be written.
+        OutputError: a PDF cannot be written.
     """
-    figure_style.save_pdf(figure, name, folder)
-    return Picture(name, title, Markup(figure_style.svg(figure, name, title, about)), caption)
+    for name, figure, *_ in made:
+        figure_style.save_pdf(figure, name, folder)
+    return [
+        Picture(name, title, Markup(figure_style.svg(figure, name, title, caption)), caption)
+        for name, figure, title, caption in made
+    ]
 
 
 def write(folder: Path, template: str, title: str, file: Mapping[str, str], arch: str, **fields: Any) -> Path:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usvauv.cli.evaluation.comparison import Comparison, words
+from usvauv.cli.evaluation.comparison import Comparison
 from usvauv.cli.web_report.episodes import ERRORS, PERIODS, Recording, collects_data, error_quantiles
 from usvauv.cli.web_report.figure_style import (
     AGES,
@@ -69,15 +69,6 @@ def front(names: Sequence[str], comparison: Comparison) -> Figure:
     return figure
 
 
-def about_front(names: Sequence[str], comparison: Comparison) -> str:
-    """The means of `front` in words."""
-    return "; ".join(
-        f"{name}: {words(comparison.score(which, 'delivered_mbit'))} Mbit"
-        f" for {words(comparison.score(which, 'energy_wh'))} Wh"
-        for name, which in zip(names, comparison.combinations, strict=False)
-    )
-
-
 def errors(names: Sequence[str], recordings: Sequence[Recording], duration: float) -> Figure:
     """Errors of positions beside those of fixes: over time, the median and of the first combination what holds 90 %,
     and their distribution.
@@ -111,17 +102,6 @@ def errors(names: Sequence[str], recordings: Sequence[Recording], duration: floa
             style_axes(axes)
         legend(figure, [Line2D([], [], color=colour(i), ls=dash(i), label=name) for i, name in enumerate(names)])
     return figure
-
-
-def about_errors(names: Sequence[str], recordings: Sequence[Recording]) -> str:
-    """The medians and 95th percentiles of `errors` in words."""
-    said = []
-    for name, recording in zip(names, recordings, strict=True):
-        for kind in KINDS:
-            median, high = error_quantiles(kind.counts(recording).sum(axis=0), (0.5, 0.95))
-            found = "none" if np.isnan(median) else f"median {median:.2g} m, 95 % {high:.2g} m"
-            said.append(f"{name}, {kind.title}: {found}")
-    return "; ".join(said)
 
 
 def maps(names: Sequence[str], scenario: Scenario, below: float) -> tuple[Figure, list[Axes]]:
@@ -205,11 +185,3 @@ def age_edges(age: np.ndarray) -> np.ndarray:
     unit = 10.0 ** max(math.floor(math.log10(max(np.ptp(age), 1e-3))) - 1, -3)
     low = math.floor(age.min() / unit) * unit
     return low + np.arange(len(AGES) + 1) * math.ceil(max(age.max() - low, unit) / (len(AGES) * unit)) * unit
-
-
-def about_ages(names: Sequence[str], recordings: Sequence[Recording]) -> str:
-    """The ages in words."""
-    return "; ".join(
-        f"{name}: {r.episode.age.min():.0f} to {r.episode.age.max():.0f} s, mean {r.episode.age.mean():.0f} s"
-        for name, r in zip(names, recordings, strict=True)
-    )

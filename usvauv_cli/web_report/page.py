@@ -15,6 +15,7 @@ from usvauv.cli.evaluation.comparison import Comparison, dependence, headline, l
 from usvauv.cli.web_report import document, figures
 from usvauv.cli.web_report.episodes import Recordings, collects_data, front_episodes, player_data, thinned
 from usvauv.env.record.trace import Trace
+from usvauv.env.render.plain_matplotlib import Figure
 from usvauv.env.scenario import Scenario
 from usvauv.env.storage.tables import Combination
 from usvauv.kernels import runtime
@@ -83,7 +84,7 @@ def write(
         dependence=dependence(comparison, score),
         reference=" · ".join(filter(None, comparison.reference)),
         tables=_tables(comparison, scenario),
-        pictures=_pictures(comparison, scenario, recordings, folder),
+        pictures=document.pictures(folder, _figures(comparison, scenario, recordings)),
         player=document.json_for_script(_player(scenario, recordings)),
         shown=next(iter(recordings.values())).episode,
         omitted=len(several) - len(recordings),
@@ -116,57 +117,44 @@ def _cell(comparison: Comparison, which: Combination, name: str) -> Cell:
     )
 
 
-def _pictures(
-    comparison: Comparison, scenario: Scenario, recordings: Recordings, folder: Path
-) -> list[document.Picture]:
-    """The figures that the task has; their PDFs are written."""
+def _figures(comparison: Comparison, scenario: Scenario, recordings: Recordings) -> list[tuple[str, Figure, str, str]]:
+    """The figures that the task has, as `document.pictures` takes them."""
     names = labels(comparison.combinations)[: len(recordings)]
-    recorded = list(recordings.values())
-    nodes = collects_data(scenario)
-    drawn = front_episodes(len(comparison.combinations))
-    duration = scenario.mission.steps * scenario.mission.step
-    points = len(recorded[0].episode.tracks[0])
-    made: list[document.Picture] = []
-
-    def add(*parts: Any) -> None:
-        made.append(document.picture(folder, *parts))
-
-    if nodes:
-        some = f", the first {drawn} of each" if drawn < comparison.episodes else ""
-        add(
-            "front",
-            figures.front(names, comparison),
-            "Data and energy",
-            figures.about_front(names, comparison),
-            f"Small and faint: episodes{some}; large: their means with 95 % intervals. Better is further up and left.",
-        )
-    add(
-        "errors",
-        figures.errors(names, recorded, duration),
-        "Errors of positions and fixes",
-        figures.about_errors(names, recorded),
-        "Left: of the boat's estimates of the AUVs' positions, at each step; right: of usable fixes. Of all episodes."
-        " Above: the median in each hundredth of the mission, and for the first combination a band that holds 90 %."
-        " Below: the share with a smaller error, which is known to 6 %.",
-    )
-    steps = scenario.mission.steps
+    recorded, steps = list(recordings.values()), scenario.mission.steps
+    drawn, points = front_episodes(len(comparison.combinations)), len(recorded[0].episode.tracks[0])
+    some = f", the first {drawn} of each" if drawn < comparison.episodes else ""
     thinned = f"; each way is drawn through {points} of {steps} points" if points < steps else ""
-    add(
-        "trajectories",
-        figures.trajectories(names, recorded, scenario),
-        "Tracks of AUVs and boat",
-        f"Maps of {scenario.area.width:g} by {scenario.area.length:g} m for {', '.join(names)}.",
-        f"The first episode, world 0, the same for all{thinned}.",
+    made = [
+        (
+            "errors",
+            figures.errors(names, recorded, steps * scenario.mission.step),
+            "Errors of positions and fixes",
+            "Left: of the boat's estimates of the AUVs' positions, at each step; right: of usable fixes. Of all"
+            " episodes. Above: the median in each hundredth of the mission, and for the first combination a band that"
+            " holds 90 %. Below: the share with a smaller error, which is known to 6 %.",
+        ),
+        (
+            "trajectories",
+            figures.trajectories(names, recorded, scenario),
+            "Tracks of AUVs and boat",
+            f"The first episode, world 0, the same for all{thinned}.",
+        ),
+    ]
+    if not collects_data(scenario):
+        return made
+    front = (
+        "front",
+        figures.front(names, comparison),
+        "Data and energy",
+        f"Small and faint: episodes{some}; large: their means with 95 % intervals. Better is further up and left.",
     )
-    if nodes:
-        add(
-            "ages",
-            figures.ages(names, recorded, scenario),
-            "Age of data by node",
-            figures.about_ages(names, recorded),
-            "Mean age of the data of each node over the first episode; older data are drawn larger and stronger.",
-        )
-    return made
+    ages = (
+        "ages",
+        figures.ages(names, recorded, scenario),
+        "Age of data by node",
+        "Mean age of the data of each node over the first episode; older data are drawn larger and stronger.",
+    )
+    return [front, *made, ages]
 
 
 def _player(scenario: Scenario, recordings: Recordings) -> dict[str, Any]:
