@@ -16,7 +16,7 @@ from tests.usvauv_cli.pages import CHROMIUM, Elements, check_alone, check_figure
 from usvauv import play, policies
 from usvauv.cli.evaluation.comparison import Comparison, dependence, sentences
 from usvauv.cli.tables import column_tables
-from usvauv.cli.web_report import figure_style, page
+from usvauv.cli.web_report import document, page
 from usvauv.cli.web_report.episodes import (
     ERRORS,
     MOST_SHOWN,
@@ -167,8 +167,8 @@ class TestPage:
 
     def test_figures_are_described_and_follow_the_theme(self, made):
         check_figures(made.folder, {"ages", "errors", "front", "trajectories"})
-        assert figure_style.LIGHT.keys() == figure_style.DARK.keys()
-        assert len(set(figure_style.LIGHT.values())) == len(figure_style.LIGHT)
+        assert document.LIGHT.keys() == document.DARK.keys()
+        assert len(set(document.LIGHT.values())) == len(document.LIGHT)
 
     def test_says_how_it_was_made(self, made):
         said = html.unescape(made.text)

@@ -27,8 +27,6 @@ from usvauv.cli.sweep.perform import perform_all
 from usvauv.cli.sweep.run import FAILURE, Piece, seconds
 from usvauv.cli.sweep.study import Study
 from usvauv.cli.web_report import document
-from usvauv.cli.web_report import figure_style as look
-from usvauv.cli.web_report.figures import truncated
 from usvauv.cli.words import counted
 from usvauv.env.record.metrics import EpisodeMetrics
 from usvauv.env.render.plain_matplotlib import Axes, Figure, Line2D
@@ -227,54 +225,54 @@ def _figures(
 
 def draw_scores(tasks: Mapping[str, Mapping[str, Values]], methods: Mapping[str, str], score: str) -> Figure:
     """Mean score of each method, a plot for each task; `methods` has names in the order of their colours."""
-    with look.drawing("scores"):
+    with document.drawing("scores"):
         heights = [ROW * len(of) + 0.42 for of in tasks.values()]
-        figure = look.new(sum(heights) + 0.25 + look.rows_of_legend(list(methods.values())))
+        figure = document.new(sum(heights) + 0.25 + document.rows_of_legend(list(methods.values())))
         plots = figure.subplots(len(tasks), 1, squeeze=False, height_ratios=heights).ravel()
         for axes, (task, of_methods) in zip(plots, tasks.items(), strict=True):
             _rows(axes, [(list(methods).index(method), value) for method, value in of_methods.items()])
-            axes.set_title(truncated(task, TITLE), loc="left", pad=3)
+            axes.set_title(document.truncated(task, TITLE), loc="left", pad=3)
         plots[-1].set_xlabel(score)
-        look.legend(figure, _points(methods.values()))
+        document.legend(figure, _points(methods.values()))
     return figure
 
 
 def draw_aggregates(of_methods: Mapping[str, Mapping[str, Values]], methods: Mapping[str, str]) -> Figure:
     """Interquartile mean, median and mean of scaled scores, side by side."""
-    with look.drawing("aggregates"):
-        figure = look.new(ROW * len(of_methods) + 0.65 + look.rows_of_legend(list(methods.values())))
+    with document.drawing("aggregates"):
+        figure = document.new(ROW * len(of_methods) + 0.65 + document.rows_of_legend(list(methods.values())))
         plots = figure.subplots(1, len(NAMES), sharex=True)
         for axes, (name, words) in zip(plots, NAMES.items(), strict=True):
             _rows(axes, [(list(methods).index(method), of[name]) for method, of in of_methods.items()])
             axes.set_title(words, loc="left", pad=3)
             axes.set_xlim(-0.02, 1.02)
         plots[1].set_xlabel("scaled score")
-        look.legend(figure, _points(methods.values()))
+        document.legend(figure, _points(methods.values()))
     return figure
 
 
 def draw_profiles(of_methods: Mapping[str, Sequence[Values]], methods: Mapping[str, str]) -> Figure:
     """Share of runs above a scaled score, with bands of 95 %."""
-    with look.drawing("profiles"):
-        figure = look.new(2.2 + look.rows_of_legend(list(methods.values())))
+    with document.drawing("profiles"):
+        figure = document.new(2.2 + document.rows_of_legend(list(methods.values())))
         axes = figure.add_subplot()
         for method, profile in of_methods.items():
             _curve(axes, list(methods).index(method), [(point["above"], point) for point in profile])
         axes.set(xlabel="scaled score τ", ylabel="share of runs above τ", xlim=(0, 1), ylim=(-0.02, 1.02))
-        look.style_axes(axes)
-        look.legend(figure, _lines(methods.values()))
+        document.style_axes(axes)
+        document.legend(figure, _lines(methods.values()))
     return figure
 
 
 def draw_improvement(pairs: Sequence[Values], methods: Mapping[str, str]) -> Figure:
     """Probability that a run of one method is better than one of another, for each pair."""
-    with look.drawing("improvement"):
-        figure = look.new(0.32 * len(pairs) + 0.55)
+    with document.drawing("improvement"):
+        figure = document.new(0.32 * len(pairs) + 0.55)
         axes = figure.add_subplot()
         _rows(axes, [(list(methods).index(pair["method"]), pair) for pair in pairs])
-        names = [[truncated(methods[pair[which]], 24) for which in ("method", "over")] for pair in pairs]
+        names = [[document.truncated(methods[pair[which]], 24) for which in ("method", "over")] for pair in pairs]
         axes.set_yticks(range(0, -len(pairs), -1), [f"{one}\nover {other}" for one, other in names])
-        axes.axvline(0.5, color=look.MUTED, lw=0.8, zorder=1)
+        axes.axvline(0.5, color=document.MUTED, lw=0.8, zorder=1)
         axes.set(xlim=(-0.02, 1.02), xlabel="probability of improvement")
     return figure
 
@@ -282,17 +280,17 @@ def draw_improvement(pairs: Sequence[Values], methods: Mapping[str, str]) -> Fig
 def draw_learning(tasks: Mapping[str, Mapping[str, Curve]], methods: Mapping[str, str], score: str) -> Figure:
     """Mean score of evaluations during the training, with bands of 95 % over seeds, a plot for each task."""
     drawn = {method for of_methods in tasks.values() for method in of_methods}
-    with look.drawing("learning"):
-        figure = look.new(1.75 * len(tasks) + 0.25 + look.rows_of_legend([methods[method] for method in drawn]))
+    with document.drawing("learning"):
+        figure = document.new(1.75 * len(tasks) + 0.25 + document.rows_of_legend([methods[method] for method in drawn]))
         plots = figure.subplots(len(tasks), 1, squeeze=False).ravel()
         for axes, (task, of_methods) in zip(plots, tasks.items(), strict=True):
             for method, curve in of_methods.items():
                 _curve(axes, list(methods).index(method), curve)
-            axes.set_title(truncated(task, TITLE), loc="left", pad=3)
+            axes.set_title(document.truncated(task, TITLE), loc="left", pad=3)
             axes.set_ylabel(score)
-            look.style_axes(axes)
+            document.style_axes(axes)
         plots[-1].set_xlabel("world-steps")
-        look.legend(
+        document.legend(
             figure, [line for method, line in zip(methods, _lines(methods.values()), strict=True) if method in drawn]
         )
     return figure
@@ -305,21 +303,21 @@ def _rows(axes: Axes, rows: Sequence[tuple[int, Values]]) -> None:
             axes.plot(
                 [about["low"], about["high"]],
                 [-place, -place],
-                color=look.colour(i),
+                color=document.colour(i),
                 lw=1.2,
                 solid_capstyle="butt",
             )
         axes.plot(
             about["value"],
             -place,
-            look.marker(i),
-            color=look.colour(i),
+            document.marker(i),
+            color=document.colour(i),
             ms=4.5,
-            mec=look.INK,
+            mec=document.INK,
             mew=0.6,
             zorder=5,
         )
-    look.style_axes(axes)
+    document.style_axes(axes)
     axes.set_yticks([])
     axes.set_ylim(0.6 - len(rows), 0.6)
 
@@ -330,16 +328,17 @@ def _curve(axes: Axes, i: int, curve: Curve) -> None:
     low, value, high = (
         [math.nan if about[name] is None else about[name] for _, about in curve] for name in ("low", "value", "high")
     )
-    axes.fill_between(at, low, high, color=look.colour(i), alpha=0.15, lw=0)
-    axes.plot(at, value, color=look.colour(i), ls=look.dash(i))
+    axes.fill_between(at, low, high, color=document.colour(i), alpha=0.15, lw=0)
+    axes.plot(at, value, color=document.colour(i), ls=document.dash(i))
 
 
 def _points(names: Iterable[str]) -> list[Line2D]:
-    looks = {"ls": "none", "ms": 4.5, "mec": look.INK, "mew": 0.6}
+    looks = {"ls": "none", "ms": 4.5, "mec": document.INK, "mew": 0.6}
     return [
-        Line2D([], [], marker=look.marker(i), color=look.colour(i), label=name, **looks) for i, name in enumerate(names)
+        Line2D([], [], marker=document.marker(i), color=document.colour(i), label=name, **looks)
+        for i, name in enumerate(names)
     ]
 
 
 def _lines(names: Iterable[str]) -> list[Line2D]:
-    return [Line2D([], [], color=look.colour(i), ls=look.dash(i), label=name) for i, name in enumerate(names)]
+    return [Line2D([], [], color=document.colour(i), ls=document.dash(i), label=name) for i, name in enumerate(names)]

@@ -1,10 +1,19 @@
-"""What all pages have: a template filled in, figures in it and as PDF beside it, and how it was made."""
+"""What all pages have: a template filled in, how it was made, and figures in it and as PDF beside it, with their look.
+
+A figure is drawn in the colours of `LIGHT`, a column of a paper wide. In the page's SVG each of them is replaced by a
+variable of the page's style, which has another value where the page is dark. Each colour therefore stands for one thing
+only.
+"""
 
 from __future__ import annotations
 
+import io
 import json
+import math
 import platform
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from importlib import metadata, resources
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,14 +21,159 @@ from typing import Any, NamedTuple
 from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
 from markupsafe import Markup
 
-from usvauv.cli.web_report import figure_style
-from usvauv.env.render.plain_matplotlib import Figure
+from usvauv.env.render.plain_matplotlib import Axes, Figure, Line2D, plain
+from usvauv.env.render.style import CATEGORICAL, CATEGORICAL_ON_WHITE, MARKERS, ON_DARK
 from usvauv.env.storage.files import atomic_write
 from usvauv.kernels import runtime
 from usvauv.policies.checkpoint import provenance
 
+COLUMN = 3.4  # width, inches
+LIGHT = {
+    "ink": "#17222d",
+    "muted": "#566675",
+    "line": "#d5dde5",
+    "sea": "#edf4f9",
+    "node": "#7d8c99",
+    "age0": "#c6dbef",
+    "age1": "#93bfe0",
+    "age2": "#5a9bcb",
+    "age3": "#2a6ca8",
+    "age4": "#0b3d73",
+    **{f"series{i}": light for i, light in enumerate(CATEGORICAL_ON_WHITE)},
+}
+DARK = {
+    "ink": ON_DARK.text,
+    "muted": ON_DARK.muted,
+    "line": ON_DARK.line,
+    "sea": "#0f2a40",
+    "node": "#8496a6",
+    "age0": "#23496b",
+    "age1": "#2f6f9f",
+    "age2": "#56a0cc",
+    "age3": "#9ccbe8",
+    "age4": "#f2fafd",
+    **{f"series{i}": dark for i, dark in enumerate(CATEGORICAL)},
+}
+INK, MUTED, LINE, SEA, NODE = (LIGHT[name] for name in ("ink", "muted", "line", "sea", "node"))
+AGES = [LIGHT[f"age{i}"] for i in range(5)]  # of classes of the age of data
+DASHES: tuple[str | tuple[int, tuple[float, ...]], ...] = (
+    *("-", (0, (4, 1.5)), (0, (1, 1)), (0, (5, 1.5, 1, 1.5))),
+    *((0, (8, 2)), (0, (3, 1, 1, 1, 1, 1))),
+)
+SETTINGS: dict[Any, Any] = {  # matplotlib's own names
+    "font.size": 7.5,
+    "font.family": "DejaVu Sans",
+    "pdf.fonttype": 42,
+    "svg.fonttype": "none",
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "axes.titlecolor": INK,
+    "axes.edgecolor": MUTED,
+    "axes.linewidth": 0.6,
+    "axes.titlesize": 7.5,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "legend.fontsize": 7,
+    "lines.linewidth": 1.2,
+    "path.simplify": False,
+}
+
 PACKAGES = ("usvauv", "taichi", "torch", "numpy")
 NOTHING_EXTERNAL = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'"
+
+
+def colour(i: int) -> str:
+    """Colour of combination or AUV number `i`."""
+    return CATEGORICAL_ON_WHITE[i % len(CATEGORICAL_ON_WHITE)]
+
+
+def marker(i: int) -> str:
+    """Marker of combination number `i`."""
+    return MARKERS[(i + i // len(CATEGORICAL)) % len(MARKERS)]  # another one when colours repeat
+
+
+def dash(i: int) -> str | tuple[int, tuple[float, ...]]:
+    """Dashes of the lines of combination number `i`."""
+    return DASHES[i % len(DASHES)]
+
+
+@contextmanager
+def drawing(name: str) -> Iterator[None]:
+    """Fonts and line widths of the figures; ids in the SVG are those of its name."""
+    with plain({**SETTINGS, "svg.hashsalt": name}):
+        yield
+
+
+def save_pdf(figure: Figure, name: str, folder: Path) -> None:
+    """Write FOLDER/NAME.pdf, with its fonts and without a date."""
+    with drawing(name), atomic_write(folder / f"{name}.pdf") as partial:
+        figure.savefig(partial, format="pdf", transparent=True, metadata={"CreationDate": None})
+
+
+def svg(figure: Figure, name: str, title: str, about: str) -> str:
+    """The figure as an element of a page: colours as variables, ids that begin with its name, title and description."""
+    text = io.StringIO()
+    with drawing(name):
+        nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+        figure.savefig(text, format="svg", transparent=True, metadata=nothing)
+    drawn = text.getvalue()
+    drawn = drawn[drawn.index("<svg") :]
+    drawn = re.sub(r'(\bid="|url\(#|href="#)', rf"\g<1>{name}-", drawn)
+    for role, code in LIGHT.items():
+        drawn = drawn.replace(code, f"var(--{role})")
+    # Hundredths of a point are enough, and equal marks have one style together.
+    drawn = re.sub(r'\b[dxy]="[^"]*"', lambda found: re.sub(r"(\.\d\d)\d+", r"\1", found[0]), drawn)
+    drawn = re.sub(r'(<g\b[^>]*)>((?:\s*<use [^>]* style="([^"]*)"/>)(?:\s*<use [^>]* style="\3"/>)+)', _share, drawn)
+    size = re.search(r'viewBox="[^"]*"', drawn)
+    assert size
+    head = (
+        f'<svg {size[0]} role="img" aria-labelledby="{name}-title {name}-about" '
+        'xmlns:xlink="http://www.w3.org/1999/xlink">'
+        f'<title id="{name}-title">{escape(title)}</title><desc id="{name}-about">{escape(about)}</desc>'
+    )
+    return head + drawn[drawn.index(">") + 1 :].strip()
+
+
+def _share(found: re.Match[str]) -> str:
+    """A group of marks with their common style."""
+    start, marks, style = found.groups()
+    return f'{start} style="{style}">' + marks.replace(f' style="{style}"', "").replace("\n", "")
+
+
+def escape(text: str) -> str:
+    """Text as text of XML."""
+    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+
+
+def truncated(name: str, most: int) -> str:
+    """A name of at most so many letters."""
+    return name if len(name) <= most else f"{name[: most - 1]}…"
+
+
+def new(height: float) -> Figure:
+    """An empty figure of one column and a height in inches."""
+    return Figure(figsize=(COLUMN, height), layout="constrained")
+
+
+def style_axes(axes: Axes, grid: bool = True) -> None:
+    """Muted numbers, and a grid behind what is drawn."""
+    axes.set_axisbelow(True)
+    if grid:
+        axes.grid(color=LINE, lw=0.5)
+    axes.tick_params(which="both", colors=MUTED, length=2, width=0.6)
+
+
+def legend(figure: Figure, handles: Sequence[Line2D]) -> None:
+    """A legend below the plots, a row for two short names or one long one."""
+    longest = max(len(str(handle.get_label())) for handle in handles)
+    columns = max(1, min(len(handles), 62 // (longest + 8)))
+    figure.legend(handles=handles, loc="outside lower center", ncols=columns, frameon=False)
+
+
+def rows_of_legend(names: Sequence[str]) -> float:
+    """Inches that a legend of names takes."""
+    columns = max(1, min(len(names), 62 // (max(map(len, names)) + 8)))
+    return 0.16 * math.ceil(len(names) / columns) + 0.05
 
 
 class Picture(NamedTuple):
@@ -38,9 +192,9 @@ def pictures(folder: Path, made: Sequence[tuple[str, Figure, str, str]]) -> list
         OutputError: a PDF cannot be written.
     """
     for name, figure, *_ in made:
-        figure_style.save_pdf(figure, name, folder)
+        save_pdf(figure, name, folder)
     return [
-        Picture(name, title, Markup(figure_style.svg(figure, name, title, caption)), caption)
+        Picture(name, title, Markup(svg(figure, name, title, caption)), caption)
         for name, figure, title, caption in made
     ]
 
@@ -112,10 +266,7 @@ def text(name: str) -> str:
 
 def _variables() -> str:
     """Colours of the light and of the dark page."""
-    light, dark = (
-        ";".join(f"--{role}:{code}" for role, code in colours.items())
-        for colours in (figure_style.LIGHT, figure_style.DARK)
-    )
+    light, dark = (";".join(f"--{role}:{code}" for role, code in colours.items()) for colours in (LIGHT, DARK))
     return f":root{{{light}}}\n@media screen and (prefers-color-scheme:dark){{:root{{{dark}}}}}\n"
 
 
