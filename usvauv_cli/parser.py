@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from usvauv.cli.commands import evaluate, export, inspect, plan, sea, simulate, sweep, train, train_targets
+from usvauv.cli.commands import evaluate, export, inspect, plan, sea, simulate, train, train_targets
 
 app = typer.Typer(
     name="usvauv",
@@ -27,8 +27,8 @@ app.command("train")(train.train)
 app.command("train-targets")(train_targets.train_targets)
 app.command("eval")(evaluate.evaluate)
 app.command("export")(export.export)
-app.command("sweep")(sweep.sweep)
-app.command("reproduce")(sweep.reproduce)
+app.command("sweep")(evaluate.sweep)
+app.command("reproduce")(evaluate.reproduce)
 app.command("plan")(plan.plan)
 app.command("sea")(sea.sea)
 app.command("scenarios")(inspect.scenarios)

@@ -1,4 +1,5 @@
-"""Tables in the terminal and on pages: how they are printed, and the figures of merit that are their columns.
+"""Tables and numbers in words, in the terminal and on pages: how tables are printed, the figures of merit that are
+their columns, durations, sizes and counts.
 
 Text and tables are as wide as the terminal, or 80 columns where the output goes to a file or a pipe.
 """
@@ -151,3 +152,37 @@ def column_tables(scenario: Scenario, of_task: Collection[str]) -> dict[str, lis
         "Age, losses and cost of data" if nodes else "Of the task": own,
         "Positions and fixes": list(POSITIONS),
     }
+
+
+def duration(seconds: float, rough: bool = False) -> str:
+    """A time in the units that fit: "7.5 s", "30 s", "16 min 40 s", "2 h 5 min".
+
+    Args:
+        seconds: the time.
+        rough: it is an estimate, of 1 s at least: "17 min".
+    """
+    if rough:
+        seconds = max(seconds if seconds < 120 else 60 * round(seconds / 60), 1)
+    elif seconds < 10:
+        return f"{seconds:.3g} s"
+    whole = round(seconds)
+    if whole >= 5400:
+        parts = (whole // 3600, "h"), (whole // 60 % 60, "min")
+    elif whole >= (120 if rough else 60):
+        parts = (whole // 60, "min"), (whole % 60, "s")
+    else:
+        parts = ((whole, "s"),)
+    return " ".join(f"{number} {unit}" for number, unit in parts if number)
+
+
+def size(count: float) -> str:
+    """Bytes to three digits, in one unit."""
+    for unit, length in (("GB", 1e9), ("MB", 1e6)):
+        if count >= 0.95 * length:
+            return f"{count / length:.3g} {unit}"
+    return f"{max(count / 1e3, 1):.0f} kB"
+
+
+def counted(number: int, noun: str, plural: str = "") -> str:
+    """A number of things: "1 step", "0 steps", "12,000 steps"."""
+    return f"{number:,} {noun if number == 1 else plural or f'{noun}s'}"

@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from usvauv.cli import words
+from usvauv.cli import tables
 from usvauv.env import Scenario
 from usvauv.env.world.boat_strategies import boat_strategies
 from usvauv.kernels.errors import choices
@@ -145,13 +145,13 @@ def test_what_can_be_reproduced_is_listed_with_its_time(tmp_path, run_usvauv):
     ],
 )
 def test_durations(seconds, exact, rough):
-    assert (words.duration(seconds), words.duration(seconds, rough=True)) == (exact, rough)
+    assert (tables.duration(seconds), tables.duration(seconds, rough=True)) == (exact, rough)
 
 
 def test_counts_and_sizes():
-    assert [words.counted(n, "step") for n in (0, 1, 2, 12000)] == ["0 steps", "1 step", "2 steps", "12,000 steps"]
-    assert words.counted(2, "entry", "entries") == "2 entries"
-    assert [words.size(n) for n in (10, 5e4, 1.25e6, 3e9)] == ["1 kB", "50 kB", "1.25 MB", "3 GB"]
+    assert [tables.counted(n, "step") for n in (0, 1, 2, 12000)] == ["0 steps", "1 step", "2 steps", "12,000 steps"]
+    assert tables.counted(2, "entry", "entries") == "2 entries"
+    assert [tables.size(n) for n in (10, 5e4, 1.25e6, 3e9)] == ["1 kB", "50 kB", "1.25 MB", "3 GB"]
 
 
 @pytest.mark.parametrize(

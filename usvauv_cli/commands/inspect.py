@@ -18,7 +18,7 @@ import typer
 
 from usvauv.cli.commands.options import Overrides, Plugins
 from usvauv.cli.letters import PLAIN
-from usvauv.cli.words import counted, duration
+from usvauv.cli.tables import counted, duration
 from usvauv.kernels.errors import UserError
 
 if TYPE_CHECKING:

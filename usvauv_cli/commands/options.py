@@ -131,7 +131,7 @@ Plugins = Annotated[
 def warn_team_size(name: str, scenario: Scenario) -> None:
     """Say so where a trained policy that ships was trained with another number of AUVs than a scenario has."""
     from usvauv import policies
-    from usvauv.cli.words import counted
+    from usvauv.cli.tables import counted
 
     if name in policies.trained():
         count, trained = scenario.auv.count, policies.load_learned(name).scenario.auv.count

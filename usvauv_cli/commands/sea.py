@@ -86,7 +86,7 @@ def sea(
 
     `usvauv sea --out calm.png --set storm.spectrum=none --set sea.irregular_rms=0.5`
     """
-    from usvauv.cli import console, words
+    from usvauv.cli import report, tables
     from usvauv.env import Scenario
     from usvauv.env.render.style import clock
     from usvauv.env.sea.simulation import SeaSimulation, cells
@@ -124,9 +124,9 @@ def sea(
         if not made:
             stop.raise_if_asked()
         expected = file.expected_bytes(records)
-        left, expected_size = words.duration((records - made) * pace, rough=True), words.size(expected)
+        left, expected_size = tables.duration((records - made) * pace, rough=True), tables.size(expected)
         typer.echo(f"this takes about {left}; the file will have about {expected_size}")
-        with console.progress("solving and writing", records) as advance:
+        with report.progress("solving and writing", records) as advance:
             advance(made)
             while made < records and not stop.asked:
                 try:
@@ -137,7 +137,7 @@ def sea(
                 file.add(water)
                 made += 1
                 advance(1)
-    cost = f"{words.size(out.stat().st_size)} in {words.duration(time.perf_counter() - begun, rough=True)}"
+    cost = f"{tables.size(out.stat().st_size)} in {tables.duration(time.perf_counter() - begun, rough=True)}"
     typer.echo(f"{ {'.mp4': 'video', '.nc': 'data'}.get(kind, 'figure') }: {out.resolve()} ({cost})")
     if made < records:
         typer.echo(f"stopped at {clock(water.time)} of {clock((records - 1) * interval)}; the file holds that much")
@@ -148,7 +148,7 @@ def sea(
 
 def describe(water: SeaSimulation, records: int) -> str:
     """Grid and time steps in two lines."""
-    from usvauv.cli.words import counted
+    from usvauv.cli.tables import counted
 
     area, (dx, dy) = water.scenario.area, water.spacing
     spacing = f"{dx:.3g} m" if abs(dx / dy - 1) < 1e-3 else f"{dx:.3g} × {dy:.3g} m"

@@ -66,7 +66,7 @@ def simulate(
     `usvauv simulate wide --compare usv=fim --out boats.mp4`
     """
     from usvauv import policies
-    from usvauv.cli import console, report
+    from usvauv.cli import report
     from usvauv.env import Scenario
     from usvauv.env.record.metrics import episode_metrics
     from usvauv.env.world.boat_strategies import StrategyChoice
@@ -94,7 +94,7 @@ def simulate(
         recorded.append(shown)
         if problem:
             break
-    with console.progress("drawing", len(video.moments(recorded))) as advance:
+    with report.progress("drawing", len(video.moments(recorded))) as advance:
         written = video.write(recorded, advance)
     if trace:
         recorded[0].save(trace)
@@ -133,7 +133,7 @@ def simulated(
 ) -> tuple[Trace, Diverged | None]:
     """The record of a mission on a finely resolved sea, and what ended it before its time."""
     from usvauv import policies
-    from usvauv.cli import console
+    from usvauv.cli import report
     from usvauv.env import World
     from usvauv.env.record.recorder import Diverged, record
     from usvauv.env.storage.memory import give_back
@@ -141,7 +141,7 @@ def simulated(
     world = World(run.scenario(scenario), 1, seed, run.usv, fine_sea=True, arch=arch)
     act = policies.acting(run.policy, world)
     steps = max(1, round(duration / world.scenario.mission.step)) if duration else world.steps
-    with console.progress("simulating", steps) as advance:
+    with report.progress("simulating", steps) as advance:
         try:
             return record(world, act, run.policy, steps=steps, surface=True, on_step=lambda _: advance(1)), None
         except Diverged as error:
@@ -189,8 +189,8 @@ def replay(
 
     `usvauv replay mission.nc --out mission.geojson`
     """
-    from usvauv.cli import console
-    from usvauv.cli.words import counted
+    from usvauv.cli import report
+    from usvauv.cli.tables import counted
     from usvauv.env import Trace
     from usvauv.env.exchange import geojson
 
@@ -218,7 +218,7 @@ def replay(
         geojson.write(out, features)
         typer.echo(f"{counted(len(features), 'feature')}: {out.resolve()}")
         return
-    with console.progress("drawing", len(video.moments(recorded))) as advance:
+    with report.progress("drawing", len(video.moments(recorded))) as advance:
         summary = video.write(recorded, advance)
     typer.echo(f"{counted(summary.frames, 'frame')}: {summary.path.resolve()}")
     for line in filter(None, (summary.part, summary.remark)):

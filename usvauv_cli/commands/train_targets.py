@@ -104,7 +104,7 @@ def train_targets(
 def _learn(trainer: DecisionTrainer, evaluations: Iterable[Progress], out: Path) -> None:
     """Train, with a line for each evaluation beside baselines in the same worlds; Ctrl-C keeps the run."""
     from usvauv.cli import tables
-    from usvauv.cli.words import duration
+    from usvauv.cli.tables import duration
 
     iterations, first = trainer.config.iterations, trainer.iteration
     against = ", ".join(f"{name} {trainer.evaluate_other(name):.1f}" for name in BASELINES)

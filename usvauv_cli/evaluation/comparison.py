@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from usvauv.cli import tables
-from usvauv.cli.words import counted
+from usvauv.cli.tables import counted
 from usvauv.env.record.metrics import COLUMNS, FIGURES
 from usvauv.env.scenario import Scenario
 from usvauv.env.storage.tables import Combination

@@ -19,7 +19,7 @@ from usvauv.cli.reproduction.runs import Settings, best
 from usvauv.cli.sweep.engine import Engine
 from usvauv.cli.sweep.perform import perform_all
 from usvauv.cli.sweep.run import Piece, seconds
-from usvauv.cli.words import counted, duration
+from usvauv.cli.tables import counted, duration
 from usvauv.env.scenario import Scenario
 from usvauv.env.storage.files import atomic_write, inside, locked
 from usvauv.kernels.errors import UserError, choices

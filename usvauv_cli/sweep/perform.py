@@ -24,7 +24,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
-from usvauv.cli import tables, words
+from usvauv.cli import tables
 from usvauv.cli.sweep.engine import LOST, THREADS, Ended, Engine, Local, Task, conduct, remove_signs, reported, signs_in
 from usvauv.cli.sweep.run import FAILURE, Piece, perform
 from usvauv.cli.sweep.study import Resources
@@ -259,11 +259,11 @@ def perform_all(
     left = {piece.key: piece for piece in pieces if not piece.finished(folder)}
     if not left:
         remove_signs(folder)  # of a killed command, whose runs went on elsewhere
-        print(f"nothing to do: {words.counted(len(pieces), 'run')} done already")
+        print(f"nothing to do: {tables.counted(len(pieces), 'run')} done already")
         return ""
     done = len(pieces) - len(left)
     print(
-        f"{len(left)} of {words.counted(len(pieces), 'run')} to do" + (f", {done} done already" if done else ""),
+        f"{len(left)} of {tables.counted(len(pieces), 'run')} to do" + (f", {done} done already" if done else ""),
         flush=True,
     )
     files = tuple(plugins.loaded())
@@ -297,7 +297,7 @@ def perform_all(
     if not board.failed:
         return ""
     where = folder / "runs"
-    failed = f"{board.failed} of {words.counted(len(pieces), 'run')} failed"
+    failed = f"{board.failed} of {tables.counted(len(pieces), 'run')} failed"
     return f"{failed}, see {where}/*/{FAILURE}; the same command tries them again"
 
 
@@ -345,7 +345,7 @@ class Board:
             how = f"failed: {result.words}" if bad else "done"
             line = f"{number}/{len(self._pieces)} {piece.method} in {piece.task}, seed {piece.seed}: {how}"
             left = self.bars.tasks[0].time_remaining
-            line += f", about {words.duration(left, rough=True)} left" if left and self.unfinished else ""
+            line += f", about {tables.duration(left, rough=True)} left" if left and self.unfinished else ""
             self._console.print(tables.wrapped(f"{line} ({result.name})", 2), soft_wrap=True)
 
     def update(self, done: Mapping[str, float]) -> None:

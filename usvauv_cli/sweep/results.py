@@ -26,8 +26,8 @@ from usvauv.cli.sweep.engine import Engine
 from usvauv.cli.sweep.perform import perform_all
 from usvauv.cli.sweep.run import FAILURE, Piece, seconds
 from usvauv.cli.sweep.study import Study
+from usvauv.cli.tables import counted
 from usvauv.cli.web_report import document
-from usvauv.cli.words import counted
 from usvauv.env.record.metrics import EpisodeMetrics
 from usvauv.env.render.plain_matplotlib import Axes, Figure, Line2D
 from usvauv.env.scenario import Scenario
