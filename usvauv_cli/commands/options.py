@@ -293,30 +293,22 @@ def parse_size(text: str) -> tuple[int, int]:
     return width, height
 
 
-def checked_video(
-    context: typer.Context,
-    out: Path,
-    size: str | None,
-    fps: int | None,
-    speedup: float | None,
-    view: str,
-    theme: str,
-    at: str | None,
-    follow: str | None,
-) -> Video:
-    """What the options ask for, checked before long work.
+def checked_video(context: typer.Context, out: Path) -> Video:
+    """What the options of a command about pictures ask for, checked before long work.
 
     Raises:
         UserError: an option has a value that is not allowed, or the file cannot be written.
     """
     from usvauv.env.render.video import ENDINGS, Video, usual
 
-    path = writable(context, out, "--out", ENDINGS)
+    given, path = context.params, writable(context, out, "--out", ENDINGS)
     pixels, most = usual(path)
-    moment = _parse_at(at) if at else None
-    pixels, most = parse_size(size) if size else pixels, most if fps is None else fps
+    moment = _parse_at(given["at"]) if given["at"] else None
+    pixels = parse_size(given["size"]) if given["size"] else pixels
+    most = most if given["fps"] is None else given["fps"]
     try:
-        return Video(path, view, theme, pixels, most, speedup, moment, follow or "")
+        follow = given["follow"] or ""
+        return Video(path, given["view"], given["theme"], pixels, most, given["speedup"], moment, follow)
     except UserError as error:
         raise UserError(f"--{error}") from None  # it begins with the option's name
 

@@ -73,7 +73,7 @@ def simulate(
 
     setting = Scenario.load(scenario, overrides or ())
     out = out or Path(f"usvauv-{setting.name}.mp4")
-    video = options.checked_video(context, out, size, fps, speedup, view, theme, at, follow)
+    video = options.checked_video(context, out)
     options.check_follow(video, setting)
     if trace:
         options.writable(context, trace, "--trace", (".nc",))
@@ -204,7 +204,7 @@ def replay(
         raise UserError(f"--follow {follow}: {out} shows the whole area")
     if mapped:
         options.writable(context, out, "--out", (geojson.ENDING,))
-    video = None if mapped else options.checked_video(context, out, size, fps, speedup, view, theme, at, follow)
+    video = None if mapped else options.checked_video(context, out)
     recorded = [Trace.load(path) for path in traces]
     for path, trace in zip(traces, recorded, strict=True):
         worlds = trace.power.shape[1]

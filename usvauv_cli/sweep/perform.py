@@ -1,4 +1,4 @@
-"""Runs on an engine until all are done or Ctrl-C, shown in the terminal: bars, elsewhere a line for each run that ends.
+"""Runs on an engine until all are done or Ctrl-C, shown in the terminal: a bar, and a line for each run that ends.
 
 Engines of several machines are Ray Core, and Slurm through submitit; extra `scale`. The nodes share the folder of the
 results and can import usvauv. Ray itself runs a task again whose node is lost. `squeue` says whether a job of Slurm has
@@ -22,13 +22,12 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
 from usvauv.cli import tables
 from usvauv.cli.sweep.engine import LOST, THREADS, Ended, Engine, Local, Task, conduct, remove_signs, reported, signs_in
 from usvauv.cli.sweep.run import FAILURE, Piece, perform
 from usvauv.cli.sweep.study import Resources
-from usvauv.cli.sweep.summary import LONGEST
 from usvauv.env import plugins
 from usvauv.env.storage import memory
 from usvauv.env.storage.files import atomic_write, inside
@@ -41,7 +40,6 @@ SETTINGS = {"RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO": "0", "RAY_USAGE_STATS_ENABLED"
 LOOK = 0.2  # seconds between two looks for results
 ASK = 10.0  # seconds between two questions to Slurm; a job without a result that has ended at two of them is lost
 
-MOST_ROWS = 14  # of running runs
 RECENT = 300.0  # seconds of work by which the time of the rest is estimated
 MOST_JOBS = 1000  # of a Slurm array at a time, unless told otherwise
 
@@ -268,7 +266,7 @@ def perform_all(
     )
     files = tuple(plugins.loaded())
     board = Board(list(left.values()))
-    with signs_in(folder) as signs, board.bars:
+    with signs_in(folder) as signs, board.bar:
 
         def ended(result: Ended) -> None:
             if result.how != "done":
@@ -302,25 +300,23 @@ def perform_all(
 
 
 class Board:
-    """Shows runs while `bars` are a context.
+    """Shows how far runs are while `bar` is a context, and a line for each that ends.
 
     Attributes:
         unfinished: keys of the runs that have not ended.
         failed: number of those that failed.
-        bars: of all work and of the runs that have begun.
+        bar: of all work.
     """
 
     def __init__(self, pieces: Sequence[Piece]) -> None:
         self._pieces = {piece.key: piece for piece in pieces}
         self._work = {key: piece.work for key, piece in self._pieces.items()}
-        self._short = tables.shortened([name for piece in pieces for name in (piece.method, piece.task)], LONGEST)
         self.unfinished = dict.fromkeys(self._pieces)
         self.failed = 0
         self._done = dict[str, float]()  # work by run
-        self._rows = dict[str, TaskID]()
         self._console = Console(markup=False, emoji=False, highlight=False)
-        self.bars = Progress(
-            *(TextColumn(f"{{task.{field}}}", markup=False) for field in ("description", "fields[task]")),
+        self.bar = Progress(
+            TextColumn("{task.description}", markup=False),
             BarColumn(8),
             TaskProgressColumn(),
             TimeRemainingColumn(),
@@ -329,40 +325,27 @@ class Board:
             disable=not self._console.is_terminal,
             speed_estimate_period=RECENT,
         )
-        self._all = self.bars.add_task("", total=sum(self._work.values()), task="")
+        self._all = self.bar.add_task("", total=sum(self._work.values()))
         self.update({})
 
     def ended(self, result: Ended) -> None:
-        """Show that a run has ended; the last line of one that failed stays."""
+        """Show that a run has ended."""
         del self.unfinished[result.name]
-        if result.name in self._rows:
-            self.bars.remove_task(self._rows.pop(result.name))
         bad = result.how != "done"
         self.failed += bad
         self.update({result.name: self._work[result.name]})
-        if bad or not self._console.is_terminal:
-            piece, number = self._pieces[result.name], len(self._pieces) - len(self.unfinished)
-            how = f"failed: {result.words}" if bad else "done"
-            line = f"{number}/{len(self._pieces)} {piece.method} in {piece.task}, seed {piece.seed}: {how}"
-            left = self.bars.tasks[0].time_remaining
-            line += f", about {tables.duration(left, rough=True)} left" if left and self.unfinished else ""
-            self._console.print(tables.wrapped(f"{line} ({result.name})", 2), soft_wrap=True)
+        piece, number = self._pieces[result.name], len(self._pieces) - len(self.unfinished)
+        how = f"failed: {result.words}" if bad else "done"
+        line = f"{number}/{len(self._pieces)} {piece.method} in {piece.task}, seed {piece.seed}: {how}"
+        left = self.bar.tasks[0].time_remaining
+        line += f", about {tables.duration(left, rough=True)} left" if left and self.unfinished else ""
+        self._console.print(tables.wrapped(f"{line} ({result.name})", 2), soft_wrap=True)
 
     def update(self, done: Mapping[str, float]) -> None:
         """Show how much work is done of runs."""
         self._done |= done
-        for key, units in done.items():
-            if key in self.unfinished:
-                if key not in self._rows:
-                    piece = self._pieces[key]
-                    method, task = (self._short[name] for name in (piece.method, piece.task))
-                    self._rows[key] = self.bars.add_task(method, total=self._work[key], task=f"{task} {piece.seed}")
-                self.bars.update(self._rows[key], completed=min(units, self._work[key]))
-        for place, row in enumerate(self._rows.values()):
-            self.bars.update(row, visible=place < MOST_ROWS)
-        count, waiting = len(self._pieces), len(self.unfinished) - len(self._rows)
-        ended = count - len(self.unfinished)
-        state = f"{len(self._rows)} running, {waiting} waiting, {self.failed} failed"
-        self.bars.update(
-            self._all, completed=sum(self._done.values()), description=f"{ended} of {count} ended", task=state
-        )
+        running = len(self.unfinished.keys() & self._done.keys())
+        count, waiting = len(self._pieces), len(self.unfinished) - running
+        ended = f"{count - len(self.unfinished)} of {count} ended"
+        state = f"{ended}, {running} running, {waiting} waiting, {self.failed} failed"
+        self.bar.update(self._all, completed=sum(self._done.values()), description=state)
