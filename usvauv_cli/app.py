@@ -14,17 +14,41 @@ import errno
 import gc
 import io
 import os
+import re
 import signal
 import sys
 import threading
+import unicodedata
 from typing import Any, NoReturn
 
-from usvauv.cli.letters import PLAIN
 from usvauv.kernels.errors import TRACEBACK, UserError
 from usvauv.kernels.interruption import PATIENCE, SIGNALS, SIGPIPE, Interrupted, Interruption, in_thread
 
 FAILED = 2
 LEADS = "WORLD_SIZE" not in os.environ or os.environ.get("RANK", "0") == "0"  # what launchers of several processes set
+
+PLAIN = "usvauv.plain"  # handler of errors of an encoding
+SIGNS = {
+    **dict.fromkeys("−–—‐⁻₋─━╺╸", "-"),
+    "×": "x",
+    "·": ".",
+    "±": "+/-",
+    "→": "->",
+    "°": " deg",
+    "≤": "<=",
+    "≥": ">=",
+    "∞": "inf",
+    "√": "sqrt",
+    "µ": "u",
+    "’": "'",
+    "′": "'",
+    "“": '"',
+    "”": '"',
+    "″": '"',
+    "•": "*",
+    "│": "|",
+}
+GREEK = re.compile(r"GREEK (SMALL|CAPITAL) LETTER (\w+)")
 
 
 class _Output(io.FileIO):
@@ -152,3 +176,23 @@ def _in_callback(about: sys.UnraisableHookArgs) -> None:
     again = threading.Timer(1.1 * PATIENCE, signal.raise_signal, (about.exc_value.signum,))
     again.daemon = True
     again.start()
+
+
+def plain(letter: str) -> str:
+    """A letter in ASCII; `?` for one of another script."""
+    greek = GREEK.fullmatch(unicodedata.name(letter, ""))
+    if greek:
+        return greek[2].lower() if greek[1] == "SMALL" else greek[2].capitalize()
+    return SIGNS.get(letter) or unicodedata.normalize("NFKD", letter).encode("ascii", "ignore").decode() or "?"
+
+
+def _replaced(error: UnicodeError) -> tuple[str | bytes, int]:
+    """The first letter that cannot be encoded, made plain; a byte of a file's name that is no text stays as it is."""
+    assert isinstance(error, UnicodeEncodeError)
+    letter = error.object[error.start]
+    if "\udc80" <= letter <= "\udcff" and not error.encoding.startswith(("utf-16", "utf-32")):
+        return bytes([ord(letter) - 0xDC00]), error.start + 1
+    return plain(letter), error.start + 1
+
+
+codecs.register_error(PLAIN, _replaced)

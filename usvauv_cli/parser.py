@@ -10,7 +10,7 @@ from typing import Annotated
 
 import typer
 
-from usvauv.cli.commands import evaluate, export, inspect, plan, sea, simulate, train, train_targets
+from usvauv.cli.commands import evaluate, inspect, plan, sea, simulate, train, train_targets
 
 app = typer.Typer(
     name="usvauv",
@@ -26,7 +26,7 @@ app.command("live")(simulate.live)
 app.command("train")(train.train)
 app.command("train-targets")(train_targets.train_targets)
 app.command("eval")(evaluate.evaluate)
-app.command("export")(export.export)
+app.command("export")(simulate.export)
 app.command("sweep")(evaluate.sweep)
 app.command("reproduce")(evaluate.reproduce)
 app.command("plan")(plan.plan)

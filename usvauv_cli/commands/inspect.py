@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from usvauv.cli.app import PLAIN
 from usvauv.cli.commands.options import Overrides, Plugins
-from usvauv.cli.letters import PLAIN
 from usvauv.cli.tables import counted, duration
 from usvauv.kernels.errors import UserError
 
