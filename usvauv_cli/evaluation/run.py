@@ -119,9 +119,6 @@ def run(
     """Run what the table does not have yet.
 
     Args:
-        scenarios: of each combination; they differ in their target rules.
-        policies: by name.
-        episodes: of each combination, at most.
         size: worlds of a batch.
         seed, arch: as `World` takes them.
         table: gets the rows.

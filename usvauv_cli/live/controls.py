@@ -63,13 +63,7 @@ class Requests:
 
 
 class Controls:
-    """The panel of a session; what is done in the tab waits in `requests` until `serve_requests` does it.
-
-    Args:
-        server: a `viser.ViserServer`.
-        session: what is controlled.
-        scene: of the same server.
-    """
+    """The panel of a session; what is done in the tab waits in `requests` until `serve_requests` does it."""
 
     def __init__(self, server: Any, session: Session, scene: Scene) -> None:
         self._server, self._session, self._scene = server, session, scene

@@ -61,10 +61,6 @@ def rgb(colour: Iterable[float]) -> tuple[int, int, int]:
 class Scene:
     """Draws moments of a session on a viser server.
 
-    Args:
-        server: a `viser.ViserServer`.
-        session: what is drawn.
-
     Attributes:
         sea: handle of its surface. boats: of the boats' hulls. nodes: of the nodes, one instance each.
     """

@@ -132,13 +132,6 @@ SLIDERS: dict[str, Slider] = {
 class Session:
     """World 0 of a seed in a scenario, stepped as the time that is shown goes on.
 
-    Args:
-        scenario: what to simulate.
-        seed: as of `World`.
-        usv: strategy of the boats; default the scenario's.
-        policy: of the AUVs, by name.
-        arch: as of `World`.
-
     Attributes:
         world: as it is now; another one after `set_strategy` and `set_rule`.
         grid: points of the surface that is drawn.

@@ -78,12 +78,7 @@ def letter_of(i: int) -> str:
 
 @plain()
 def draw(result: Plan, landscape: Landscape, path: Path) -> None:
-    """Draw the result of a plan and save it, the format by the file's suffix.
-
-    Args:
-        result, landscape: of `usvauv.env.planning.plan.solve`.
-        path: file to write.
-    """
+    """Draw the result of a plan and save it, the format by the file's suffix."""
     width, length = result.area.width, result.area.length
     # Inches: the map within 6 × 6; beside it colour bar and legend, whose rows set the least height; above, the title.
     across, along = (MAP * side / max(width, length) for side in (width, length))

@@ -86,17 +86,6 @@ def reproduce(
 ) -> Path:
     """Train and evaluate what a target needs and is not there yet, write its tables, figures and page.
 
-    Args:
-        target: one of `TARGETS`.
-        settings: of the reproduction.
-        folder: of all results; it exists.
-        make_engine: called if something is left.
-        threads: of a run.
-        command: command line that makes the page, printed on it.
-
-    Returns:
-        Path of the page.
-
     Raises:
         UserError: unknown target, or a run failed; all others are done.
         KeyboardInterrupt: after Ctrl-C, when everything is saved.

@@ -43,13 +43,6 @@ LEAST_CREST = 0.05  # wanted height of drawn crests over the shorter side
 class Block:
     """Draws the surface, two sides of the water below it, its dimensions and a section line.
 
-    Args:
-        area: the area of the sea.
-        room: rectangle of the frame to draw in.
-        layout: of the frame.
-        sample: elevations to expect, (T, Y, X) m.
-        reach: largest elevation to expect, m.
-
     Attributes:
         note: vertical exaggeration in words.
     """
@@ -176,15 +169,7 @@ class Block:
 
 
 class SeaPainter:
-    """Draws the frames of a sea, in order of time.
-
-    Args:
-        sea: at its start.
-        expected: elevations that the scales are fitted to, (T, Y, X) m.
-        frames: number of frames of the video.
-        size: width and height of a frame, pixels.
-        fps: frames a second.
-    """
+    """Draws the frames of a sea, in order of time; scales are fitted to the elevations expected, (T, Y, X) m."""
 
     def __init__(self, sea: SeaSimulation, expected: np.ndarray, frames: int, size: tuple[int, int], fps: int) -> None:
         area = sea.scenario.area

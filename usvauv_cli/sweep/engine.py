@@ -193,15 +193,7 @@ def conduct(
     ended: Callable[[Ended], None],
     watch: Callable[[], None] = lambda: None,
 ) -> None:
-    """Run tasks and close the engine. Whatever ends it early, as Ctrl-C does, asks those that run to stop, and waits.
-
-    Args:
-        engine: runs them.
-        tasks: of different names.
-        signs: folder of their signs.
-        ended: called with each result that is final.
-        watch: called several times a second.
-    """
+    """Run tasks and close the engine. What ends it early, as Ctrl-C does, asks those that run to stop, and waits."""
     left, attempts = {task.name: task for task in tasks}, Counter()
 
     def collect() -> Iterator[Ended]:

@@ -244,13 +244,6 @@ def perform_all(
 ) -> str:
     """Do what is left of runs; returns which failed in words, empty if none did. The others are done then.
 
-    Args:
-        pieces: runs of different definitions.
-        folder: of everything; it exists and is locked.
-        make_engine: called if something is left.
-        threads: of a run.
-        arch: as `usvauv.kernels.runtime.start` takes it.
-
     Raises:
         KeyboardInterrupt: after Ctrl-C, when what was running is saved.
     """

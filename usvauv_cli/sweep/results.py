@@ -52,11 +52,6 @@ LONGEST, WORDS = 40, 240  # letters of a name in a figure, of a failure
 def sweep(study: Study, folder: Path, make_engine: Callable[[], Engine]) -> None:
     """Do what is left of a study, write its tables and print its summary.
 
-    Args:
-        study: what is wanted.
-        folder: of everything; it exists.
-        make_engine: called if something is left.
-
     Raises:
         UserError: a run failed; all others are done.
         KeyboardInterrupt: after Ctrl-C, when what was running is saved.

@@ -83,17 +83,6 @@ def write(
 ) -> Path:
     """Write the PDFs, then the page; each file appears only when it is complete.
 
-    Args:
-        folder: which is there.
-        scenario: what was run, but for the target rule.
-        seed: of the worlds.
-        comparison: of all combinations, with the points of their first `front_episodes`.
-        recordings: of the same evaluation.
-        score: figure of the sentences in the head, by default `headline`.
-
-    Returns:
-        The page.
-
     Raises:
         OutputError: a file cannot be written.
     """
