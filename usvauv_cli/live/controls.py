@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-import threading
 import time
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from functools import partial
+from queue import SimpleQueue
+from typing import Any
 
 import numpy as np
 
@@ -35,39 +36,12 @@ Drag the boat or a node to move it. Shift and click: the nearest node moves ther
 """
 
 
-class Request(NamedTuple):
-    """An action, and the status line while it runs, empty for short actions."""
-
-    action: Callable[[], None]
-    meanwhile: str = ""
-
-
-class Requests:
-    """Requests by what they are about, in the order of coming; a later one takes the place of one not done yet."""
-
-    def __init__(self) -> None:
-        self._lock = threading.Lock()
-        self._waiting: dict[str, Request] = {}
-
-    def put(self, about: str, action: Callable[[], None], meanwhile: str = "") -> None:
-        """Add a request; from any thread."""
-        with self._lock:
-            self._waiting.pop(about, None)
-            self._waiting[about] = Request(action, meanwhile)
-
-    def take(self) -> list[Request]:
-        """Remove and return all waiting requests."""
-        with self._lock:
-            waiting, self._waiting = self._waiting, {}
-        return list(waiting.values())
-
-
 class Controls:
-    """The panel of a session; what is done in the tab waits in `requests` until `serve_requests` does it."""
+    """The panel of a session; what is done in the tab waits until `serve_requests` does it."""
 
     def __init__(self, server: Any, session: Session, scene: Scene) -> None:
         self._server, self._session, self._scene = server, session, scene
-        self.requests = Requests()
+        self._waiting: SimpleQueue[tuple[str, Callable[[], None], str]] = SimpleQueue()
         self._next_status = self._next_figures = 0.0
         self._pictures, self._since, self._since_time = 0, time.perf_counter(), 0.0
         gui = server.gui
@@ -78,7 +52,7 @@ class Controls:
         self._status = gui.add_markdown("")
         self._add_time(gui)
         views = gui.add_button_group("View", ("Perspective", "Map"))
-        views.on_click(lambda event: self.requests.put("view", lambda: self._look(event.client, views.value == "Map")))
+        views.on_click(lambda event: self._ask("view", lambda: self._look(event.client, views.value == "Map")))
         self._plot = self._add_plot(gui)
         with gui.add_folder("Sea and sound"):
             self._sliders = {name: self._add_slider(gui, name) for name in session.values}
@@ -101,56 +75,55 @@ class Controls:
     def _add_time(self, gui: Any) -> None:
         session = self._session
         self._run = gui.add_button("Pause")
-        self._run.on_click(lambda _: self.requests.put("run", self._pause_or_run))
+        self._run.on_click(lambda _: self._ask("run", self._pause_or_run))
         speed = gui.add_dropdown("Speed", tuple(SPEEDS), initial_value="1 ×")
 
         def set_speed() -> None:
             session.speed = SPEEDS[speed.value]
 
-        speed.on_update(lambda _: self.requests.put("speed", set_speed))
+        speed.on_update(lambda _: self._ask("speed", set_speed))
         span = MOST_STATES * session.scenario.mission.step
         self._back = gui.add_slider(
             "Past, s", -span, 0.0, session.scenario.mission.step, 0.0, hint="Shows what was; Run goes on from now"
         )
+        self._on_change(self._back, "back", lambda seconds: session.look_back(-seconds))
 
-        def look_back(event: Any) -> None:
+    def _ask(self, about: str, action: Callable[[], None], meanwhile: str = "") -> None:
+        """Let an action wait, from any thread; `meanwhile` is the status line while it runs, empty for short ones."""
+        self._waiting.put((about, action, meanwhile))
+
+    def _on_change(self, handle: Any, about: str, choose: Callable[[Any], None], meanwhile: str = "") -> None:
+        """Ask for something with the value of a handle when a tab changes it."""
+
+        def change(event: Any) -> None:
             if event.client is not None:  # not when the panel itself sets it
-                self.requests.put("back", lambda: session.look_back(-self._back.value))
+                self._ask(about, lambda: choose(handle.value), meanwhile)
 
-        self._back.on_update(look_back)
+        handle.on_update(change)
 
     def _add_slider(self, gui: Any, name: str) -> Any:
         session, slider = self._session, SLIDERS[name]
         bounds = slider.bounds(session.scenario)
         assert bounds is not None, name
         handle = gui.add_slider(slider.label, *bounds, slider.step, session.values[name], hint=slider.hint)
-
-        def change(event: Any) -> None:
-            if event.client is not None:
-                self.requests.put(name, lambda: session.set(name, handle.value))
-
-        handle.on_update(change)
+        self._on_change(handle, name, partial(session.set, name))
         return handle
 
     def _add_choice(
         self, gui: Any, label: str, options: list[str], choose: Callable[[str], None], meanwhile: str
     ) -> Any:
         handle = gui.add_dropdown(label, tuple(options), initial_value=options[0])
-
-        def change(event: Any) -> None:
-            if event.client is not None:
-                self.requests.put(label, lambda: choose(handle.value), meanwhile)
-
-        handle.on_update(change)
+        self._on_change(handle, label, choose, meanwhile)
         return handle
 
     def _add_plot(self, gui: Any) -> Any:
         from viser import uplot
 
-        colours = [f"#{red:02x}{green:02x}{blue:02x}" for blue, green, red in map(auv_colour, range(self._num_auvs))]
+        count = self._session.scenario.auv.count
+        colours = [f"#{red:02x}{green:02x}{blue:02x}" for blue, green, red in map(auv_colour, range(count))]
         axis = uplot.Axis(stroke="#9ab", grid={"stroke": "#345", "width": 1})
         return gui.add_uplot(
-            (np.zeros(1), *[np.zeros(1)] * self._num_auvs),
+            (np.zeros(1), *[np.zeros(1)] * count),
             (
                 uplot.Series(label="s"),
                 *(uplot.Series(label=f"AUV {k + 1}", stroke=colour, width=2) for k, colour in enumerate(colours)),
@@ -161,10 +134,6 @@ class Controls:
             axes=(axis, axis),
             height=170,
         )
-
-    @property
-    def _num_auvs(self) -> int:
-        return self._session.scenario.auv.count
 
     def _listen_to_scene(self) -> None:
         session, depth = self._session, self._session.scenario.area.depth
@@ -178,7 +147,7 @@ class Controls:
                 camera, chosen = event.client.camera.position, event.instance_index if index is None else index
                 to(move, meeting(camera, np.array(event.end_position) - camera, height), chosen)
 
-            return lambda event: self.requests.put(about, lambda: moved(event))
+            return lambda event: self._ask(about, lambda: moved(event))
 
         for b, boat in enumerate(self._scene.boats):
             boat.on_drag(drag("boat", session.move_boat, 0.0, b))
@@ -188,7 +157,7 @@ class Controls:
             def clicked(event: Any) -> None:
                 to(move, meeting(np.array(event.ray_origin), np.array(event.ray_direction), height))
 
-            return lambda event: self.requests.put(about, lambda: clicked(event))
+            return lambda event: self._ask(about, lambda: clicked(event))
 
         self._server.scene.on_click(modifier="shift")(click("node", session.move_node, -depth))
         self._server.scene.on_click(modifier="cmd/ctrl")(click("boat", session.move_boat, 0.0))
@@ -221,12 +190,19 @@ class Controls:
                 setattr(client.camera, name, value)
 
     def serve_requests(self) -> None:
-        """Carry out the waiting requests; the tab shows refusals, and the panel the values now in force."""
-        for request in self.requests.take():
-            if request.meanwhile:
-                self._status.content = f"**{clock(self._session.time)}** {request.meanwhile}"
+        """Carry out what waits, of several requests about the same the last; the tab shows refusals, and the panel the
+        values now in force.
+        """
+        waiting: dict[str, tuple[Callable[[], None], str]] = {}
+        while not self._waiting.empty():
+            about, action, meanwhile = self._waiting.get()
+            waiting.pop(about, None)
+            waiting[about] = action, meanwhile
+        for action, meanwhile in waiting.values():
+            if meanwhile:
+                self._status.content = f"**{clock(self._session.time)}** {meanwhile}"
             try:
-                request.action()
+                action()
             except (UserError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
                 # The last ones of messages that no page of viser's sends, or of a tab that has been closed.
                 for client in self._server.get_clients().values():

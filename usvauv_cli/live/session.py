@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -136,6 +137,7 @@ class Session:
         world: as it is now; another one after `set_strategy` and `set_rule`.
         grid: points of the surface that is drawn.
         history: the last states.
+        values: of the sliders that this scenario has, by name.
         paused: whether the mission stands still.
         speed: times real time; infinite: as fast as possible.
         back: how far before the latest state the shown one lies, s; 0: what is shown goes on.
@@ -152,7 +154,7 @@ class Session:
         policies.check(self.policy, scenario)
         strategy = StrategyChoice.parse(usv, scenario).name
         self._loaded = scenario = changed(scenario, {"boat": {"strategy": strategy}})
-        self._values = {name: slider.value(scenario) for name, slider in SLIDERS.items() if slider.bounds(scenario)}
+        self.values = {name: slider.value(scenario) for name, slider in SLIDERS.items() if slider.bounds(scenario)}
         self._arch = arch
         self.world = World(scenario, 1, seed, fine_sea=True, arch=arch)
         require(trace_bytes(self.world, self.world.steps), f"a record of {self.world.steps} steps")
@@ -181,11 +183,6 @@ class Session:
     def scenario(self) -> Scenario:
         """What is simulated, with what has been changed."""
         return self.world.scenario
-
-    @property
-    def values(self) -> Mapping[str, float]:
-        """Values of the sliders that this scenario has, by name."""
-        return self._values
 
     @property
     def time(self) -> float:
@@ -303,45 +300,28 @@ class Session:
         Raises:
             ScenarioError: the scenario cannot have this value.
         """
-        self._adjust({**self._values, name: value})
-
-    def _adjust(self, values: dict[str, float]) -> None:
-        scenario = self.scenario
-        for name, value in values.items():
-            scenario = changed(scenario, SLIDERS[name].changes(self._loaded, value))
+        scenario, values = self.scenario, {**self.values, name: value}
+        for which, number in values.items():
+            scenario = changed(scenario, SLIDERS[which].changes(self._loaded, number))
         self.world.set_parameters(scenario)
-        self._values = values
+        self.values = values
 
     def strategies(self) -> list[str]:
         """Strategies of the boat that can be chosen here, the present one first."""
         area = self.scenario.area
         given = {"hold": f"hold:{area.width / 2:g},{area.length / 2:g}"}
         names = [given.get(name, name) for name in boat_strategies if name != AGENT]
-        return _first(self.world.strategy.name, [name for name in names if self._usable(name)])
-
-    def _usable(self, strategy: str) -> bool:
-        try:
-            StrategyChoice.parse(strategy, self.scenario)
-        except UserError:
-            return False
-        return True
+        return _choices(self.world.strategy.name, names, lambda name: StrategyChoice.parse(name, self.scenario))
 
     def rules(self) -> list[str]:
         """Target rules that can be chosen here, the present one first; none in a task without them."""
         if self.scenario.task_definition.targets != "nodes":
             return []
-        return _first(self.scenario.nodes.target_rule, [name for name, rule in target_rules.items() if not rule.read])
+        return _choices(self.scenario.nodes.target_rule, [name for name, rule in target_rules.items() if not rule.read])
 
     def policies(self) -> list[str]:
         """Policies that can be chosen here, the present one first."""
-        names = []
-        for name in policies.available():
-            try:
-                policies.check(name, self.scenario)
-            except UserError:
-                continue
-            names.append(name)
-        return _first(self.policy, names)
+        return _choices(self.policy, policies.available(), lambda name: policies.check(name, self.scenario))
 
     def set_policy(self, name: str) -> None:
         """Let another policy act from the next step on.
@@ -419,5 +399,11 @@ def changed(scenario: Scenario, changes: Mapping[str, Mapping[str, Any]]) -> Sce
     return Scenario.from_dict(data, scenario.name)
 
 
-def _first(present: str, names: Sequence[str]) -> list[str]:
-    return [present, *(name for name in names if name != present)]
+def _choices(present: str, names: Iterable[str], check: Callable[[str], Any] = lambda name: None) -> list[str]:
+    """The present name, then the others that a check does not refuse."""
+    found = [present]
+    for name in names:
+        with suppress(UserError):
+            check(name)
+            found += [name] if name != present else []
+    return found
