@@ -10,11 +10,6 @@ import textwrap
 from collections.abc import Collection, Iterable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from rich import box
-from rich.console import Console
-from rich.measure import Measurement
-from rich.table import Table
-
 if TYPE_CHECKING:
     from usvauv.env.scenario import Scenario
 
@@ -24,6 +19,8 @@ UNLIMITED = 100_000
 
 def width() -> int:
     """Columns of the terminal that is standard output; `WIDTH` where it is none."""
+    from rich.console import Console  # here, as it takes long to import
+
     console = Console()
     return console.width if console.is_terminal else WIDTH
 
@@ -58,6 +55,11 @@ def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]], names: i
         names: number of leading columns that hold names; they are aligned left and repeated in each part.
         limit: columns of text; by default `width()`.
     """
+    from rich import box
+    from rich.console import Console
+    from rich.measure import Measurement
+    from rich.table import Table
+
     limit = limit or width()
     console = Console(width=UNLIMITED, markup=False, emoji=False)
 

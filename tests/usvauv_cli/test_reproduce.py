@@ -15,7 +15,7 @@ import pytest
 from tests.usvauv_cli.work import Here
 from usvauv import policies
 from usvauv.cli.reproduction import collaboration, fig4, learning, page, paper
-from usvauv.cli.reproduction.runs import FULL, METHODS, Settings, heuristic, learned
+from usvauv.cli.reproduction.paper import FULL, METHODS, Settings, heuristic, learned
 from usvauv.env.storage.tables import read_rows, write_rows
 
 TINY_RUN = {"num_worlds": 4, "hidden": (8,), "batch": 16, "warmup": 40, "n_step": 2, "replay": 400}

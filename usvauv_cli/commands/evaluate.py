@@ -268,7 +268,7 @@ def reproduce(
     """
     from usvauv.cli.commands.inspect import show
     from usvauv.cli.reproduction.page import listed, reproduce
-    from usvauv.cli.reproduction.runs import FULL, QUICK
+    from usvauv.cli.reproduction.paper import FULL, QUICK
     from usvauv.cli.sweep.perform import engine
     from usvauv.cli.sweep.study import Resources
     from usvauv.cli.tables import duration

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from usvauv.cli.evaluation.comparison import interval
-from usvauv.cli.reproduction.paper import markdown_table, picture_pair, rounded, spread, titled_figure
-from usvauv.cli.reproduction.runs import Settings
+from usvauv.cli.reproduction.paper import Settings, markdown_table, picture_pair, rounded, spread, titled_figure
 from usvauv.cli.sweep.run import Piece
 from usvauv.cli.sweep.study import Evaluation, StudyRun, define
 from usvauv.env.render.figures import write_pair

@@ -12,8 +12,6 @@ import torch
 
 from usvauv import policies
 from usvauv.cli.reproduction import paper
-from usvauv.cli.reproduction.paper import PHYSICAL, markdown_table, rounded
-from usvauv.cli.reproduction.runs import BOUND, OVER_TIME, STRATEGIES, Settings, best, fix_errors, learned
 from usvauv.cli.sweep.run import Piece
 from usvauv.env import Trace, World
 from usvauv.env.record.metrics import episode_metrics
@@ -27,7 +25,7 @@ from usvauv.kernels.flow import vortex
 from usvauv.policies import checkpoint
 
 ESC = paper.CONDITIONS["ESC"]
-SCENARIOS = (ESC, PHYSICAL)
+SCENARIOS = (ESC, paper.PHYSICAL)
 METHOD = "ddpg"  # whose policy steers in Fig. 4(a)
 TRACKS = ("scenario", "time", "vehicle", "x", "y")
 ARROWS = 11  # a side
@@ -37,16 +35,16 @@ SUMMARY = ("scenario", "strategy", "episodes", "median", "low95", "high95", "p95
 RESAMPLES = 4000
 
 
-def track_runs(settings: Settings) -> list[Piece]:
+def track_runs(settings: paper.Settings) -> list[Piece]:
     """The runs that Fig. 4(a) needs, beside the two episodes."""
-    return [learned(settings, METHOD, ESC, seed) for seed in settings.seeds]
+    return [paper.learned(settings, METHOD, ESC, seed) for seed in settings.seeds]
 
 
-def voyages(settings: Settings, folder: Path) -> dict[str, Trace]:
+def voyages(settings: paper.Settings, folder: Path) -> dict[str, Trace]:
     """Scenario → trace of the first episode of `test_seed` with the run whose best policy scored highest in its
     evaluations; kept as NetCDF and not simulated again.
     """
-    run = max(track_runs(settings), key=lambda run: best(run, folder)["score"])
+    run = max(track_runs(settings), key=lambda run: paper.best(run, folder)["score"])
     traces = {}
     for name in SCENARIOS:
         path = run.place(folder) / f"voyage-{name}.nc"
@@ -59,7 +57,7 @@ def voyages(settings: Settings, folder: Path) -> dict[str, Trace]:
     return traces
 
 
-def make_tracks(settings: Settings, folder: Path, place: Path) -> str:
+def make_tracks(settings: paper.Settings, folder: Path, place: Path) -> str:
     """Write fig4a.csv, a pair of .png, and .pdf; returns the section of the page: the episodes and their figures."""
     traces = voyages(settings, folder)
     write_rows(place / "fig4a.csv", TRACKS, (row for item in traces.items() for row in _rows(*item)))
@@ -68,22 +66,24 @@ def make_tracks(settings: Settings, folder: Path, place: Path) -> str:
     cells = (
         [
             f"`{name}`",
-            *(rounded(getattr(row, figure)) for figure in paper.FIGURES),
+            *(paper.rounded(getattr(row, figure)) for figure in paper.FIGURES),
             str(row.services),
             str(row.collisions),
             str(row.border),
-            rounded(row.position_error_median, 3),
+            paper.rounded(row.position_error_median, 3),
         ]
         for name, row in episodes.items()
     )
     policy = next(iter(episodes.values())).policy
     parts = [
         "## Fig. 4(a)",
-        f"One episode in ESC and, with the same policy, one in `{PHYSICAL}`, whose currents it was never trained"
+        f"One episode in ESC and, with the same policy, one in `{paper.PHYSICAL}`, whose currents it was never trained"
         f" in. Policy: {policy}, the run whose best policy scored highest on the worlds it was chosen by. The paper"
         " gives no numbers for its trajectories.",
         paper.picture_pair("fig4a", "Trajectories of AUVs and USV"),
-        markdown_table(["", "SDR", "EC", "ARPS", "services", "collisions", "refused moves", "median error, m"], cells),
+        paper.markdown_table(
+            ["", "SDR", "EC", "ARPS", "services", "collisions", "refused moves", "median error, m"], cells
+        ),
     ]
     return "\n\n".join(parts)
 
@@ -166,31 +166,31 @@ def _current(axes: Axes, trace: Trace, ground: Ground) -> None:
     )  # fmt: skip
 
 
-def error_runs(settings: Settings) -> list[Piece]:
+def error_runs(settings: paper.Settings) -> list[Piece]:
     """The runs that Fig. 4(b) needs."""
-    return [fix_errors(settings, scenario, usv) for scenario in SCENARIOS for usv in STRATEGIES]
+    return [paper.fix_errors(settings, scenario, usv) for scenario in SCENARIOS for usv in paper.STRATEGIES]
 
 
-def make_errors(settings: Settings, folder: Path, place: Path) -> str:
+def make_errors(settings: paper.Settings, folder: Path, place: Path) -> str:
     """Write fig4b.csv (levels), fig4b-over-time.csv, a pair of .png, and .pdf; returns the section of the page: levels
     beside the paper's and the bound.
     """
     levels, over_time = [], {}
     for scenario in SCENARIOS:
-        for strategy in (*STRATEGIES, BOUND):
-            run = fix_errors(settings, scenario, "fim" if strategy == BOUND else strategy)
+        for strategy in (*paper.STRATEGIES, paper.BOUND):
+            run = paper.fix_errors(settings, scenario, "fim" if strategy == paper.BOUND else strategy)
             levels.append(level(scenario, strategy, [row for row in run.rows(folder) if row["strategy"] == strategy]))
-            rows = read_rows(run.place(folder) / OVER_TIME)
+            rows = read_rows(run.place(folder) / paper.OVER_TIME)
             over_time[scenario, strategy] = [row for row in rows if row["strategy"] == strategy]
     write_rows(place / "fig4b.csv", SUMMARY, levels)
     named = ({"scenario": scenario, **row} for (scenario, _), rows in over_time.items() for row in rows)
     write_rows(place / "fig4b-over-time.csv", TIMES, named)
     write_pair(place / "fig4b.png", partial(_draw_errors, over_time, levels), pdf=True)
-    bounds = {row["scenario"]: row["median"] for row in levels if row["strategy"] == BOUND}
+    bounds = {row["scenario"]: row["median"] for row in levels if row["strategy"] == paper.BOUND}
     cells = (
         [
             f"`{row['scenario']}`",
-            BOUND if row["strategy"] == BOUND else f"`{row['strategy']}`",
+            paper.BOUND if row["strategy"] == paper.BOUND else f"`{row['strategy']}`",
             f"{row['paper']:g}" if row["paper"] and row["scenario"] == ESC else "",
             f"{row['median']:.3g} ({row['low95']:.3g} to {row['high95']:.3g})",
             f"{row['p95']:.3g}" if row["p95"] else "",
@@ -209,7 +209,9 @@ def make_errors(settings: Settings, folder: Path, place: Path) -> str:
         " at the D-optimal place.",
         paper.picture_pair("fig4b", "Error of the AUVs' positions over time by the boat's strategy"),
         f"Over time as [CSV]({paper.RESULTS}/fig4b-over-time.csv).",
-        markdown_table(["scenario", "boat", "paper, m", "median, m", "95th percentile, m", "median over bound"], cells),
+        paper.markdown_table(
+            ["scenario", "boat", "paper, m", "median, m", "95th percentile, m", "median over bound"], cells
+        ),
         f"The paper's level with planning is {ideal:.0f} times below the bound at the demonstration's own noise: with"
         " Eq. 1's array and Table 1's level no place of the boat gives such fixes. What can be compared is the order of"
         " the strategies and the factors between them.",
@@ -245,12 +247,12 @@ def _draw_errors(
     )  # fmt: skip
     room = {"left": 0.08, "right": 0.97, "bottom": 0.19, "top": 0.75, "wspace": 0.1}
     panels = drawn.subplots(1, 2, sharey=True, gridspec_kw=room)
-    marks = looks(STRATEGIES, ground.colours) | {BOUND: (ground.text, "")}
+    marks = looks(paper.STRATEGIES, ground.colours) | {paper.BOUND: (ground.text, "")}
     for axes, scenario in zip(panels, SCENARIOS, strict=True):
-        for strategy in (*STRATEGIES, BOUND):
+        for strategy in (*paper.STRATEGIES, paper.BOUND):
             rows, (colour, marker) = over_time[scenario, strategy], marks[strategy]
             time, median = (np.array([float(row[name]) for row in rows]) for name in ("time", "median"))
-            if strategy == BOUND:
+            if strategy == paper.BOUND:
                 axes.plot(time, median, color=colour, lw=1.2, ls=(0, (4, 2)), label="bound of a single fix", zorder=4)
                 continue
             low, high = (np.array([float(row[name]) for row in rows]) for name in ("lower_quartile", "upper_quartile"))
@@ -258,7 +260,7 @@ def _draw_errors(
             axes.plot(time, median, marker, ls="-", ms=5, markevery=0.1, color=colour, lw=0.9, label=strategy)
             if strategy in paper.FIG_4B:
                 axes.axhline(paper.FIG_4B[strategy], color=colour, lw=1.4, ls=":")
-        noise = "noise and sea as physics has them" if scenario == PHYSICAL else "the demonstration's noise"
+        noise = "noise and sea as physics has them" if scenario == paper.PHYSICAL else "the demonstration's noise"
         axes.set(yscale="log", xlabel="time, s", xlim=(0, time[-1]), title=f"{scenario}: {noise}")
     panels[0].set_ylabel("horizontal error, m")
     log_ticks(panels[0].yaxis)

@@ -12,8 +12,7 @@ import numpy as np
 
 from usvauv import policies
 from usvauv.cli.reproduction import paper
-from usvauv.cli.reproduction.paper import markdown_table, rounded, spread
-from usvauv.cli.reproduction.runs import HEURISTICS, Settings, heuristic, learned
+from usvauv.cli.reproduction.paper import HEURISTICS, Settings, heuristic, learned, markdown_table, rounded, spread
 from usvauv.cli.sweep.run import Piece
 from usvauv.env.render.figures import write_pair
 from usvauv.env.render.plain_matplotlib import Figure, Line2D

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from usvauv import policies
 from usvauv.cli.reproduction import collaboration, fig4, learning, paper
-from usvauv.cli.reproduction.runs import Settings, best
+from usvauv.cli.reproduction.paper import Settings, best
 from usvauv.cli.sweep.engine import Engine
 from usvauv.cli.sweep.perform import perform_all
 from usvauv.cli.sweep.run import Piece, seconds
