@@ -172,17 +172,13 @@ def of_seeds(figures: Sequence[dict]) -> dict:
     """Figures of several runs as those of one: means, the margin's interval over the runs, and as text the evaluations'
     score with its deviation."""
     evaluations = [own["evaluation"] for own in figures]
-    means: dict[str, Any] = mean_of(figures) | {"score": mean_and_spread([own["arps"] for own in evaluations], 2)}
+    scores = [own["arps"] for own in evaluations]
+    spread = f" ± {statistics.stdev(scores):.2f}" if len(scores) > 1 else ""
+    means: dict[str, Any] = mean_of(figures) | {"score": f"{statistics.fmean(scores):.2f}{spread}"}
     if all("margin" in own for own in evaluations):
         margin = interval([own["margin"] for own in evaluations])
         means["evaluation"] |= {"margin": margin.mean, "margin_half": margin.half}
     return means
-
-
-def mean_and_spread(values: Sequence[float], digits: int) -> str:
-    """The mean, of several with their standard deviation."""
-    spread = f" ± {statistics.stdev(values):.{digits}f}" if len(values) > 1 else ""
-    return f"{statistics.fmean(values):.{digits}f}{spread}"
 
 
 def training(baseline: dict, title: str) -> Callable[[dict], None]:
@@ -212,7 +208,7 @@ def training(baseline: dict, title: str) -> Callable[[dict], None]:
 
 
 def evaluation(figures: dict, baseline: str) -> str:
-    """Score of an evaluation, of several seeds with its spread, and its margin over the baseline with the 95 % interval,
+    """Score of an evaluation, of several seeds with its spread, and its margin over the baseline with its interval,
     which a run of an earlier version lacks.
     """
     found = figures["evaluation"]
