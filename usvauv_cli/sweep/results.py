@@ -105,11 +105,7 @@ def _write_parquet(table: Path) -> str:
 
 
 def write_report(folder: Path, study: Study, results: Mapping[str, Any]) -> Path:
-    """Write DIR/report/index.html and its figures as PDF; returns the page.
-
-    Raises:
-        OutputError: a file cannot be written.
-    """
+    """Write DIR/report/index.html and its figures as PDF; returns the page."""
     place = folder / "report"
     with writing(place):
         inside(folder, place).mkdir(exist_ok=True)

@@ -186,11 +186,7 @@ class Picture(NamedTuple):
 
 
 def pictures(folder: Path, made: Sequence[tuple[str, Figure, str, str]]) -> list[Picture]:
-    """Figures for the page in a folder: name, figure, title, caption; their PDFs are written there.
-
-    Raises:
-        OutputError: a PDF cannot be written.
-    """
+    """Figures for the page in a folder: name, figure, title, caption; their PDFs are written there."""
     for name, figure, *_ in made:
         save_pdf(figure, name, folder)
     return [
@@ -209,9 +205,6 @@ def write(folder: Path, template: str, title: str, file: Mapping[str, str], arch
         file: "summary" and "text" of the file from which it was made.
         arch: where the kernels ran.
         fields: of the template.
-
-    Raises:
-        OutputError: the page cannot be written.
     """
     html = filled(
         template,

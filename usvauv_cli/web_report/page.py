@@ -81,11 +81,7 @@ def write(
     recordings: Recordings,
     score: str | None = None,
 ) -> Path:
-    """Write the PDFs, then the page; each file appears only when it is complete.
-
-    Raises:
-        OutputError: a file cannot be written.
-    """
+    """Write the PDFs, then the page; each file appears only when it is complete."""
     several, score = comparison.combinations, score or headline(scenario)
     return document.write(
         folder,
