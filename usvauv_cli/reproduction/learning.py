@@ -192,7 +192,7 @@ def _draw_table(rows: Sequence[Row], settings: Settings, ground: Ground) -> Figu
     height = drawn.get_figheight()
     room = {"left": 0.16, "right": 0.98, "top": 1 - 1.15 / height, "bottom": 0.4 / height, "wspace": 0.08}
     panels = drawn.subplots(1, 3, sharey=True, gridspec_kw=room)
-    looked = looks(paper.METHODS, ground.colours)
+    looked = looks([method.key for method in paper.METHODS], ground.colours)
     for axes, (name, words) in zip(panels, paper.TITLES.items(), strict=True):
         for y, row in enumerate(shown):
             colour, marker = looked.get(row["method"], (ground.muted, "o"))
@@ -272,7 +272,7 @@ def _draw_curves(found: list[dict], settings: Settings, ground: Ground) -> Figur
     room = {"left": 0.055, "right": 0.98, "bottom": 0.2, "top": 0.66, "wspace": 0.2}
     panels = drawn.subplots(1, 3, gridspec_kw=room)
     episode = settings.scenario(paper.CONDITIONS["ISC"]).mission.steps / 1000
-    looked = looks(paper.METHODS, ground.colours)
+    looked = looks([method.key for method in paper.METHODS], ground.colours)
     for axes, (name, words) in zip(panels, paper.TITLES.items(), strict=True):
         for method in LEARNING:
             colour, marker = looked[method]

@@ -50,7 +50,6 @@ FIG_4B = {"fim": 2e-3, "hold:100,100": 3e-3, "hold:0,0": 1e-1}
 """Fig. 4(b): positioning error by the boat's strategy, m, read off the figure to one digit."""
 
 RESULTS = "reproduction"  # folder of tables and figures, beside the page and linked relative to it
-METHODS = ("ddpg", "sac", "td3", "baseline", "data")  # in the order of their colours
 TITLES = {"sdr": "Sum data rate (SDR), Mbit/s", "ec": "Energy consumption (EC), W", "arps": "Reward per step (ARPS)"}
 WIDTH = 9.6  # inches
 
