@@ -43,25 +43,6 @@ def _need_reset(world: World) -> None:
         raise gymnasium.error.ResetNeeded(NOT_BEGUN)
 
 
-def _advance(
-    world: World, action: Numbers, boat_action: Numbers | None = None
-) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Step the world with (W, K, A) actions and, with the strategy "agent", (W, B, 2) of the boats; returns truncated
-    (W,) and the info of every world.
-
-    On the CPU the info is the world's own memory, which the next step overwrites: hand out copies.
-    """
-    given = numbers_of("action", action, (world.num_worlds, world.num_auvs, world.action_size))
-    if not given.isfinite().all():
-        raise ScenarioError("action: all numbers must be finite")
-    boats = None
-    if boat_action is not None:
-        boats = numbers_of("boat_action", boat_action, (world.num_worlds, world.boat.shape[1], 2)).clamp(-1.0, 1.0)
-    _, reward, horizon_ended, truncated, info = world.step(given.clamp(-1.0, 1.0), boats)
-    tensors = {"auv_reward": reward, **info, "horizon_ended": horizon_ended}
-    return truncated[:, 0].numpy(force=True), {name: tensor.numpy(force=True) for name, tensor in tensors.items()}
-
-
 def _team_reward(info: dict[str, np.ndarray]) -> np.ndarray:
     """Sum of the AUVs' rewards, (W,) float64."""
     return info["auv_reward"].sum(axis=-1, dtype=np.float64)
@@ -102,13 +83,14 @@ class DataCollectionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def __init__(
         self, scenario: Scenario | str | Path = "extreme", usv: str | None = None, render_mode: str | None = None
     ) -> None:
-        check_mode(render_mode)
+        self._missions = missions = DataCollectionVectorEnv(1, scenario, usv, AutoresetMode.DISABLED, render_mode)
         self.render_mode = render_mode
-        self._usv = usv
-        self.world = World(Scenario.of(scenario), 1, _random_seed(self), usv)
-        num_auvs = self.world.num_auvs
-        self.observation_space = batch_space(auv_observation_space(self.world.site), num_auvs)
-        self.action_space = batch_space(action_space(self.world.action_size), num_auvs)
+        self.observation_space, self.action_space = missions.single_observation_space, missions.single_action_space
+
+    @property
+    def world(self) -> World:
+        """The world; another one after each reset with a seed."""
+        return self._missions.world
 
     @property
     def reward_names(self) -> tuple[str, ...]:
@@ -120,13 +102,8 @@ class DataCollectionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     ) -> tuple[np.ndarray, dict[str, Any]]:
         """Begin the next episode, or with `seed` the first of that seed; no `options` are known."""
         super().reset(seed=seed)
-        if seed is not None:
-            self.world = World(self.world.scenario, 1, seed, self._usv)
-        self.world.reset()
-        if self.render_mode:
-            self._camera = Camera(self.world)
-            self._camera.begin(np.ones(1, np.bool_))
-        return _observe(self.world, self.observation_space)[0], {}
+        observation, _ = self._missions.reset(seed=seed)
+        return observation[0], {}
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Advance by one mission step.
@@ -144,9 +121,7 @@ class DataCollectionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         _need_reset(self.world)
         boats = None if boat_action is None else numbers_of("boat_action", boat_action, (self.world.boat.shape[1], 2))
         own_action = numbers_of("action", action, (self.world.num_auvs, self.world.action_size))
-        truncated, info = _advance(self.world, own_action[None], None if boats is None else boats[None])
-        if self.render_mode:
-            self._camera.add()
+        truncated, info = self._missions.advance(own_action[None], None if boats is None else boats[None])
         observation = _observe(self.world, self.observation_space)[0]
         own = {name: value[0].copy() for name, value in info.items()}
         return observation, float(_team_reward(info)[0]), False, bool(truncated[0]), own
@@ -157,10 +132,8 @@ class DataCollectionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         Raises:
             ResetNeeded: before the first reset.
         """
-        if not self.render_mode:
-            return None
-        _need_reset(self.world)
-        return self._camera.picture(0)
+        pictures = self._missions.render()
+        return pictures[0] if pictures else None
 
 
 class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
@@ -212,7 +185,7 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.num_envs = num_envs
         self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
-        self.world = World(Scenario.of(scenario), num_envs, _random_seed(self), usv)
+        self.world = World(Scenario.of(scenario), num_envs, int(self.np_random.integers(1 << 63)), usv)
         num_auvs = self.world.num_auvs
         self.single_observation_space = batch_space(auv_observation_space(self.world.site), num_auvs)
         self.single_action_space = batch_space(action_space(self.world.action_size), num_auvs)
@@ -275,9 +248,7 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             info = self._rewards(nothing)
             return self._observation(), np.zeros(self.num_envs), np.zeros_like(over), np.zeros_like(over), info
 
-        truncated, details = _advance(self.world, actions)
-        if self.render_mode:
-            self._camera.add()
+        truncated, details = self.advance(actions)
         stepped = ~over
         if over.any():
             self._begin(over)
@@ -293,6 +264,25 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             info = _masked(details, stepped)
             self._over = truncated.copy()
         return observation, reward, np.zeros(self.num_envs, np.bool_), truncated, info | rewards
+
+    def advance(self, action: Numbers, boat_action: Numbers | None = None) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Step all worlds with (W, K, A) actions and, with the strategy "agent", (W, B, 2) of the boats, whatever has
+        ended; returns truncated (W,) and the info of every world.
+
+        On the CPU the info is the world's own memory, which the next step overwrites: hand out copies.
+        """
+        world = self.world
+        given = numbers_of("action", action, (world.num_worlds, world.num_auvs, world.action_size))
+        if not given.isfinite().all():
+            raise ScenarioError("action: all numbers must be finite")
+        boats = None
+        if boat_action is not None:
+            boats = numbers_of("boat_action", boat_action, (world.num_worlds, world.boat.shape[1], 2)).clamp(-1.0, 1.0)
+        _, reward, horizon_ended, truncated, info = world.step(given.clamp(-1.0, 1.0), boats)
+        if self.render_mode:
+            self._camera.add()
+        tensors = {"auv_reward": reward, **info, "horizon_ended": horizon_ended}
+        return truncated[:, 0].numpy(force=True), {name: tensor.numpy(force=True) for name, tensor in tensors.items()}
 
     def render(self) -> tuple[np.ndarray, ...] | None:
         """Every mission as it is now, W pictures (720, 1280, 3) uint8, RGB; None without a render mode.
@@ -341,8 +331,3 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise ValueError("a seed is for all worlds: give no options['reset_mask'] with it")
         if not self.world.begun:
             raise gymnasium.error.ResetNeeded("the first reset must be of all worlds")
-
-
-def _random_seed(env: gymnasium.Env | VectorEnv) -> int:
-    """A seed for an environment that was not given one yet."""
-    return int(env.np_random.integers(1 << 63))
