@@ -253,7 +253,6 @@ def test_page_needs_nothing_else_and_its_figures_are_described(made):
     check_figures(made.folder / "report", FIGURES)
     assert "<b>sac" not in made.text
     assert "<i>last" not in made.text
-    assert "&lt;b&gt;sac &amp; co $_{ $ 海 in extreme ends at 17.0 [16.0, 18.0]" in made.text  # of 15, 16 and 17
 
 
 def test_is_the_same_again(made, capsys):

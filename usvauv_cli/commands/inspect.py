@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from usvauv.cli.app import PLAIN
 from usvauv.cli.commands.options import Overrides, Plugins
 from usvauv.cli.tables import counted, duration
 from usvauv.kernels.errors import UserError
@@ -96,7 +95,9 @@ def scenarios(
     if scenario:
         text = Scenario.load(scenario, overrides or ()).to_toml()
         if not sys.stdout.encoding.lower().startswith("utf"):  # TOML is UTF-8, of which ASCII is a part
-            text = re.sub(r'"(?:[^"\\\n]|\\.)*"', _escaped, text).encode("ascii", PLAIN).decode()
+            text = (
+                re.sub(r'"(?:[^"\\\n]|\\.)*"', _escaped, text).encode("ascii", sys.stdout.errors or "replace").decode()
+            )
         typer.echo(text, nl=False)
         return
     show(SHIPPED, ((name, _sentence(Scenario.load(name))) for name in Scenario.shipped()))
