@@ -1,4 +1,4 @@
-"""README and docs: each Python snippet runs, each command parses, each file and name that they speak of is there."""
+"""README and docs: snippets run, commands parse, and each file, name and dependency that they speak of is there."""
 
 import importlib.util
 import json
@@ -9,7 +9,9 @@ import shlex
 import subprocess
 import sys
 import textwrap
+import tomllib
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 
 import pytest
@@ -129,3 +131,18 @@ def test_what_is_named_exists(place):
         assert place.exists()
     else:
         pkgutil.resolve_name(place)
+
+
+ROOT = Path(__file__).parents[1]
+
+
+def test_the_page_has_every_dependency_and_no_other():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    extras = project["project"]["optional-dependencies"]
+    stated = [*project["project"]["dependencies"], *project["build-system"]["requires"], *chain(*extras.values())]
+    parts = (re.fullmatch(r"([\w-]+)(?:\[[\w,]+\])?(.*)", each) for each in stated)
+    expected = {(part[1], part[2]) for part in parts if part[1] != project["project"]["name"]}
+    page = (ROOT / "docs" / "dependencies.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| ([\w-]+) \| ([=><][^|]*) \|", page, re.MULTILINE)
+    assert sorted(rows) == sorted(expected)
+    assert len(rows) == len(set(rows))

@@ -1,10 +1,7 @@
-"""What the site is made of: fields with their units, commands, docstrings. `.ci/run` builds the site itself."""
+"""What the site is made of: fields with their units, commands, pictures. `.ci/run` builds the site itself."""
 
 import re
-import warnings
 from pathlib import Path
-
-import pytest
 
 from docs import pictures, reference_pages
 from usvauv.env import Scenario
@@ -65,56 +62,3 @@ def test_pictures_are_for_light_and_dark_pages():
         ("x-light.png", "only-light"),
         ("x-dark.png", "only-dark"),
     ]
-
-
-def test_docstrings_become_markup():
-    pytest.importorskip("sphinx")
-    pytest.importorskip("astroid")
-    from docs.docstrings import convert
-
-    docstring = """|Γ| of `vortex`, see `usvauv.kernels.flow.vortex`, a*b.
-
-    η = a_0
-
-Args:
-    x: first,
-        on two lines.
-    `y` alone
-
-Returns:
-    Two: texts."""
-    assert convert(docstring.splitlines()) == [
-        *(r"\\|Γ\\| of ``vortex``, see `usvauv.kernels.flow.vortex`, a\\*b.".replace("\\\\", "\\"), ""),
-        *("::", "", "    η = a_0", ""),
-        *("", ".. rubric:: Arguments", "", "- ``x``: first,", "  on two lines.", "- ``y`` alone", "  "),
-        *("", ".. rubric:: Returns", "", "Two: texts."),
-    ]
-
-
-def test_the_list_of_pages_is_the_one_sphinx_would_render(tmp_path):
-    """A project of four pages, two of them in a folder, with and without `docs/navigation.py`: the same pages."""
-    pytest.importorskip("furo")
-    application = pytest.importorskip("sphinx.application")
-    pages = {
-        "index": ".. toctree::\n   :caption: All\n   :hidden:\n\n   first\n   in/index\n   Elsewhere <https://example.org/in/index.html>",
-        "first": "",
-        "in/index": ".. toctree::\n\n   second",
-        "in/second": "Part\n----\n\nOf a page.",
-    }
-    (tmp_path / "in").mkdir()
-    for name, text in pages.items():
-        (tmp_path / f"{name}.rst").write_text(f"{name}\n{'=' * len(name)}\n\n{text}\n", encoding="utf-8")
-    written = []
-    for ours in ([], ["docs.navigation"]):
-        out = tmp_path / f"out{len(ours)}"
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of libraries
-            application.Sphinx(
-                tmp_path, None, out, out / "trees", "html", {"html_theme": "furo", "extensions": ours}, status=None
-            ).build()
-        html = [(out / f"{name}.html").read_text(encoding="utf-8") for name in pages]
-        written.append(
-            [re.sub(r'class="([\w -]+)"', lambda found: str(sorted(found[1].split())), each) for each in html]
-        )
-    assert written[0] == written[1]
-    assert all("'current', 'current-page'" in each for each in written[0][1:])

@@ -124,12 +124,6 @@ class TestSlurmEngine:
         assert len(cancelled) == 1
         assert path.read_text() == "2"
 
-    @pytest.mark.slow
-    def test_has_no_more_at_a_time_than_it_may(self, slurm, tmp_path):
-        pieces = {name: partial(work.alone, tmp_path / "busy") for name in "abc"}
-        results = conducted(self.engine(tmp_path, 1), tmp_path, **pieces)
-        assert {result.how for result in results.values()} == {"done"}
-
     def test_stops_what_a_command_left_that_was_killed(self, slurm, tmp_path):
         """The same command makes other signs, and removes those that its jobs look for."""
         left, path = self.engine(tmp_path), tmp_path / "begun"

@@ -1,4 +1,4 @@
-"""The running simulation: its pace and past, what is changed while it runs, and the tab itself."""
+"""The running simulation: its pace and past, what is changed while it runs, also in a tab."""
 
 import time
 from concurrent.futures import ThreadPoolExecutor
@@ -8,10 +8,10 @@ import pytest
 import torch
 
 from tests.usvauv_cli.pages import CHROMIUM
-from usvauv.cli.live.session import SLIDERS, Session
+from usvauv.cli.live.session import Session
 from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.kernels.flow.vortex import Vortex
-from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, BodyColumn, NodeColumn
+from usvauv.kernels.mission.columns import BoatColumn, BodyColumn, NodeColumn
 
 SMALL = ["sea.fine_cells=32", "mission.duration=60", "current.mutual=false", "current.viscosity=0"]
 
@@ -108,11 +108,6 @@ def test_sliders_change_the_world_at_once(running):
     stepped(running, 1)
 
 
-def test_sliders_that_would_change_nothing_are_not_there():
-    calm = Scenario.load("paper-ideal")
-    assert [name for name, slider in SLIDERS.items() if slider.bounds(calm)] == ["source_level"]
-
-
 def test_what_is_moved_is_where_it_was_put(running):
     running.run()
     running.move_node(50.0, 60.0, 4)
@@ -177,28 +172,6 @@ def test_the_end_of_a_mission_waits_for_the_next_episode():
     stepped(session, 1)
 
 
-def test_errors_are_those_of_the_last_seconds_before_what_is_shown(running):
-    running.run()
-    stepped(running, 12)
-    running.look_back(2.0)
-    times, errors = running.errors(5.0)
-    assert times.tolist() == [-5, -4, -3, -2, -1, 0]
-    assert errors.shape == (2, 6)
-    assert errors[:, -1] == pytest.approx(running.moment.mixed("auv")[:, AuvColumn.position_error])
-
-
-def test_the_first_view_reaches_the_farthest_corner(running, monkeypatch):
-    pytest.importorskip("viser")
-    from usvauv.cli.live.server import Show, listen, serve
-
-    large = scenario("area.width=800", "area.length=800")
-    monkeypatch.setattr(Session, "scenario", property(lambda _: large))
-    with serve(listen(0), "test") as (server, _):
-        Show(server, running)
-        camera = server.initial_camera
-        assert np.linalg.norm([800.0, 800.0, -120.0] - np.array(camera.position)) < camera.far
-
-
 @pytest.fixture
 def in_tabs():
     """Run a function of a browser and the address of a session's tab while the session is shown."""
@@ -255,56 +228,6 @@ def test_sliders_and_choices_in_a_tab_change_the_world(running, in_tabs):
     assert running.paused
     assert asked
     assert not [url for url in asked if "://" in url and not url.startswith("blob:")], "nothing comes from elsewhere"
-
-
-CURVE = """() => {
-  const plot = Object.values(window.__viserTestpoints?.uplots ?? {})[0], scene = document.querySelector("canvas");
-  if (!plot || !scene) return null;
-  const { root, scales, data } = plot.chart, place = root.getBoundingClientRect();
-  return {
-    span: [scales.x.min, scales.x.max], highest: scales.y.max, data: data.map((row) => [...row]),
-    scene: scene.getBoundingClientRect().right, left: place.left, top: place.top, bottom: place.bottom,
-  };
-}"""
-
-
-def test_every_page_shows_the_errors_of_the_last_300_s_beside_the_scene(in_tabs):
-    session = Session(scenario("mission.duration=450"), seed=3)
-    session.pause()
-    seen = []
-
-    def look(page) -> None:
-        """What a page shows once its curve ends with the latest errors."""
-        latest = session.errors(300.0)[1][:, -1].tolist()
-        ends = f"(row, k) => row.at(-1) == {latest}[k]"
-        page.wait_for_function(f"() => ({CURVE})()?.data.slice(1).every({ends})", timeout=120_000)
-        seen.append(page.evaluate(CURVE))
-
-    def act(browser, address: str) -> None:
-        page = browser.new_page(viewport={"width": 1280, "height": 800})
-        page.goto(address)
-        look(page)  # nothing has been yet
-        session.speed = float("inf")
-        session.run()
-        page.get_by_text("the mission is over").wait_for(timeout=120_000)
-        look(page)
-        page.reload()
-        look(page)
-        other = browser.new_page(viewport={"width": 1000, "height": 700})
-        other.goto(address)
-        look(other)
-
-    in_tabs(session, act)
-    times, errors = session.errors(300.0)
-    assert times.tolist() == list(range(-300, 1))
-    assert [len(shown["data"][0]) for shown in seen] == [1, 301, 301, 301]
-    for shown in seen:
-        assert shown["span"] == [-300, 0]
-        assert shown["left"] >= shown["scene"] > 550, "the panel begins where the scene ends"
-        assert 0 < shown["top"] < shown["bottom"] < 700, "seen without scrolling"
-    for shown in seen[1:]:
-        assert np.array(shown["data"]) == pytest.approx(np.stack([times, *errors]))
-        assert shown["highest"] >= errors.max()
 
 
 def test_a_page_shows_what_the_rudders_of_vehicles_do(in_tabs):

@@ -1,4 +1,4 @@
-"""`usvauv reproduce`: statistics by hand, the paper's numbers, nothing done twice, the folder, the page."""
+"""`usvauv reproduce`: statistics by hand, the paper's numbers, the folder, the page."""
 
 from __future__ import annotations
 
@@ -124,22 +124,6 @@ def test_curves_are_the_runs_evaluations(whole):
     assert [row["episode_equivalents"] for row in rows] == [0.0, 4.0, 8.0]
     about = policies.read_run(learned(TINY, "sac", ESC, 1).place(folder))[2]
     assert rows[-1]["arps"] == about["evaluation"]["arps"]
-
-
-def test_a_missing_result_alone_is_made_again(whole, capsys):
-    folder, path = whole
-    piece = learned(TINY, "sac", ESC, 1)
-    result = piece.place(folder) / "episodes.csv"
-    before, text = result.read_bytes(), path.read_text()
-    times = {file: file.stat().st_mtime_ns for file in (folder / "runs").rglob("*") if file.is_file()}
-    kept = {file: at for file, at in times.items() if piece.place(folder) not in file.parents}
-    result.unlink()
-    assert reproduce("all", folder) == path
-    assert "1 of 19 runs to do, 18 done already" in capsys.readouterr().out
-    assert result.read_bytes() == before
-    assert {file: file.stat().st_mtime_ns for file in kept} == kept
-    timeless = re.compile("Time taken.*")
-    assert timeless.sub("", path.read_text()) == timeless.sub("", text)
 
 
 T1 = 12.706205  # Student's t of one degree of freedom, 95 %

@@ -158,19 +158,6 @@ def test_summary_of_tasks_that_methods_do_not_share(capsys):
     assert "ec, mean over runs" in capsys.readouterr().out
 
 
-def test_tables_fit_80_columns(capsys):
-    def long(row):
-        return {
-            **row,
-            "method": "a method of a very long name " + row["method"],
-            "task": "and such a task " + row["task"],
-        }
-
-    found = summary.scores(map(long, rows(lambda method, task, seed: 1e3 * seed)), "ec")
-    summary.show(summary.summary(found, Evaluation(score="ec")))
-    assert max(map(len, capsys.readouterr().out.splitlines())) <= 80
-
-
 def score(place: int, episode: int) -> float:
     return 1.0 + 0.1 * place + 0.01 * episode
 

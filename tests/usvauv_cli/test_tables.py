@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from usvauv.cli import report, tables
+from usvauv.cli import report
 from usvauv.cli.evaluation.comparison import Comparison
 from usvauv.cli.tables import COLUMNS as HEADED
 from usvauv.cli.tables import OF_STATIONS
@@ -68,12 +68,3 @@ def test_wide_tables_have_every_figure_of_the_task(capsys):
     assert differences.count(f"\n{LONG[1]} ") == 3
     shown = (re.split("  +", line.strip())[1:] for line in means.splitlines() if line.startswith("policy "))
     assert len([heading for line in shown for heading in line]) == len(HEADED) - len(OF_STATIONS)
-
-
-def test_names_that_are_shortened_stay_different():
-    short = tables.shortened(LONG, 20)
-    assert len(set(short.values())) == len(LONG)
-    assert max(map(len, short.values())) <= 20
-    same_ends = [f"{'a' * 20}{n}{'b' * 20}" for n in range(10)]
-    assert len(set(tables.shortened(same_ends, 12).values())) == 10
-    assert tables.shortened(["straight:1.4"], 12) == {"straight:1.4": "straight:1.4"}

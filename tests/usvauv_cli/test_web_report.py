@@ -14,28 +14,20 @@ from scipy import stats
 
 from tests.usvauv_cli.pages import CHROMIUM, Elements, check_alone, check_figures, in_browser
 from usvauv import play, policies
-from usvauv.cli.evaluation.comparison import Comparison, dependence, sentences
+from usvauv.cli.evaluation.comparison import Comparison, sentences
 from usvauv.cli.tables import column_tables
 from usvauv.cli.web_report import document, page
 from usvauv.cli.web_report.episodes import (
     ERRORS,
-    MOST_SHOWN,
     Recordings,
-    at_arrows,
     error_quantiles,
     front_episodes,
-    thinned,
 )
 from usvauv.env import Scenario, evaluate
-from usvauv.env.record.metrics import EpisodeMetrics, age, usable
-from usvauv.env.record.trace import VARIABLES
-from usvauv.env.scenario.sea import MAX_VORTICES
-from usvauv.env.scenario.task import MAX_NODES
+from usvauv.env.record.metrics import EpisodeMetrics, usable
 from usvauv.env.storage.tables import Combination, read_rows
 from usvauv.kernels.errors import UserError
-from usvauv.kernels.planning.information import MAX_AUVS
 
-LARGEST = 3_000_000  # bytes of a page
 EPISODES = 3
 
 
@@ -99,16 +91,6 @@ class TestRecordings:
             assert last == pytest.approx(np.median(error[-1:]), rel=0.5)
         assert np.isnan(error_quantiles(np.zeros((2, len(ERRORS) - 1)), (0.5,))).all()
 
-    def test_current_at_the_arrows(self):
-        """A bilinear field is met exactly, at each of its times."""
-        x, y = np.meshgrid(np.linspace(0, 90, 7), np.linspace(0, 60, 5))
-        stream = np.stack([0.1 + 0.01 * x + 0.02 * y, 0.003 * x * y], -1)
-        first, found = at_arrows(np.stack([0 * stream, stream]), 90, 60)
-        assert found.shape == (12, 18, 2)
-        assert not first.any()
-        x, y = np.meshgrid((np.arange(18) + 0.5) * 5, (np.arange(12) + 0.5) * 5)
-        assert found == pytest.approx(np.stack([0.1 + 0.01 * x + 0.02 * y, 0.003 * x * y], -1))
-
 
 class TestPage:
     def test_tables_have_the_scores(self, made):
@@ -132,35 +114,9 @@ class TestPage:
                     assert numbers == pytest.approx(exact[: len(numbers)], abs=0.501 * 0.1**digits), (column, text)
                     assert len(numbers) == 2 or half == 0
 
-    def test_bold_is_what_differs_clearly(self, made):
-        """Fixes are worse from the corner in each world; the data collected need not differ."""
-        cells = re.findall(r"<br><span class=\"less( clear)?\">([^<]*)</span></td>", made.text)
-        assert len(cells) == sum(
-            len(shown) for shown in column_tables(made.scenario, list(made.rows[0].of_task)).values()
-        )
-        for bold, text in cells:
-            mean, _, half = text.replace("−", "-").replace(",", "").partition(" ± ")
-            if half and float(mean) != pytest.approx(float(half)):
-                assert bool(bold) == (abs(float(mean)) > float(half)), text
-        assert {bool(bold) for bold, _ in cells} == {True, False}
-
     def test_the_head_says_who_is_ahead(self, made):
         head, comparison = made.text.partition("</header>")[0], compared(made.rows)
         assert f"<li>{sentences(comparison, 'delivered_mbit')[0]}</li>" in head
-
-    def test_the_head_says_what_shared_seas_leave(self, made, tmp_path):
-        """As the console does."""
-        comparison = Comparison(list(made.recordings), seas=2)
-        rng = np.random.default_rng(0)
-        row = made.rows[0].columns()
-        batch = {
-            which: [row | {"delivered_mbit": 9.0 * (episode % 2) + luck} for episode, luck in enumerate(rng.random(8))]
-            for which in comparison.combinations
-        }
-        comparison.add(batch)
-        text = page.write(tmp_path, made.scenario, 4, comparison, made.recordings).read_text(encoding="utf-8")
-        assert dependence(comparison, "delivered_mbit").startswith("8 episodes take turns on 2 seas: ")
-        assert dependence(comparison, "delivered_mbit") in text.partition("</header>")[0]
 
     def test_needs_nothing_else(self, made):
         check_alone(made.folder)
@@ -169,6 +125,15 @@ class TestPage:
         check_figures(made.folder, {"ages", "errors", "front", "trajectories"})
         assert document.LIGHT.keys() == document.DARK.keys()
         assert len(set(document.LIGHT.values())) == len(document.LIGHT)
+
+    def test_names_are_escaped(self, made, tmp_path):
+        name, recordings = "</script><b>policy & 1", Recordings(2)
+        for trace in made.traces:
+            recordings.add(replace(trace, policy=name), 0)
+        rows = [replace(row, policy=name) for row in made.rows]
+        text = page.write(tmp_path, made.scenario, 4, compared(rows), recordings).read_text(encoding="utf-8")
+        assert "<b>policy" not in text
+        assert len(embedded(text)["episodes"]) == 2
 
     def test_says_how_it_was_made(self, made):
         said = html.unescape(made.text)
@@ -214,59 +179,6 @@ class TestPlayer:
             assert circulation == pytest.approx(deep * trace.vortex[:, 0, :, 2], abs=0.01)
             assert core == pytest.approx(trace.vortex[:, 0, :, 3], abs=0.01)
 
-    def test_a_long_episode_is_thinned_with_its_ends(self, made):
-        trace = made.traces[0]
-        repeated = np.arange(60_000) % len(trace.time)
-        long = replace(
-            trace,
-            time=np.arange(1.0, 60_001),
-            **{
-                name: getattr(trace, name)[repeated]
-                for name in (
-                    *("auv_position", "boat_position", "estimate", "estimate_covariance", "target", "hovering"),
-                    *("vortex", "backlog", "delivered", "power", "service_rate"),
-                )
-            },
-        )
-        episode = thinned(long, 4)
-        assert episode.steps == 60_000
-        assert 1000 < len(episode.time) < 6000
-        assert (episode.time[0], episode.time[-1]) == (1, 60_000)
-        assert np.ptp(np.diff(episode.time)) <= 1
-        assert len(episode.tracks[0]) == 400
-        assert episode.age == pytest.approx(age(long)[:, 0].mean(axis=0))
-
-
-@pytest.mark.slow
-def test_the_largest_page_is_below_its_bound(made, tmp_path):
-    """As many AUVs, boats, nodes and vortices as there can be, many combinations, with names that need escapes."""
-    auvs, boats, nodes, vortices, steps, count = MAX_AUVS, 4, MAX_NODES, MAX_VORTICES, 800, 16
-    rng = np.random.default_rng(3)
-    sizes = {"auv": auvs, "boat": boats, "node": nodes, "vortex": vortices}
-
-    def enlarged(array, axes):
-        shape = [{"time": steps, "world": 1, **sizes}.get(axis, n) for axis, n in zip(axes, array.shape, strict=True)]
-        if array.dtype.kind in "iu":
-            return np.resize(array, shape)
-        return rng.uniform(0, 200, shape).astype(array.dtype)
-
-    first = made.traces[0]
-    trace = replace(first, **{n: enlarged(getattr(first, n), about.dimensions) for n, about in VARIABLES.items()})
-    trace = replace(trace, time=np.arange(1.0, steps + 1))
-    recordings, rows = Recordings(count), []
-    for i in range(count):
-        name = f"</script><b>policy & {i}"
-        recordings.add(replace(trace, policy=name), 0)
-        rows += [replace(made.rows[i % 6], policy=name, usv="fim", episode=episode) for episode in range(1000)]
-    text = page.write(tmp_path, made.scenario, 4, compared(rows), recordings).read_text(encoding="utf-8")
-    assert len(recordings) == MOST_SHOWN
-    assert len(text.encode()) < LARGEST
-    assert f"the first {MOST_SHOWN} of {count} combinations" in " ".join(text.split())
-    assert not any(tag == "b" and attributes for tag, attributes in Elements(text).found)
-    assert "<b>policy" not in text
-    assert len(embedded(text)["episodes"]) == MOST_SHOWN
-    assert 2 < embedded(text)["episodes"][0]["time"]["shape"][0] < steps
-
 
 def test_stations_have_no_figures_of_data(run_usvauv, tmp_path):
     """And one episode has no intervals."""
@@ -297,18 +209,6 @@ def test_a_figure_that_no_episode_has_is_a_dash(run_usvauv, tmp_path):
     assert ages[1][-1] == "–"
     assert fixes[1][5] == "–"
     assert "nan" not in "".join(cell for row in ages + fixes for cell in row)
-
-
-@pytest.mark.parametrize("block", ["file", "page"])
-def test_a_folder_that_cannot_be_is_refused_before_the_run(run_usvauv, tmp_path, block):
-    if block == "file":
-        (tmp_path / "report").write_text("mine")
-    else:
-        (tmp_path / "report" / "index.html").mkdir(parents=True)
-    code, stdout, stderr = run_usvauv("eval", "--report", "report", "--episodes", 100_000)
-    assert (code, stdout) == (2, "")
-    assert re.fullmatch(r"error: --report report[^\n]*\n", stderr)
-    assert not (tmp_path / "metrics.csv").exists()
 
 
 TRY = """
@@ -383,10 +283,3 @@ def test_a_cell_of_a_notebook_has_the_player_and_needs_nothing_else(made):
     elsewhere = Scenario.load("extreme", ["area.width=300"])
     with pytest.raises(UserError, match="2 areas"):
         play(made.traces[0], replace(made.traces[0], scenario=elsewhere))
-
-
-@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
-def test_a_cell_of_a_notebook_plays(made, tmp_path):
-    answer = in_browser(in_cell(*made.traces), tmp_path, 640, TRY)
-    assert answer["different"] == 6
-    assert answer["played"] > 0

@@ -1,13 +1,11 @@
-"""What commands list, what they say about a value that is not known, and numbers in words."""
+"""What commands list, what they say about a value that is not known."""
 
 import re
 
 import pytest
 
-from usvauv.cli import tables
 from usvauv.env import Scenario
 from usvauv.env.world.boat_strategies import boat_strategies
-from usvauv.kernels.errors import choices
 from usvauv.kernels.mission.target_rules import target_rules
 from usvauv.policies import trained
 from usvauv.policies.heuristics import HEURISTICS
@@ -116,10 +114,6 @@ def test_a_name_that_is_mistyped_is_guessed(run_usvauv, arguments, guess):
     assert "allowed" in error
 
 
-def test_nothing_is_guessed_from_a_name_that_resembles_none():
-    assert choices("runs/mine", ["clear", "hold:X,Y"]) == "allowed are clear, hold:X,Y"
-
-
 def test_what_can_be_reproduced_is_listed_with_its_time(tmp_path, run_usvauv):
     code, text, errors = run_usvauv("reproduce")
     assert (code, errors) == (0, "")
@@ -128,49 +122,3 @@ def test_what_can_be_reproduced_is_listed_with_its_time(tmp_path, run_usvauv):
     assert all(re.search(r"; about \d+ min on two cores, \d+ min with --quick\.$", about) for about in rows.values())
     assert run_usvauv("reproduce", "fig3")[::2] == (2, "error: --out: needed, the folder of the results\n")
     assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize(
-    ("seconds", "exact", "rough"),
-    [
-        (0, "0 s", "1 s"),
-        (0.25, "0.25 s", "1 s"),
-        (30, "30 s", "30 s"),
-        (60, "1 min", "60 s"),
-        (90, "1 min 30 s", "90 s"),
-        (600, "10 min", "10 min"),
-        (1000, "16 min 40 s", "17 min"),
-        (7200, "2 h", "2 h"),
-        (9000, "2 h 30 min", "2 h 30 min"),
-    ],
-)
-def test_durations(seconds, exact, rough):
-    assert (tables.duration(seconds), tables.duration(seconds, rough=True)) == (exact, rough)
-
-
-def test_counts_and_sizes():
-    assert [tables.counted(n, "step") for n in (0, 1, 2, 12000)] == ["0 steps", "1 step", "2 steps", "12,000 steps"]
-    assert tables.counted(2, "entry", "entries") == "2 entries"
-    assert [tables.size(n) for n in (10, 5e4, 1.25e6, 3e9)] == ["1 kB", "50 kB", "1.25 MB", "3 GB"]
-
-
-@pytest.mark.parametrize(
-    "command",
-    [
-        "simulate ideal --duration 1 --trace a.nc --at 0 --out a.png",
-        "replay a.nc --at 0 --out b.png",
-        "eval ideal --episodes 1 --policy clear --set mission.duration=4",
-        "eval --episodes 64 --policy keep --until-halfwidth 1e-9 --set sea.realisations=1 --set mission.duration=1",
-        "sea ideal --duration 1 --interval 1 --set sea.fine_cells=16 --out a.nc",
-        "train ideal --steps 1 --worlds 1 --set mission.duration=4 --out run",
-    ],
-)
-def test_a_command_counts_as_one_does_in_english(tmp_path_factory, monkeypatch, run_usvauv, command):
-    """One thing has no plural, and what is not known is not printed as a number."""
-    folder = tmp_path_factory.getbasetemp() / "in-turn"
-    folder.mkdir(exist_ok=True)
-    monkeypatch.chdir(folder)
-    code, text, errors = run_usvauv(*command.split(), *([] if "train" in command else ["--force"]))
-    assert code == 0, errors
-    said = " ".join((text + errors).split())
-    assert not re.search(r"(?<![\d.,])1 (?!is |as )[a-z-]+s\b|\bnan\b|\binf\b|\b0 min|\D0 h\b", said), said

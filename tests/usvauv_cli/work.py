@@ -61,12 +61,6 @@ def waits_at_first(path: Path, signs: Signs) -> None:
         time.sleep(0.05)
 
 
-def alone(busy: Path, signs: Signs) -> None:
-    busy.mkdir()
-    time.sleep(0.3)
-    busy.rmdir()
-
-
 def in_here(signs: Signs) -> None:
     assert Path.cwd().name == "here"
 

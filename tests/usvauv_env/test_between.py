@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +10,6 @@ import torch
 
 from tests.usvauv_env.made_traces import synthetic_trace
 from usvauv.env import Scenario, Trace, World
-from usvauv.env.record.heading import TURN_RATE
 from usvauv.env.record.recorder import record
 from usvauv.env.render.between import Sea, Series, Vehicle
 from usvauv.env.render.frames import MissionFrames, frames_of
@@ -19,7 +17,6 @@ from usvauv.env.render.layout import Layout, Rectangle
 from usvauv.env.render.mission import RunningMetrics
 from usvauv.env.render.perspective import PerspectiveView
 from usvauv.env.render.style import DARK
-from usvauv.env.render.video import Video
 from usvauv.kernels.errors import UserError
 
 STEPS = 12
@@ -95,14 +92,6 @@ class TestSeries:
         np.testing.assert_allclose(way.until(4.5, np.array([2, 4]))[:, 1], [-2, -4, -4.5])
         assert way.until(4.0, np.array([2, 4])).shape == (2, 2)
         np.testing.assert_allclose(Series(t**2).at(2.5), 6.5, err_msg="linear")
-
-    def test_the_boat_turns_by_no_more_than_its_rate_from_frame_to_frame(self, trace):
-        """At most 20° a second of mission, so 2.7° a frame at the default speed of the perspective."""
-        moments = Video(Path("x.mp4"), "sea").moments([trace])
-        heading = Series(trace.boat_heading[:, 0])
-        turns = np.abs(np.diff([heading.at(t) for t in moments], axis=0))
-        assert turns.max() <= TURN_RATE * 4 / 30 * (1 + 1e-4)
-        assert turns.max() > 0
 
 
 class TestFrames:

@@ -49,20 +49,6 @@ def test_a_boat_goes_where_its_action_leads():
         torch.testing.assert_close(effort, wanted.norm(dim=-1).expand_as(effort), atol=2e-4, rtol=0)
 
 
-def test_a_boat_with_a_lag_takes_its_action_for_the_command(world):
-    """v ← c + e^{−Δt/T} (v − c), whatever the water does."""
-    world.reset()
-    world.boat[..., : BoatColumn.y + 1] = torch.tensor([[300.0, 300.0], [250.0, 350.0]], device=world.device)
-    action = torch.tensor([[0.5, -0.25], [3.0, 4.0]], device=world.device).expand(4, 2, 2)
-    wanted = 2.0 * torch.tensor([[0.5, -0.25], [0.6, 0.8]], device=world.device)
-    for _ in range(5):
-        before = world.boat[..., BoatColumn.span("water_x", "water_y")].clone()
-        world.step(still(world), action)
-        expected = wanted + math.exp(-1 / TWO.boat.response_time) * (before - wanted)
-        found = world.boat[..., BoatColumn.span("water_x", "water_y")]
-        torch.testing.assert_close(found, expected, atol=2e-4, rtol=0)
-
-
 def test_the_observation_is_what_its_table_says(world):
     world.reset()
     for _ in range(30):

@@ -15,7 +15,7 @@ from usvauv.env.exchange import export_trace
 from usvauv.env.exchange.tables import tables
 from usvauv.env.record.metrics import served
 from usvauv.env.record.trace import VARIABLES
-from usvauv.env.render.style import SEA, auv_colour
+from usvauv.env.render.style import auv_colour
 from usvauv.env.site.site import Site
 
 STEPS = 7
@@ -241,22 +241,6 @@ class TestRerun:
         latitude, longitude = np.stack(scene["/earth/usv_0"]["GeoPoints:positions"][2])[0]
         back = Site(trace.scenario).frame.to_local(longitude, latitude)
         np.testing.assert_allclose(back, trace.boat_position[2, 1, 0], atol=1e-6)
-
-    def test_the_sea_is_coloured_from_its_lowest_to_its_highest_and_faces_up(self, trace, scene):
-        frame, limit = scene["/scene/sea"], np.abs(trace.surface).max()
-        assert len(frame) == STEPS
-        points = np.stack(frame["Mesh3D:vertex_positions"][5])
-        np.testing.assert_allclose(points[:, 2], trace.surface[5].ravel(), rtol=1e-6)
-        colours = np.array([list(int(each).to_bytes(4))[:3] for each in frame["Mesh3D:vertex_colors"][5]])
-        for channel in range(3):
-            stops = [colour[2 - channel] for colour in SEA]
-            expected = np.interp(trace.surface[5].ravel(), np.linspace(-limit, limit, len(SEA)), stops)
-            np.testing.assert_allclose(colours[:, channel], expected, atol=1)
-        triangles = np.stack(scene["/scene/sea", "constant"]["Mesh3D:triangle_indices"][0])
-        (ax, ay), (bx, by), (cx, cy) = np.moveaxis(points[triangles][..., :2], 0, -1)
-        areas = ((bx - ax) * (cy - ay) - (by - ay) * (cx - ax)) / 2
-        assert (areas > 0).all()  # anticlockwise from above, and the surface is covered once
-        assert areas.sum() == pytest.approx(np.prod(np.ptp(points[:, :2], axis=0)))
 
     def test_a_run_without_sea_fixes_or_place_has_none(self, trace, tmp_path):
         calm = replace(synthetic_trace(steps=2, sea=False), fix=np.full((2, 1, 2, 2), np.nan))

@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 from contextlib import nullcontext
-from pathlib import Path
 
 import h5py
 import numpy as np
@@ -19,16 +18,7 @@ from safetensors.torch import save_file
 
 from usvauv.env import Scenario
 from usvauv.env.storage import text_files
-from usvauv.env.storage.files import (
-    LOCK,
-    THIS_HOST,
-    OutputError,
-    atomic_write,
-    check_place,
-    hdf5_file,
-    locked,
-    writing,
-)
+from usvauv.env.storage.files import LOCK, THIS_HOST, OutputError, atomic_write, check_place, hdf5_file, locked
 from usvauv.env.storage.text_files import TextFileError
 
 
@@ -121,23 +111,6 @@ def test_asking_for_a_place_leaves_it_as_it_is(tmp_path):
     assert [path.read_text() for path in tmp_path.iterdir()] == ["older"]
     with pytest.raises(OutputError, match="cannot be written: Is a directory"):
         check_place(tmp_path)
-
-
-@pytest.mark.parametrize(
-    ("error", "reason"),
-    [
-        (OSError(28, "full"), "No space left on device"),
-        (OSError("the first\nthe second"), "the first"),
-        (RuntimeError("write failed (errno = 27, in x)"), "File too large"),
-        (ValueError("I/O error: os error 13"), "Permission denied"),
-        (ValueError("no such number"), None),
-        (OutputError("x: said already, code: 28"), None),
-    ],
-)
-def test_the_systems_words_whoever_reports_them(error, reason):
-    with pytest.raises(type(error) if reason is None else OutputError) as caught, writing(Path("a")):
-        raise error
-    assert caught.value is error if reason is None else str(caught.value) == f"a: cannot be written: {reason}"
 
 
 class TestSizeLimit:

@@ -1,4 +1,4 @@
-"""Frames of a mission: drawn alike whatever was drawn before, at any size; two side by side; what they measure."""
+"""Frames: drawn alike whatever was drawn before, at any size; as the stored pictures; two side by side; colours."""
 
 from __future__ import annotations
 
@@ -8,17 +8,18 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from tests.pictures import FOLDER, LIMITS, cases, differences, drawn
 from tests.usvauv_env.made_traces import keeping_station, paint, synthetic_trace
 from usvauv.env import Scenario
 from usvauv.env.record.metrics import episode_metrics
 from usvauv.env.render import style
 from usvauv.env.render.arrangement import Sheet
-from usvauv.env.render.comparison import ComparisonFrames, difference
+from usvauv.env.render.comparison import ComparisonFrames
 from usvauv.env.render.frames import frames_of
-from usvauv.env.render.layout import MapView, Rectangle
 from usvauv.env.render.map import error_axes
-from usvauv.env.render.mission import ReplyField, RunningMetrics, figures
-from usvauv.env.render.sea import CurrentStreaks, elevation_limit
+from usvauv.env.render.mission import RunningMetrics, figures
+from usvauv.env.render.sea import elevation_limit
+from usvauv.env.render.style import CATEGORICAL, CATEGORICAL_ON_WHITE, web
 from usvauv.env.scenario.sea import Area
 from usvauv.kernels.errors import UserError
 
@@ -95,11 +96,6 @@ class TestComparison:
             assert one.view.per_metre == pytest.approx(other.view.per_metre, rel=0.01)
             frames.frame(3)
 
-    def test_differences_are_those_of_the_numbers_that_are_shown(self):
-        assert difference(12.34, 12.34, ".1f") == difference(0.001, -0.001, ".2f") == "same"
-        assert difference(12.25, 12.34, ".2f") == "−0.09"
-        assert difference(12.26, 12.24, ".1f") == "+0.1"
-
 
 class TestMap:
     def test_an_ellipse_has_the_axes_of_its_covariance_and_holds_86_per_cent(self):
@@ -109,55 +105,6 @@ class TestMap:
         errors = np.random.default_rng(0).multivariate_normal([0, 0], [[4.0, -1.9], [-1.9, 1.0]], 20000)
         inside = (np.linalg.solve(error_axes(np.array([4.0, -1.9, 1.0])).T, errors.T) ** 2).sum(0) < 1
         assert inside.mean() == pytest.approx(1 - np.exp(-2), abs=0.01)
-
-
-class TestSea:
-    def test_streaks_drift_with_the_current(self):
-        """Heads of streaks, half a second apart, in a stream of (0.1 + x/1000, 0.2 − y/500) m/s and a moved vortex."""
-        stream = np.array([[[0.1, 0.2], [0.3, 0.2]], [[0.1, -0.2], [0.3, -0.2]]])
-        vortex = np.array([[80.0, 120.0, 200.0, 30.0]])
-        streaks = CurrentStreaks(vortex, stream, 200.0, 200.0, MapView(Area(), Rectangle(0, 0, 600, 600)), 1.0)
-        vortex = vortex + np.array([30.0, -40.0, 0.0, 10.0])
-        streaks.update(vortex, stream)
-        seen = []
-
-        class Recorder:
-            def white_lines(self, lines: np.ndarray, *_: object) -> None:
-                seen.append((lines + 0.5) * (1 / 3, -1 / 3) + (0.0, 200.0))
-
-        for time in (10.0, 10.5):
-            streaks.draw(Recorder(), time, 1)
-        at, moved = seen[0][:, 0], seen[2][:, 0] - seen[0][:, 0]
-        away = at - vortex[0, :2]
-        turn = vortex[0, 2] / (2 * np.pi * (away**2).sum(1)) * -np.expm1(-(away**2).sum(1) / vortex[0, 3] ** 2)
-        current = np.stack([0.1 + at[:, 0] / 1000 - turn * away[:, 1], 0.2 - at[:, 1] / 500 + turn * away[:, 0]], 1)
-        alive = (np.abs(at - 100) < 100).all(1) & (np.hypot(*(at - seen[0][:, -1]).T) > 2) & (np.hypot(*moved.T) > 0)
-        assert alive.sum() > 100
-        assert (np.hypot(*(moved - 0.5 * current)[alive].T) < 0.05).mean() > 0.97  # the rest ended its life in between
-
-
-class TestReplyField:
-    def field(self, level: float) -> ReplyField:
-        """Two AUVs 420 m apart, foreseen where they are; variances 300 and 100 m²."""
-        wide = ["area.width=600", "area.length=600", "channel.data_ratio=18", f"acoustics.source_level={level}"]
-        trace = synthetic_trace(steps=3, auvs=2, nodes=2, vortices=0, sea=False)
-        estimate, covariance = np.zeros_like(trace.estimate), np.zeros_like(trace.estimate_covariance)
-        estimate[:, 0] = (90.0, 300.0), (510.0, 300.0)
-        covariance[:, 0, 0, [0, 2]], covariance[:, 0, 1, [0, 2]] = 300.0, 100.0
-        scenario = Scenario.load("extreme", [*wide, "nodes.count=2"])
-        known = {"estimate": estimate, "foreseen_position": estimate, "estimate_covariance": covariance}
-        return ReplyField(replace(trace, scenario=scenario, **known))
-
-    def test_a_place_is_worth_what_is_heard_there(self):
-        """Beside an AUV its share of the variance, far from both nothing, and where all is heard everything."""
-        field = self.field(143.0)
-        share = field.share(2)
-        assert share[20, 6] == pytest.approx(0.75, abs=0.01)
-        assert share[20, 34] == pytest.approx(0.25, abs=0.01)
-        assert share[0, 0] < 0.05
-        assert self.field(190.0).share(2).min() > 0.999
-        around = np.concatenate(dict(field.lines(2))[0.6])
-        assert np.abs((around.min(axis=0) + around.max(axis=0)) / 2 - (90, 300)).max() < 20
 
 
 class TestPanel:
@@ -173,3 +120,43 @@ class TestPanel:
             assert said["full nodes"] == str(trace.overflowing[t, 0])
         whole = episode_metrics(trace)[0]
         assert (said["SDR, Mbit/s"], said["EC, W"]) == (f"{whole.sdr:.2f}", f"{whole.ec:.1f}")
+
+
+GROUNDS = {"#0b131c": CATEGORICAL, "#142130": CATEGORICAL, "#ffffff": CATEGORICAL_ON_WHITE}
+
+
+def linear(code):
+    """Linear RGB of a web colour, 0 to 1 (IEC 61966-2-1)."""
+    value = np.array([int(code[i : i + 2], 16) for i in (1, 3, 5)]) / 255
+    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+
+
+def contrast(code, ground):
+    """Contrast of WCAG 2.2, 1 to 21."""
+    low, high = sorted(float(np.dot([0.2126729, 0.7151522, 0.0721750], linear(each))) + 0.05 for each in (code, ground))
+    return high / low
+
+
+@pytest.mark.parametrize("ground", GROUNDS)
+def test_colours_stand_out_from_their_ground(ground):
+    assert all(contrast(code, ground) >= 3 for code in GROUNDS[ground])
+
+
+@pytest.mark.parametrize("theme", style.THEMES.values(), ids=style.THEMES)
+def test_text_is_legible(theme):
+    for text, ground in ((theme.text, theme.card), (theme.muted, theme.card), (theme.muted, theme.background)):
+        assert contrast(web(text), web(ground)) >= 4.5  # WCAG 2.2, AA
+
+
+CASES = cases()
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_frame_is_the_stored_picture(name):
+    differ, mean = differences(name, drawn(CASES[name]))
+    assert differ <= LIMITS[0]
+    assert mean <= LIMITS[1]
+
+
+def test_each_stored_picture_is_compared():
+    assert {path.stem for path in FOLDER.iterdir()} == CASES.keys()

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.io import netcdf_file
 
-from usvauv.env.storage import netcdf
 from usvauv.env.storage.netcdf import NetcdfError, open_decoded, open_plain, values
 
 VALUES = np.arange(60, dtype="<f4").reshape(3, 4, 5) / 7
@@ -93,15 +92,3 @@ def test_no_more_is_read_than_fits(tmp_path):
         file.create_dataset("time", (10**12,), "f8", chunks=(1000,)).make_scale("time")
     with pytest.raises(NetcdfError, match=r"time: has 8,000,000,000,000 bytes"), open_decoded(path):
         pytest.fail("opened")
-
-
-def test_netcdf_3_without_scipy(tmp_path, monkeypatch):
-    path = tmp_path / "classic.nc"
-    monkeypatch.setattr(netcdf.importlib.util, "find_spec", lambda name: None)
-    for kind, needed in ((b"\x02", r"SciPy \(pip install scipy\) or converting"), (b"\x05", "converting")):
-        path.write_bytes(b"CDF" + kind + bytes(100))
-        with (
-            pytest.raises(NetcdfError, match=f"classic.nc: a NetCDF-3 file, which needs {needed} with `nccopy"),
-            open_decoded(path),
-        ):
-            pytest.fail("opened")

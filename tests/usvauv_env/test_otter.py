@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from usvauv.env import Scenario, ScenarioError, World
+from usvauv.env import Scenario, World
 from usvauv.env.record.recorder import record
 from usvauv.env.world import tables
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn
@@ -179,15 +179,3 @@ def test_its_heading_is_in_the_trace():
     ahead = [math.cos(trace.boat_heading[-1, 0, 0]), math.sin(trace.boat_heading[-1, 0, 0])]
     assert water @ ahead == pytest.approx(world.hull[0, 0, HullColumn.u].item(), abs=1e-4)
     assert np.abs(np.diff(trace.boat_heading[:, 0, 0])).max() < 1  # not reduced to one turn
-
-
-@pytest.mark.parametrize(
-    ("override", "message"),
-    [
-        ("boat.model=raft", r"boat.model = 'raft': .*point, otter"),
-        ("otter.mass=1", r"otter.mass = 1.*greater than or equal to 20"),
-    ],
-)
-def test_wrong_numbers_are_refused(override, message):
-    with pytest.raises(ScenarioError, match=message):
-        Scenario.load("wide", [override])

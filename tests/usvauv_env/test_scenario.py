@@ -100,27 +100,6 @@ def test_a_file_that_0_2_printed_is_read(tmp_path):
     assert Scenario.load(tmp_path / "printed.toml") == Scenario.from_dict({})
 
 
-@pytest.mark.parametrize("name", Scenario.shipped())
-def test_a_person_reads_which_scenario_it_is_and_what_differs_from_the_shipped_one(name):
-    assert f"Scenario {name!r} as shipped: " in str(Scenario.load(name))
-    assert len(repr(Scenario.load(name)).splitlines()) == 1
-    changed = Scenario.load(name, ["mission.step=0.5", "acoustics.wind=3.25"])
-    head, *changes = repr(changed).splitlines()
-    assert head.startswith(f"Scenario {name!r}: {changed.task}, {changed.area.width:g} × {changed.area.length:g} m")
-    assert [change.split(", shipped")[0] for change in changes] == ["  mission.step = 0.5", "  acoustics.wind = 3.25"]
-
-
-def test_of_another_name_it_is_what_differs_from_the_defaults():
-    other = Scenario.from_dict({"name": "mine", "auv": {"count": 1}, "boat": {"strategy": "centroid"}})
-    expected = ['  boat.strategy = "centroid", default "fim"', "  auv.count = 1, default 2"]
-    head, *changes = repr(other).splitlines()
-    assert "1 AUV, 1 boat" in head
-    assert changes == expected
-    many = repr(Scenario.from_dict({**Scenario.load("wide").to_dict(), "name": "mine"})).splitlines()
-    assert len(many) == 14
-    assert many[-1].startswith("  … and ")
-
-
 def test_unknown_name_lists_the_shipped_ones():
     with pytest.raises(ScenarioError, match="extreme, extreme-torpedo, ideal"):
         Scenario.load("extrem")
