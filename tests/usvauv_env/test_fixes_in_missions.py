@@ -12,7 +12,7 @@ from tests.slowly import slowly
 from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.planning import fix_errors
 from usvauv.env.planning.fix_errors import LEAST_GOOD, FixError, ellipse, error_budget
-from usvauv.env.planning.plan import root_mean_square, solve
+from usvauv.env.planning.plan import deviations, solve
 from usvauv.env.site.site import Site
 from usvauv.env.world.tables import link_table
 from usvauv.kernels.mission.columns import AuvColumn
@@ -222,6 +222,6 @@ def test_who_is_located():
     assert error(good=LEAST_GOOD).located
     assert not error(good=LEAST_GOOD - 1e-6).located
     located = [error(major=3.0, minor=4.0), error(major=12.0, minor=0.5), error(good=0.5, major=90.0, minor=None)]
-    assert root_mean_square(located) == pytest.approx(math.sqrt((9 + 16 + 144 + 0.25) / 2))
-    assert root_mean_square([*located, error(major=None)]) is None
-    assert root_mean_square(located[2:]) is None
+    assert deviations(located) == [3.0, 4.0, 12.0, 0.5]
+    assert deviations([*located, error(major=None)]) is None
+    assert deviations(located[2:]) is None

@@ -171,9 +171,8 @@ def test_it_does_what_its_action_asks_for():
 
 
 def test_its_heading_is_in_the_trace():
-    scenario = Scenario.load("wide", ["boat.model=otter", "auv.count=2", "nodes.count=4", "sea.realisations=1"])
-    world = World(scenario, 1, 3, "belief")
-    trace = record(world, lambda seen: torch.zeros(1, 2, 2), "still", steps=60)
+    world = world_of("hold:200,300", 8)
+    trace = record(world, lambda seen: torch.zeros(8, 1, 2), "still", steps=60)
     assert trace.boat_heading[-1, 0, 0] == pytest.approx(0.5 * math.pi - world.hull[0, 0, 0].item(), abs=1e-5)
     water = world.boat[0, 0, BoatColumn.span("water_x", "water_y")].cpu().numpy()
     ahead = [math.cos(trace.boat_heading[-1, 0, 0]), math.sin(trace.boat_heading[-1, 0, 0])]
