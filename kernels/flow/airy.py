@@ -48,6 +48,14 @@ double_lanes = ti.types.ndarray(dtype=ti.types.vector(LANES, ti.f64), ndim=2)
 
 
 @func
+def total(v: lanes) -> ti.f32:
+    """Sum of the lanes, half upon half, each half in one instruction where vectors stay in registers."""
+    eight = ti.Vector([v[n] for n in ti.static(range(8))]) + ti.Vector([v[n + 8] for n in ti.static(range(8))])
+    four = ti.Vector([eight[n] for n in ti.static(range(4))]) + ti.Vector([eight[n + 4] for n in ti.static(range(4))])
+    return (four[0] + four[2]) + (four[1] + four[3])
+
+
+@func
 def motion(wave: ti.template(), sea: ti.i32, level: ti.template(), x: ti.f32, y: ti.f32) -> vec8:
     """Surface, velocity and its shear (η, η_x, η_y, u, v, w, u_z, v_z) of a sea at (x, y), in m, 1, m/s and 1/s.
 
@@ -82,14 +90,14 @@ def motion(wave: ti.template(), sea: ti.i32, level: ti.template(), x: ti.f32, y:
         u_z += shear * kx
         v_z += shear * ky
     return vec8(
-        eta.sum(),
-        TWO_PI * eta_x.sum(),
-        TWO_PI * eta_y.sum(),
-        u.sum(),
-        v.sum(),
-        w.sum(),
-        TWO_PI * u_z.sum(),
-        TWO_PI * v_z.sum(),
+        total(eta),
+        TWO_PI * total(eta_x),
+        TWO_PI * total(eta_y),
+        total(u),
+        total(v),
+        total(w),
+        TWO_PI * total(u_z),
+        TWO_PI * total(v_z),
     )
 
 

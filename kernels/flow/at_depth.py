@@ -16,7 +16,7 @@ import numpy as np
 import taichi as ti
 
 from usvauv.kernels.flow import airy, current
-from usvauv.kernels.flow.airy import TWO_PI, lanes
+from usvauv.kernels.flow.airy import TWO_PI, lanes, total
 from usvauv.kernels.flow.vortex import PLACES
 from usvauv.kernels.functions import func
 from usvauv.kernels.trigonometry import half_cosine, half_sine
@@ -105,12 +105,12 @@ def storm(wave: ti.template(), sea: ti.i32, x: ti.f32, y: ti.f32, depth: ti.f32)
         u_t += along * kx * later_cosine
         v_t += along * ky * later_cosine
         w_t += rising * (c * sine - s * cosine)
-    xx, xy, xz = TWO_PI * u_x.sum(), TWO_PI * u_y.sum(), TWO_PI * u_z.sum()
-    yy, yz = TWO_PI * v_y.sum(), TWO_PI * v_z.sum()
+    xx, xy, xz = TWO_PI * total(u_x), TWO_PI * total(u_y), TWO_PI * total(u_z)
+    yy, yz = TWO_PI * total(v_y), TWO_PI * total(v_z)
     return Flow(
-        velocity=vec3(u.sum(), v.sum(), w.sum()),
+        velocity=vec3(total(u), total(v), total(w)),
         gradient=mat3([[xx, xy, xz], [xy, yy, yz], [xz, yz, -xx - yy]]),
-        rate=vec3(u_t.sum(), v_t.sum(), w_t.sum()),
+        rate=vec3(total(u_t), total(v_t), total(w_t)),
     )
 
 

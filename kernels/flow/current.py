@@ -205,8 +205,14 @@ def without_waves(water: ti.template(), w: ti.i32, x: places, y: places, fade: t
     Args:
         fade: speed of vortices over that at the surface. share: of the way from the surface to cruise depth.
     """
-    along_x, along_y = vortex.current(water.vortex, w, x, y, water.eddies.period)
-    u, v = fade * along_x, fade * along_y
+    u, v = vortex.current(water.vortex, w, x, y, water.eddies.period)
+    return at_share(water, x, y, u, v, fade, share)
+
+
+@func
+def at_share(water: ti.template(), x: places, y: places, u: places, v: places, fade: ti.f32, share: ti.f32):
+    """`without_waves` from the velocity (u, v) of vortices at the surface."""
+    u, v = fade * u, fade * v
     if water.stream.shape[1] > 1:
         for n in range(PLACES):
             V = real_current(water, x[n], y[n], share)

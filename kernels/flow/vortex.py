@@ -36,17 +36,16 @@ import taichi as ti
 import torch
 
 from usvauv.kernels import runtime
+from usvauv.kernels.flow.airy import LANES, lanes, total
 from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.launch import Launch
 from usvauv.kernels.types import Columns, array3, array4, columns
 
-LANES = 16  # vortices side by side
 PLACES = 8  # places side by side
 IMAGES = 3.15120262, 4.25286493, 3.82483015, 2.82903353  # c_k of ζ
 FAR = 16.0  # r²/δ² from which on 1 − e^{−r²/δ²} counts as that at 16, within 2e-7 of 1
-LEAST = 1e-30  # added to r²
+LEAST = 1e-18  # added to r², whose square is a number then
 
-lanes = ti.types.vector(LANES, ti.f32)
 blocks3 = ti.types.ndarray(dtype=lanes, ndim=3)
 places = ti.types.vector(PLACES, ti.f32)
 
@@ -96,14 +95,13 @@ def core(t):
 
 
 @func
-def images(x, y, x2, y2):
-    """Real and imaginary part of Σ_k c_k z^{4k−2} for z = x + iy, x2 = x², y2 = y², |x|, |y| ≤ ½.
+def images(x, y, real, r4):
+    """Real and imaginary part of Σ_k c_k z^{4k−2} for z = x + iy, with x² − y² and |z|⁴, |x|, |y| ≤ ½.
 
     The polynomial in q = z⁴ is summed by Horner's rule for real coefficients, b_k = c_k + 2 Re(q) b_{k+1} −
     |q|² b_{k+2} (Knuth, "Seminumerical Algorithms", §4.6.4).
     """
-    real, imaginary = x2 - y2, (x + x) * y  # of z²
-    r4 = (x2 + y2) * (x2 + y2)
+    imaginary = (x + x) * y  # of z², as `real`
     size = r4 * r4
     half = imaginary * imaginary
     q = r4 - (half + half)
@@ -139,12 +137,16 @@ def induced(x, y, width2, period: ti.template()):
         x, y = x - ti.floor(x + 0.5), y - ti.floor(y + 0.5)
     x2, y2 = x * x, y * y
     r2 = x2 + y2 + LEAST
-    turn = core(r2 / width2) / r2
-    u, v = (0.0 - turn) * y, turn * x
+    u, v = x, y
     if ti.static(period > 0):
-        real, imaginary = images(x, y, x2, y2)
-        turn = math.pi - turn
+        r4 = r2 * r2
+        share = 1.0 / (r2 * width2)  # one division in place of two
+        turn = math.pi - core(r4 * share) * (width2 * share)
+        real, imaginary = images(x, y, x2 - y2, r4)
         u, v = (turn - real) * y - x * imaginary, y * imaginary - (turn + real) * x
+    else:
+        turn = core(r2 / width2) / r2
+        u, v = (0.0 - turn) * y, turn * x
     return u, v
 
 
@@ -238,16 +240,16 @@ def carry(work: ti.template(), w: ti.i32, count: ti.i32, period: ti.template()):
                 Gamma_n, width2_n = work[w, Work.Gamma, g][n], work[w, Work.width2, g][n]
                 back_u, back_v = lanes(0.0), lanes(0.0)
                 for h in range(g):
-                    along_u, along_v = induced(
-                        work[w, Work.x, h] - x_n, work[w, Work.y, h] - y_n, work[w, Work.width2, h] + width2_n, period
-                    )
-                    work[w, Work.u, h] = work[w, Work.u, h] + Gamma_n * along_u
-                    work[w, Work.v, h] = work[w, Work.v, h] + Gamma_n * along_v
-                    back_u += work[w, Work.Gamma, h] * along_u
-                    back_v += work[w, Work.Gamma, h] * along_v
+                    x_h, y_h, width2_h = work[w, Work.x, h], work[w, Work.y, h], work[w, Work.width2, h]
+                    Gamma_h, u_h, v_h = work[w, Work.Gamma, h], work[w, Work.u, h], work[w, Work.v, h]
+                    along_u, along_v = induced(x_h - x_n, y_h - y_n, width2_h + width2_n, period)
+                    back_u += Gamma_h * along_u
+                    back_v += Gamma_h * along_v
+                    work[w, Work.u, h] = u_h + Gamma_n * along_u
+                    work[w, Work.v, h] = v_h + Gamma_n * along_v
                 here = ti.select(lane == n, lanes(1.0), lanes(0.0))
-                u = u - here * back_u.sum()
-                v = v - here * back_v.sum()
+                u = u - here * total(back_u)
+                v = v - here * total(back_v)
         work[w, Work.u, g] = u
         work[w, Work.v, g] = v
 
@@ -374,6 +376,7 @@ def evolution(vortex: torch.Tensor, dt: float, viscosity: float, mutual: bool, e
         velocity = vortex.new_zeros((3, worlds, count, 2))
         return Launch(_evolve_each, vortex, velocity, dt, viscosity, bool(mutual), eddies)
     work = vortex.new_zeros((worlds, len(Work.names), -(-count // LANES), LANES))
+    work[:, Work.width2] = 1.0  # of lanes beyond the last vortex: `induced` divides by it
     serial = runtime.better_alone(worlds * count)
     settings = runtime.vectors_in_registers()
     return Launch(_evolve, serial, vortex, work, dt, viscosity, int(mutual), eddies, settings=settings)

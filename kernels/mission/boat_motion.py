@@ -341,9 +341,9 @@ def move_boat(worlds: ti.template(), w, b):
 
 @func
 def ride_waves(worlds: ti.template(), w, b):
-    """Store elevation and slope of the sea under boat b, long and short waves, and the water's velocity at the surface.
+    """Store elevation and slope of the sea under boat b, long and short waves, and the storm's velocity there.
 
-    That of the storm is, to second order, the one at its elevation: see `usvauv.kernels.flow.airy`.
+    That is, to second order, the one at its elevation: see `usvauv.kernels.flow.airy`.
     """
     boat = ti.static(worlds.boat)
     water = ti.static(worlds.water)
@@ -353,12 +353,23 @@ def ride_waves(worlds: ti.template(), w, b):
     dy = water.length / water.ny
     surface = current.long_wave_surface(water.eta, water.sea_index[w], x, y, dx, dy, water.nx, water.ny)
     storm = airy.motion(water.wave, water.sea_index[w], Level.surface, x, y)
-    velocity = current.velocity(water, Level.surface, w, x, y)
     boat[w, b, BoatColumn.elevation] = surface[0] + storm[0]
     boat[w, b, BoatColumn.slope_x] = surface[1] + storm[1]
     boat[w, b, BoatColumn.slope_y] = surface[2] + storm[2]
-    boat[w, b, BoatColumn.current_x] = velocity[0] + storm[3] + storm[0] * storm[6]
-    boat[w, b, BoatColumn.current_y] = velocity[1] + storm[4] + storm[0] * storm[7]
+    boat[w, b, BoatColumn.current_x] = storm[3] + storm[0] * storm[6]
+    boat[w, b, BoatColumn.current_y] = storm[4] + storm[0] * storm[7]
+
+
+@func
+def drift_along(worlds: ti.template(), w, b, vortices: vec2):
+    """Add what carries boat b besides the storm: vortices (m/s), real currents and long waves, at the surface."""
+    boat = ti.static(worlds.boat)
+    water = ti.static(worlds.water)
+    place = boat_place(worlds, w, b)
+    velocity = vortices + current.real_current(water, place[0], place[1], 0.0)
+    velocity += current.long_wave_velocity(water, water.sea_index[w], place[0], place[1])
+    boat[w, b, BoatColumn.current_x] = boat[w, b, BoatColumn.current_x] + velocity[0]
+    boat[w, b, BoatColumn.current_y] = boat[w, b, BoatColumn.current_y] + velocity[1]
 
 
 @func

@@ -7,9 +7,10 @@ import math
 
 import taichi as ti
 
-from usvauv.kernels.flow import airy, at_depth, current
+from usvauv.kernels.flow import airy, at_depth, current, vortex
+from usvauv.kernels.flow.vortex import PLACES, places
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission import navigation, vehicles
+from usvauv.kernels.mission import boat_motion, navigation, vehicles
 from usvauv.kernels.mission.columns import (
     AuvColumn,
     BodyColumn,
@@ -29,7 +30,7 @@ BEAMS, BEAM_ANGLE = 3, 1.0  # rad
 PROFILE_CELLS, BEAM_CELL = 2, 25.0  # m
 DEPTH_UNIT = 10.0  # m
 PROFILE_POINTS = BEAMS * PROFILE_CELLS
-# From an AUV, ahead and to the left, m: itself, and its profiler's points.
+# From an AUV, ahead and to the left, m: itself, its profiler's points, and one to spare.
 AHEAD, LEFT = (
     [0.0, *(BEAM_CELL * (n // BEAMS + 1) * f(BEAM_ANGLE * (n % BEAMS - 1)) for n in range(PROFILE_POINTS)), 0.0]
     for f in (math.cos, math.sin)
@@ -107,8 +108,13 @@ def current_vector(worlds: ti.template(), w, k, first):
 
 
 @func
-def current_profile(worlds: ti.template(), w, k, first) -> vec2:
-    """Components of the current, without waves, at the points of the profiler; returns that at the AUV."""
+def current_profile(worlds: ti.template(), w, k, first):
+    """Components of the current, without waves, at the points of the profiler; `sense_currents` writes them."""
+
+
+@func
+def profiled(worlds: ti.template(), w, k):
+    """AUV k, the points of its profiler, and the boat of the same number, or the last one, side by side: x, y, m."""
     towards = target_offset(worlds, w, k)
     bearing = vec2(1.0, 0.0)
     if towards.norm() > 1e-9:
@@ -116,14 +122,30 @@ def current_profile(worlds: ti.template(), w, k, first) -> vec2:
     ahead, left = ti.Vector(ti.static(AHEAD)), ti.Vector(ti.static(LEFT))
     x = worlds.auv[w, k, AuvColumn.x] + ahead * bearing[0] - left * bearing[1]
     y = worlds.auv[w, k, AuvColumn.y] + left * bearing[0] + ahead * bearing[1]
+    boat = boat_motion.boat_place(worlds, w, ti.min(k, worlds.boat.shape[1] - 1))
+    x[PLACES - 1], y[PLACES - 1] = boat[0], boat[1]
+    return x, y
+
+
+@func
+def take_profile(worlds: ti.template(), w, k, x: places, y: places, u: places, v: places):
+    """Make a profile of AUV k, its own current and that of the boat of the same number of the vortices' velocity.
+
+    Args:
+        x, y: of `profiled`. u, v: of vortices at the surface, m/s.
+    """
     fade, share = current.at_level(worlds.water, Level.cruise)
     if ti.static(worlds.program.vehicle):
         fade, share = at_depth.at(*vehicles.depths(worlds, w, k))
-    u, v = current.without_waves(worlds.water, w, x, y, fade, share)
+    if k < worlds.boat.shape[1]:
+        boat_motion.drift_along(worlds, w, k, vec2(u[PLACES - 1], v[PLACES - 1]))
+    along_x, along_y = current.at_share(worlds.water, x, y, u, v, fade, share)
+    first = worlds.observation_first[ti.static(worlds.program.observation.index(current_profile))]
     for n in ti.static(range(PROFILE_POINTS)):
-        worlds.observation[w, k, first + 2 * n] = u[1 + n]
-        worlds.observation[w, k, first + 2 * n + 1] = v[1 + n]
-    return vec2(u[0], v[0])
+        worlds.observation[w, k, first + 2 * n] = along_x[1 + n]
+        worlds.observation[w, k, first + 2 * n + 1] = along_y[1 + n]
+    worlds.auv[w, k, AuvColumn.current_x] = along_x[0]
+    worlds.auv[w, k, AuvColumn.current_y] = along_y[0]
 
 
 @func
@@ -176,32 +198,74 @@ def motion(worlds: ti.template(), w, k, first):
 
 
 @func
-def sense_current(worlds: ti.template(), w, k):
-    """Store the velocity of the water at AUV k, which also carries it during the coming step, and its profile."""
-    terms = ti.static(worlds.program.observation)
-    here = vec2(0.0)
-    if ti.static(current_profile in terms):
-        here = current_profile(worlds, w, k, worlds.observation_first[ti.static(terms.index(current_profile))])
-    if ti.static(worlds.program.vehicle):
-        here = vehicles.sense(worlds, w, k)
+def both(a: places, b: places):
+    """Places of two AUVs side by side."""
+    return ti.Vector([a[n] for n in ti.static(range(PLACES))] + [b[n] for n in ti.static(range(PLACES))])
+
+
+@func
+def half(v, first: ti.template()) -> places:
+    """One of the two, from its first lane on."""
+    return ti.Vector([v[first + n] for n in ti.static(range(PLACES))])
+
+
+@func
+def take_profiles(worlds: ti.template(), w):
+    """`take_profile` of all AUVs of world w: where vectors stay in registers two side by side."""
+    vortices, period = ti.static(worlds.water.vortex, worlds.water.eddies.period)
+    num_auvs = worlds.auv.shape[1]
+    if ti.static(worlds.program.apart):
+        for pair in range((num_auvs + 1) // 2):
+            j, k = 2 * pair, ti.min(2 * pair + 1, num_auvs - 1)
+            x_j, y_j = profiled(worlds, w, j)
+            x_k, y_k = profiled(worlds, w, k)
+            u, v = vortex.current(vortices, w, both(x_j, x_k), both(y_j, y_k), period)
+            take_profile(worlds, w, j, x_j, y_j, half(u, 0), half(v, 0))
+            if k > j:
+                take_profile(worlds, w, k, x_k, y_k, half(u, PLACES), half(v, PLACES))
     else:
-        x = worlds.auv[w, k, AuvColumn.x]
-        y = worlds.auv[w, k, AuvColumn.y]
-        sea = worlds.water.sea_index[w]
-        if ti.static(current_profile in terms):
-            here += current.long_wave_velocity(worlds.water, sea, x, y)
+        for k in range(num_auvs):
+            x, y = profiled(worlds, w, k)
+            u, v = vortex.current(vortices, w, x, y, period)
+            take_profile(worlds, w, k, x, y, u, v)
+
+
+@func
+def sense_currents(worlds: ti.template(), w):
+    """Store the velocity of the water at the AUVs and boats of world w, which carries them during the coming step, and
+    profiles.
+    """
+    water = ti.static(worlds.water)
+    sea = water.sea_index[w]
+    profiles = 0
+    if ti.static(current_profile in worlds.program.observation):
+        take_profiles(worlds, w)
+        profiles = worlds.auv.shape[1]
+    for b in range(profiles, worlds.boat.shape[1]):
+        place = boat_motion.boat_place(worlds, w, b)
+        u, v = vortex.current(water.vortex, w, place[0], place[1], water.eddies.period)
+        boat_motion.drift_along(worlds, w, b, vec2(u, v))
+    for k in range(worlds.auv.shape[1]):
+        here = vec2(0.0)
+        if ti.static(worlds.program.vehicle):
+            here = vehicles.sense(worlds, w, k)
         else:
-            here = current.velocity(worlds.water, Level.cruise, w, x, y)
-        storm = airy.motion(worlds.water.wave, sea, Level.cruise, x, y)
-        here += vec2(storm[3], storm[4])
-    worlds.auv[w, k, AuvColumn.current_x] = here[0]
-    worlds.auv[w, k, AuvColumn.current_y] = here[1]
+            x = worlds.auv[w, k, AuvColumn.x]
+            y = worlds.auv[w, k, AuvColumn.y]
+            if ti.static(current_profile in worlds.program.observation):
+                here = vec2(worlds.auv[w, k, AuvColumn.current_x], worlds.auv[w, k, AuvColumn.current_y])
+                here += current.long_wave_velocity(water, sea, x, y)
+            else:
+                here = current.velocity(water, Level.cruise, w, x, y)
+            storm = airy.motion(water.wave, sea, Level.cruise, x, y)
+            here += vec2(storm[3], storm[4])
+        worlds.auv[w, k, AuvColumn.current_x] = here[0]
+        worlds.auv[w, k, AuvColumn.current_y] = here[1]
 
 
 @func
 def write(worlds: ti.template(), w, k):
     """Write the observation of AUV k, term by term; NaN, which ends the run, where its target is no node's index."""
-    sense_current(worlds, w, k)
     terms = ti.static(worlds.program.observation)
     for t in ti.static(range(len(terms))):
         if ti.static(terms[t] != current_profile):  # which was written together with the AUV's own

@@ -115,6 +115,7 @@ def begin_estimate(worlds: ti.template(), w, k):
 @func
 def look(worlds: ti.template(), w):
     """What the AUVs of world w meet and observe at the beginning of an episode and at the end of a step."""
+    observation.sense_currents(worlds, w)
     for k in range(worlds.auv.shape[1]):
         observation.write(worlds, w, k)
         if ti.static(worlds.program.tracker):
