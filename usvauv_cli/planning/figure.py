@@ -33,7 +33,7 @@ def magnification(result: Plan) -> float:
     best = max((error.major for error in result.optimum.errors if error.located and error.major), default=1.0)
     errors = [error for place in (result.optimum, *result.compare) for error in place.errors]
     worst = max((error.major for error in errors if error.located and error.major), default=1.0)
-    side = min(result.area.width, result.area.length)
+    side = min(result.area["width"], result.area["length"])
     room = min(LARGEST_BEST / best, LARGEST / worst) * side / SIGMAS
     decade = 10.0 ** math.floor(math.log10(room))
     return decade * max(step for step in (1, 2, 3, 5) if step * decade <= room)
@@ -68,7 +68,7 @@ def letter_of(i: int) -> str:
 @mpl.plain()
 def draw(result: Plan, landscape: Landscape, path: Path) -> None:
     """Draw the result of a plan and save it, the format by the file's suffix."""
-    width, length = result.area.width, result.area.length
+    width, length = result.area["width"], result.area["length"]
     # Inches: the map within 6 × 6; beside it colour bar and legend, whose rows set the least height; above, the title.
     across, along = (MAP * side / max(width, length) for side in (width, length))
     across = max(across, 1.0)
