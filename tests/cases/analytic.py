@@ -136,6 +136,47 @@ def quarter_wave_gain(n: int) -> dict[str, float]:
     return errors
 
 
+def resonant_growth(n: int) -> dict[str, float]:
+    """From rest with sin ωt at the boundary, after 2, 4 and 6 periods.
+
+    The solution is a sum of images, η(0, t) = 2 Σ (−1)^j f(t − (2j + 1) L/c): 2 more at each crest, twice a period.
+    """
+    L, h = 200.0, 120.0
+    T = 4 * L / math.sqrt(GRAVITY * h)
+    solver = ShallowWater(size=(L, 4 * L / n), cells=(n, 4), depth=h, interval=2 * T, boundaries={"east": "forced"})
+    solver.set_forcing(*waves(1.0, T, -math.pi / 2))
+    solver.set_state(np.zeros((1, 4, n)))
+    errors = []
+    for periods in (2, 4, 6):
+        solver.advance()
+        errors.append(abs(solver.elevation()[0, 0, 0] / (-4 * periods) - 1))
+    return {"η": max(errors)}
+
+
+def wave_maker(n: int) -> dict[str, float]:
+    """Wave number between the boundary and a point that no wave from the far wall has reached, n cells to a wave.
+
+    Waves of 12 s; the complex amplitude is that of the last of 12 periods, its wave number the slope of its phase.
+    """
+    T, h = 12.0, 50.0
+    c = math.sqrt(GRAVITY * h)
+    dx = c * T / n
+    cells, near = 14 * n, 4 * n
+    solver = ShallowWater(
+        size=(cells * dx, 4 * dx), cells=(cells, 4), depth=h, interval=T / 16, boundaries={"west": "forced"}
+    )
+    solver.set_forcing(*waves(1.0, T))
+    solver.set_state(np.zeros((1, 4, cells)))
+    amplitude = np.zeros(near, complex)
+    for step in range(1, 12 * 16 + 1):
+        solver.advance()
+        if step > 11 * 16:
+            amplitude += solver.elevation()[0, 0, :near] * np.exp(-2j * math.pi * solver.time / T) / 8
+    k = -np.polyfit(centres(near, near * dx), np.unwrap(np.angle(amplitude)), 1)[0]
+    discrete = 2 / dx * math.asin(dx / (c * solver.time_step) * math.sin(math.pi * solver.time_step / T))
+    return {"k against the scheme's": abs(k / discrete - 1), "speed against c": abs(2 * math.pi / T / k / c - 1)}
+
+
 FINE = 512
 
 
@@ -187,6 +228,15 @@ CASES = (
         {f"T = {T:.0f} s": SECOND for T in GAIN_PERIODS if T <= 30},
     ),
     Case(
+        "growth at resonance",
+        "T = 4L/c from rest: η(0, nT) = −4 n a; relative, the worst of n = 2, 4, 6",
+        "images at wall and boundary",
+        resonant_growth,
+        (30, 60, 120),
+        {"η": 2e-4},
+        {},
+    ),
+    Case(
         "peak of a damped resonance",
         "T = 4L/c: η = Re a cos kx/cos kL e^{iωt}, g h k² = ω² − iωr, r = ω/5; rms, a = 1 m, 6.4 m at the wall",
         "Eq. 7 with drag",
@@ -194,6 +244,15 @@ CASES = (
         (20, 40, 80),
         {"η": 2e-4, "u": 6e-5},
         {"η": SECOND, "u": SECOND},
+    ),
+    Case(
+        "wave-maker, n cells to a wave",
+        "sin(ωΔt/2) = (cΔt/Δx) sin(kΔx/2); relative, and ω/k against c = √(g h)",
+        "dispersion relation of the scheme",
+        wave_maker,
+        (10, 20, 40),
+        {"k against the scheme's": 2e-6, "speed against c": 8e-4},
+        {"speed against c": SECOND},
     ),
     Case(
         "wave-maker beside open sea",

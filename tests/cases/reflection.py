@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tests.cases.case import Case
-from tests.cases.plain import GRAVITY, centres, faces
+from tests.cases.plain import GRAVITY, SIDES, centres, faces
 from usvauv.kernels.shallow_water.linear import ShallowWater
 
 DEPTH = 50.0
@@ -125,6 +125,25 @@ def sponge(n: int) -> dict[str, float]:
     }
 
 
+def pulse(n: int) -> dict[str, float]:
+    """Energy left of a round hump in the middle of a square, all sides radiating, when each ray has met one of them.
+
+    A ray that meets a boundary at θ keeps tan⁴ θ/2 of its energy; rays are even over 0 to 45°. Some have met a second
+    boundary by then, so that this is a bound.
+    """
+    x = centres(n, 1.0)
+    r2 = (x - 0.5) ** 2 + (x[:, None] - 0.5) ** 2
+    interval = (math.sqrt(0.5) + 0.15) / CELERITY
+    solver = ShallowWater(
+        size=(1.0, 1.0), cells=(n, n), depth=DEPTH, interval=interval, boundaries=dict.fromkeys(SIDES, "radiating")
+    )
+    solver.set_state(np.exp(-r2 / (2 * 0.04**2))[None])
+    before = solver.energy()[0]
+    solver.advance()
+    theta = centres(1000, math.pi / 4)
+    return {"energy over the bound": solver.energy()[0] / before / np.mean(np.tan(theta / 2) ** 4)}
+
+
 def drain(n: int) -> dict[str, float]:
     """A channel filled 1 m too high, seen each quarter of the time L/c that the wave front takes."""
     L = 100.0
@@ -159,6 +178,15 @@ CASES = (
         (10, 20, 40),
         {"ρ at 0°": 0.001, "ρ at 45°": 0.01, "against theory": 1e-5},
         {"ρ at 0°": (1.9, 2.1)},
+    ),
+    Case(
+        "a pulse leaves, all boundaries radiating",
+        "energy left ≤ 4/π ∫ tan⁴ θ/2 dθ, θ = 0 … 45°",
+        "geometrical optics",
+        pulse,
+        (64, 128),
+        {"energy over the bound": 1.0},
+        {},
     ),
     Case(
         "a basin filled too high drains",

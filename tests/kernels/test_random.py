@@ -78,10 +78,20 @@ def test_unit_is_open(device):
 class TestDistribution:
     n = 100_000
 
+    def test_uniform(self, device):
+        u = draw(device, self.n)
+        for j in range(4):
+            assert stats.kstest(u[:, j], "uniform").pvalue > 1e-3
+
     def test_normal(self, device):
         z = draw(device, self.n, normal=True)
         for j in range(4):
             assert stats.kstest(z[:, j], "norm").pvalue > 1e-3
+
+    def test_four_numbers_are_uncorrelated(self, device):
+        z = draw(device, self.n, normal=True)
+        correlation = np.corrcoef(np.concatenate([z, z**2], axis=1).T)
+        assert np.abs(correlation - np.eye(8)).max() < 5 / np.sqrt(self.n)
 
     def test_neighbouring_addresses_are_uncorrelated(self, device):
         z = draw(device, self.n, normal=True).ravel()

@@ -111,6 +111,13 @@ def test_what_vulkan_cannot_do_is_refused(monkeypatch):
         NonlinearShallowWater(size=(1.0, 1.0), cells=(4, 4), bed=-1.0, interval=1.0)
 
 
+@pytest.mark.parametrize(("file", "lines"), [("/of/taichi/tools/image.py", 0), ("/of/another/tools/image.py", 1)])
+def test_warnings_of_taichis_docstrings_are_not_shown(file, lines):
+    """From Python 3.12 on, where an installer has not compiled its files."""
+    program = "import sys, warnings, usvauv.kernels; warnings.warn_explicit('escape', SyntaxWarning, sys.argv[1], 1)"
+    assert len(in_a_child(program, file)[1]) == lines
+
+
 @pytest.mark.parametrize("place", [os.devnull, f"{os.devnull}/below", "/proc/self/missing"])
 def test_where_kernels_cannot_be_kept_a_temporary_folder_is_taken(monkeypatch, place):
     monkeypatch.setenv("TI_OFFLINE_CACHE_FILE_PATH", place)
@@ -204,3 +211,24 @@ def test_damaged_files_of_kernels_are_set_aside_and_made_anew(tmp_path):
     assert [line for line in done.stdout.splitlines() if line[:1] == "["][-13:] == 13 * ["[2.0, 2.0, 2.0] True 1"]
     said = [line for line in done.stderr.splitlines() if line.startswith("usvauv: compiled kernels in ")]
     assert len(said) == 11, done.stderr
+
+
+METHOD = """
+import usvauv.env
+import taichi as ti
+
+@ti.data_oriented
+class Other:
+    @ti.kernel
+    def three(self) -> ti.i32:
+        return 3
+
+ti.init(arch=ti.cpu)
+print(Other().three())
+"""
+
+
+def test_kernels_of_others_may_be_methods(tmp_path):
+    (tmp_path / "method.py").write_text(METHOD)
+    done = subprocess.run([sys.executable, str(tmp_path / "method.py")], capture_output=True, text=True, timeout=300)
+    assert done.stdout.splitlines()[-1:] == ["3"], done.stderr

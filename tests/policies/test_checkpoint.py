@@ -16,6 +16,7 @@ from tests.policies.toy import ToyWorld, scenario
 from tests.trials.checkpoints import STEPS
 from tests.trials.checkpoints import trainer as real_trainer
 from usvauv import policies
+from usvauv.env.storage.files import OutputError
 from usvauv.kernels.errors import DivergenceError
 from usvauv.policies import PolicyError, Trainer, TrainingConfig, checkpoint
 from usvauv.policies.checkpoint import POLICY, TRAINING
@@ -170,6 +171,29 @@ class TestRefusal:
 
 
 class TestWriting:
+    def test_unwritable(self, tmp_path):
+        (tmp_path / "file").write_text("")
+        with pytest.raises(OutputError, match="cannot be written"):
+            checkpoint.write(tmp_path / "file" / "last.safetensors", {})
+
+    def test_a_failed_write_leaves_the_old_checkpoint(self, saved, monkeypatch):
+        run, last = saved
+        good = last.read_bytes()
+
+        def full(*arguments):
+            raise OSError("no space left on device")
+
+        run.train(808)
+        assert last.read_bytes() != good
+        good = last.read_bytes()
+        for module, name in ((checkpoint, "save_file"), (os, "replace")):
+            with monkeypatch.context() as patch:
+                patch.setattr(module, name, full)
+                with pytest.raises(OutputError, match="no space left"):
+                    run.save()
+        assert last.read_bytes() == good
+        assert sorted(path.name for path in last.parent.iterdir()) == ["last.safetensors", "tensorboard"]
+
     def test_what_a_killed_process_left_is_removed(self, saved):
         _, last = saved
         last.with_name("best.safetensors.host-1.partial").write_text("")

@@ -10,11 +10,13 @@ import pytest
 import torch
 
 from tests.policies.toy import LEARNING, ToyWorld, mean_reward, scenario
+from usvauv.env import Scenario, World
 from usvauv.kernels.errors import DivergenceError
-from usvauv.policies import PolicyError, Seeds, Trainer
+from usvauv.policies import PolicyError, Seeds, Trainer, TrainingConfig
 from usvauv.policies.algorithms import ALGORITHMS
 from usvauv.policies.algorithms.ddpg import DDPG
 from usvauv.policies.checkpoint import POLICY, TRAINING, read
+from usvauv.policies.networks import stack, unstack
 
 SEEDS = (3, 4, 9)
 SHORT = dataclasses.replace(LEARNING, num_worlds=8, hidden=(16, 16), batch=32, warmup=160, replay=8 * 64)
@@ -90,6 +92,19 @@ class TestOneSeedIsAsAlone:
             assert run.gain == pytest.approx(alone.gain, rel=1e-5)
             weights.append(run.learner.actor.weights[0])
         assert not torch.allclose(weights[0], weights[1], atol=0.01)  # seeds differ
+
+    def test_in_the_real_world(self, tmp_path):
+        """Of the commands' kind: worlds of the seed, one of which ends while it learns."""
+        settings = Scenario.load("extreme", ["mission.duration=12"])
+        config = TrainingConfig(num_worlds=4, replay=160, hidden=(16, 16), batch=32, n_step=3, warmup=40)
+
+        def run(seed, folder):
+            return Trainer(World(settings, 4, seed), dataclasses.replace(config, seed=seed), folder)
+
+        Seeds([run(seed, tmp_path / f"seed-{seed}") for seed in (5, 6)], threads=2).train(200)
+        for seed in (5, 6):
+            run(seed, tmp_path / f"alone-{seed}").train(200)
+            same_runs(tmp_path / f"alone-{seed}", tmp_path / f"seed-{seed}")
 
 
 @pytest.fixture(scope="module")
@@ -175,3 +190,13 @@ class TestRefused:
         with pytest.raises(DivergenceError, match=rf"^seed {SEEDS[1]}: training: \S+ is not finite after"):
             seeds.train(STEPS)
         assert [saved(run.directory)[0]["steps"] for run in runs] == before
+
+
+@pytest.mark.parametrize("shared", [False, True])
+def test_networks_of_seeds_follow_one_another(shared):
+    value = torch.arange(2.0 * 5 * 3).view(2 * 5, 3)
+    stacked = stack(value, shared, seeds=2)
+    assert stacked.shape == ((2, 15) if shared else (6, 5))
+    halves = [stack(half, shared) for half in value.chunk(2)]
+    assert torch.equal(stacked, torch.cat(halves))
+    assert torch.equal(unstack(stacked, 3, seeds=2), value)

@@ -233,6 +233,22 @@ class TestSpectra:
         assert D @ np.sin(middle) == pytest.approx(0, abs=1e-12)
 
 
+class TestSeeds:
+    def test_a_sea_does_not_depend_on_the_others(self):
+        few, more, later = (storm(seas=[(3, sea) for sea in seas]) for seas in (range(3), range(20), (5, 6)))
+        for sea in (few, more, later):
+            sea.set_time(31.0)
+        assert torch.equal(few.wave, more.wave[:3])
+        assert torch.equal(later.wave, more.wave[5:7])
+
+    def test_seeds_and_seas_differ(self):
+        one, again, two = storm(), storm(), storm(seas=[(4, sea) for sea in range(4)])
+        high = storm(seas=[(3 + (1 << 64), sea) for sea in range(4)])
+        assert torch.equal(one.wave, again.wave)
+        phases = [sea.phase[n] for sea in (one, two, high) for n in range(4)]
+        assert all((a != b).all() for i, a in enumerate(phases) for b in phases[:i])
+
+
 class TestSwells:
     SWELLS = ((2.0, 16.0, 3.3, 0.5, 40.0), (1.0, 14.0, 1.0, -1.0, 5.0))
 
@@ -268,6 +284,16 @@ class TestStatistics:
         assert np.sqrt((deviation**2).mean()) < 0.05
         assert deviation.mean() == pytest.approx(0, abs=0.02)
         assert f[found.argmax()] == pytest.approx(1 / 11, abs=1 / 300)
+
+    def test_gaussian(self, many):
+        """Skewness 0, and the kurtosis 3 − 1.5 Σa⁴/(Σa²)² of so many components, 2.97."""
+        sea, eta = many
+        unit = eta / eta.std(axis=1, keepdims=True)
+        a2 = sea.amplitude**2
+        expected = 3 - 1.5 * ((a2**2).sum(axis=1) / a2.sum(axis=1) ** 2).mean()
+        assert expected == pytest.approx(2.97, abs=0.01)
+        assert (unit**4).mean() == pytest.approx(expected, abs=0.03)
+        assert (unit**3).mean() == pytest.approx(0, abs=0.02)
 
     def test_direction_and_spreading(self, many):
         """Mean direction 2.0 and first moment s/(s + 1) of energy, in the mean and for each realisation; whatever the

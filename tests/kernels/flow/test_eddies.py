@@ -1,4 +1,4 @@
-"""Vortices of a pattern that repeats: beside Fourier series, their invariant, and that the field is stationary."""
+"""Vortices of a pattern that repeats: beside Fourier series, their invariants, and that the field is stationary."""
 
 import math
 
@@ -136,6 +136,17 @@ class TestMotion:
             way = found - exact.reshape(-1, 2)
             assert np.abs(way - L * np.round(way / L)).max() < 2e-3
 
+    def test_impulse_while_none_leaves(self, device):
+        start = np.array([[(80, 80, 150, 20), (120, 90, -90, 15), (100, 60, 60, 25)]], float)
+        end = Carried(device, start, 0.5).after(100)
+        moved = end[..., :2] - start[..., :2]
+        assert 10 < np.abs(moved).max() < 100
+        assert np.abs((start[..., 2:3] * moved).sum(1)).max() < 0.05
+
+    def test_a_lone_vortex_stays(self, device):
+        start = np.array([[(240.0, 229.9, 300.0, 20.0)]])
+        np.testing.assert_array_equal(Carried(device, start, 1.0).after(50)[..., :2], start[..., :2].astype(np.float32))
+
     def test_a_pair_crosses_the_seam(self, device):
         """As the same pair elsewhere, with the field it makes."""
         pair = np.array([[(-20.0, 80.0, 150.0, 15.0), (-20.0, 110.0, -150.0, 15.0)]])
@@ -183,6 +194,23 @@ def test_stationary(device):
 
 class TestReference:
     """The solver by which `benchmarks.studies.eddies` judges them."""
+
+    def test_taylor_green_decays(self):
+        k, nu = 2 * math.pi / L * 3, 2.0
+        at = L / 32 * np.arange(32)
+        start = np.cos(k * at) * np.cos(k * at[:, None])
+        flow = PeriodicFlow(start, L, viscosity=nu)
+        flow.advance(100.0)
+        np.testing.assert_allclose(np.fft.irfft2(flow.spectrum), start * math.exp(-2 * nu * k * k * 100), atol=1e-6)
+
+    def test_a_lone_vortex_spreads(self):
+        """As Lamb and Oseen say, δ² = δ0² + 4νt."""
+        vortices = np.array([[(150.0, 150.0, 200.0, 15.0)]])
+        flow = PeriodicFlow(vorticity(vortices, L, 128), L, viscosity=1.0)
+        flow.advance(50.0)
+        vortices[..., 3] = math.sqrt(15.0**2 + 4 * 50)
+        exact = PeriodicFlow(vorticity(vortices, L, 128), L).velocity()
+        assert np.abs(flow.velocity() - exact).max() < 0.01 * np.abs(exact).max()
 
     def test_small_cores_far_apart_move_as_the_model_says(self, device):
         vortices = np.array([[(100.0, 100.0, 200.0, 10.0), (200.0, 100.0, 150.0, 10.0), (140.0, 220.0, -180.0, 10.0)]])

@@ -1,4 +1,4 @@
-"""Fixes in a mission: late ones, lost ones, bent rays, and the tracker that they feed."""
+"""Fixes in a mission: late ones, lost ones, bent rays, tones, and the tracker that they feed."""
 
 import math
 
@@ -8,7 +8,7 @@ import torch
 
 from tests.links import TILTING as PLAIN
 from usvauv import policies
-from usvauv.env import Scenario, World
+from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.record.recorder import record
 from usvauv.env.site.site import Site
 from usvauv.env.world.tables import link_table
@@ -162,6 +162,34 @@ class TestSound:
         away = column(trace, "auv_position")
         R = np.linalg.norm(away, axis=-1)
         assert (np.linalg.norm(column(trace, "fix") - away, axis=-1) / R)[R > 60].max() < 2e-5
+
+    @pytest.mark.parametrize(
+        ("settings", "message"),
+        [
+            (["acoustics.sound_speed_profile=[[0, 1500], [90, 1490]]"], "sound_speed_profile: last depth 90 m"),
+            (["acoustics.sound_speed_profile=[[0, 4900]]"], "sound_speed_profile: speed 4900 m/s at 0 m; allowed"),
+            ([THERMOCLINE, "acoustics.temperature_salinity=[[0, 10, 35], [200, 9, 35]]"], "give one of them"),
+            (["acoustics.temperature_salinity=[[0, 283, 35], [200, 9, 35]]"], "temperature_salinity: temperature 283"),
+            (["usbl.model=waveform", "usbl.periods=4"], "usbl.periods = 4: must be at least 5"),
+        ],
+    )
+    def test_bad_settings_are_one_line(self, settings, message):
+        pytest.importorskip("gsw")
+        with pytest.raises(ScenarioError) as caught:
+            World(Scenario.load("extreme", [*PLAIN, *settings]), 1)
+        assert message in str(caught.value)
+        assert "\n" not in str(caught.value)
+
+
+class TestModels:
+    def test_tones_and_statistics_scatter_alike(self):
+        """Both models of a fix, over a whole mission: errors in units of the predicted covariance are χ²."""
+        for model in ("statistical", "waveform"):
+            trace = voyage([f"usbl.model={model}", "usbl.attitude_error=0", "usbl.propagation=false"], worlds=64)
+            error = (column(trace, "fix") - column(trace, "auv_position")).reshape(-1, 2)
+            C = column(trace, "fix_covariance").reshape(-1, 3)[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
+            squared = np.einsum("ni,nij,nj->n", error, np.linalg.inv(C), error)
+            assert squared.mean() == pytest.approx(2, abs=5 * math.sqrt(4 / len(squared)))
 
 
 class TestTracker:

@@ -6,15 +6,29 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
+import taichi as ti
 import torch
 from scipy.special import gammainc
 
 from tests.kernels.mission.test_packets import steer
 from tests.links import EVERY_STEP
+from tests.slowly import slowly
 from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.site.site import Site
 from usvauv.env.world.tables import reference_rate
 from usvauv.kernels.mission.columns import AuvColumn, BeliefColumn, NodeColumn
+from usvauv.kernels.mission.target_rules import knowledge
+from usvauv.kernels.types import array2
+
+
+@ti.kernel
+def cut_each(given: array2, answer: array2):
+    """`knowledge.cut` of each row."""
+    for n in range(given.shape[0]):
+        after = knowledge.cut(given[n, 0], given[n, 1], given[n, 2], given[n, 3], given[n, 4])
+        answer[n, 0] = after[0]
+        answer[n, 1] = after[1]
+
 
 CALM = (*EVERY_STEP, "auv.count=3", "nodes.count=12")
 CAPACITY, PAYLOAD = 5000.0, 2.0
@@ -60,6 +74,17 @@ def to_nodes(seen: Seen, w: int, k: int) -> np.ndarray:
 
 def greedy(scenario: Scenario, seen: Seen, w: int, k: int) -> np.ndarray:
     return seen.rate[w] * seen.backlog[w] / CAPACITY - 0.1 * to_nodes(seen, w, k)
+
+
+def nearest(scenario: Scenario, seen: Seen, w: int, k: int) -> np.ndarray:
+    return np.where(seen.backlog[w] >= 1000, 0, seen.backlog[w] - 1e6) - to_nodes(seen, w, k) * (
+        seen.backlog[w] >= 1000
+    )
+
+
+def rate(scenario: Scenario, seen: Seen, w: int, k: int) -> np.ndarray:
+    travel = np.maximum(to_nodes(seen, w, k) - 6, 0) / scenario.reference.straight_speed
+    return np.minimum(seen.backlog[w] + seen.rate[w] * travel, CAPACITY) / (travel + 10)
 
 
 def rollout(scenario: Scenario, seen: Seen, w: int, k: int, discount: float = 90.0) -> np.ndarray:
@@ -111,6 +136,8 @@ def rollout(scenario: Scenario, seen: Seen, w: int, k: int, discount: float = 90
     ("rule", "value"),
     [
         ("greedy:0.1", greedy),
+        pytest.param("nearest", nearest, marks=pytest.mark.slow),
+        pytest.param("rate", rate, marks=pytest.mark.slow),
         ("rollout", rollout),
     ],
 )
@@ -259,6 +286,23 @@ class TestKnowledge:
         np.testing.assert_allclose(belief[..., BeliefColumn.exposure], exposure, rtol=1e-4)
         np.testing.assert_allclose(belief[..., BeliefColumn.since], last)
 
+    @pytest.mark.parametrize("start", [0, 1000])
+    def test_errors_are_as_large_as_they_say(self, start):
+        """(λ − its estimate) over its standard deviation has a variance of 1, also where nodes begin with packets."""
+        overrides = [*EVERY_STEP, "nodes.information=visits", f"nodes.start_backlog={start}", "mission.duration=600"]
+        world = World(Scenario.load("ideal", overrides), 64, seed=3, targets="tour")
+        for _ in run(world, 600):
+            pass
+        belief = world.belief[:, 0].double().cpu().numpy()
+        visited = belief[..., BeliefColumn.since] > 0
+        count, exposure = belief[visited, BeliefColumn.count], belief[visited, BeliefColumn.exposure]
+        error = (world.node[..., NodeColumn.rate].cpu().numpy()[visited] - count / exposure) / (
+            np.sqrt(count) / exposure
+        )
+        assert visited.mean() > 0.6
+        assert abs(error.mean()) < 0.15
+        assert 0.8 < error.std() < 1.25
+
     @pytest.mark.parametrize("buffer", [5000, 2000])
     def test_first_visits_and_full_buffers(self, buffer):
         """Mean and deviation after every visit, against the posterior by its likelihood on a fine grid of rates.
@@ -306,6 +350,43 @@ class TestKnowledge:
         assert np.quantile(deviation, 0.9) < 0.04
         assert max(mean.max(), deviation.max()) < 0.2
 
+    def test_any_interval_leaves_a_distribution(self, device):
+        """Also one that contradicts what was held, or is narrower than single precision."""
+        r = np.random.default_rng(1)
+        n = 200_000
+        count, exposure = 10 ** r.uniform(-6, 6, n), 10 ** r.uniform(-5, 6, n)
+        low = np.where(r.random(n) < 0.3, 0.0, 10 ** r.uniform(-4, 5, n))
+        high = np.where(r.random(n) < 0.3, np.inf, low * (1 + 10 ** r.uniform(-4, 3, n)) + 1e-4)
+        ramp = np.where(r.random(n) < 0.5, 0.0, 10 ** r.uniform(-4, 4, n))
+        given = torch.tensor(np.stack([count, exposure, low, high, ramp], 1), dtype=torch.float32, device=device)
+        answer = torch.empty((n, 2), dtype=torch.float32, device=device)
+        cut_each(given, answer)
+        mean = (answer[:, 0] / answer[:, 1]).cpu().numpy()
+        assert torch.isfinite(answer).all()
+        assert (answer > 0).all()
+        assert (mean >= low * (1 - 1e-3)).all()
+        assert (mean <= high * (1 + 1e-3)).all()
+
+    @pytest.mark.slow
+    def test_with_rates_known_backlogs_are_expected_without_bias(self):
+        world = World(Scenario.load("ideal", [*EVERY_STEP, "nodes.information=rates"]), 32, seed=4, targets="rate")
+        for _ in run(world, 300):
+            pass
+        belief = world.belief[:, 0]
+        rates = world.node[..., NodeColumn.rate]
+        waited = 300 - belief[..., BeliefColumn.since]
+        expected = (belief[..., BeliefColumn.left] + rates * waited).clamp_max(CAPACITY)
+        error = (world.node[..., NodeColumn.backlog] - expected).double()
+        never = error[belief[..., BeliefColumn.since] == 0]
+        assert abs(never.mean()) < 4 * never.std() / math.sqrt(len(never))
+        assert never.std() == pytest.approx(1000 / math.sqrt(12), rel=0.1)
+        served = torch.zeros_like(waited).scatter_(
+            1, world.auv[..., AuvColumn.target].long(), (world.auv[..., AuvColumn.hover] > 0).float()
+        )
+        visited = (belief[..., BeliefColumn.since] > 0) & (served == 0)  # packets are taken when a service ends
+        noise = (error / (rates * waited).clamp_min(1.0).sqrt())[visited]
+        assert 0.9 < noise.std() < 1.1  # that of a Poisson number
+
     def test_without_communication_each_knows_its_own_visits(self):
         overrides = [*EVERY_STEP, "nodes.information=own-visits", "nodes.count=20", "auv.count=2"]
         world = World(Scenario.load("ideal", overrides), 4, seed=2, targets="rate")
@@ -316,7 +397,13 @@ class TestKnowledge:
         assert ((world.belief[..., BeliefColumn.since] > 0).cpu().numpy() == visits).all()
         assert not (visits[:, 0] == visits[:, 1]).all()
 
-    @pytest.mark.parametrize("rule", ["rollout", pytest.param("learned:untrained", marks=pytest.mark.slow)])
+    @pytest.mark.parametrize(
+        "rule",
+        slowly(
+            ["greedy", "nearest", "rate", "rollout", "learned:untrained"],
+            *("greedy", "nearest", "rate", "learned:untrained"),
+        ),
+    )
     def test_without_communication_each_keeps_to_its_sector(self, rule):
         """Sectors are the cycles of the rule `sectors`; they do not depend on the rule."""
         scenario = Scenario.load("ideal", [*EVERY_STEP, "nodes.information=own-visits", "auv.count=3"])

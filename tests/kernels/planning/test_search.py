@@ -100,6 +100,23 @@ class TestPlan:
             goal = search.plan_batch(link, points, code=CODES["sum phase"], start=start)[0]
             assert abs(goal[0].item() - x) < 40
 
+    def test_d_is_between_auvs_where_the_sum_is_above_one(self, device):
+        """Two equal AUVs 120 m apart: the sum is largest above one, the determinant of both positions between them."""
+        points = torch.tensor([[[40.0, 100.0, -100.0], [160.0, 100.0, -100.0]]], device=device)
+        link = table(device, 1).repeat(2, 1)
+        start = torch.tensor([[41.0, 100.0]], device=device)
+        summed = search.plan_batch(link, points, code=CODES["sum phase"], start=start)[0, 0].item()
+        d = search.plan_batch(link, points, code=CODES["d fix"], start=start)[0, 0].item()
+        assert min(abs(summed - 40), abs(summed - 160)) < 15
+        assert d == pytest.approx(100, abs=0.1)
+
+    def test_d_neglects_a_far_auv_that_a_does_not(self, device):
+        """Two shallow AUVs together and one far away: by A the boat goes nearer to the far one."""
+        points = torch.tensor([[[10.0, 100.0, -30.0], [14.0, 100.0, -30.0], [190.0, 100.0, -30.0]]], device=device)
+        link = table(device, 1).repeat(3, 1)
+        d, a = (search.plan_batch(link, points, code=CODES[f"{name} fix"])[0, 0].item() for name in "da")
+        assert d < 20 < a - 40 < 60
+
 
 class TestGreedy:
     def best_of_disc(self, points, link, code, boat, reach):

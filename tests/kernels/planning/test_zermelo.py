@@ -1,4 +1,4 @@
-"""Zermelo's problem: closed forms, rays of Zermelo's own equation, barriers."""
+"""Zermelo's problem: closed forms, rays of Zermelo's own equation, barriers, symmetry, and the gain of an AUV."""
 
 import math
 
@@ -10,6 +10,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from usvauv import policies
 from usvauv.env import Scenario, World
+from usvauv.kernels.flow.vortex import sample_current
 from usvauv.kernels.mission.motion import travelling_power
 from usvauv.kernels.planning import zermelo
 from usvauv.policies.guidance import unit
@@ -254,6 +255,39 @@ def crab(goal, speed):
     return steer
 
 
+def random_vortices(worlds, seed=0):
+    """As in `extreme`."""
+    draw = np.random.default_rng(seed)
+    shape = (worlds, 4)
+    gamma = draw.uniform(120, 260, shape) * draw.choice([-1, 1], shape)
+    parts = (draw.uniform(0, 200, shape), draw.uniform(0, 200, shape), gamma, draw.uniform(30, 50, shape))
+    return np.stack(parts, -1), draw.uniform(10, 190, (worlds, 2)), draw.uniform(10, 190, (worlds, 2))
+
+
+class TestAgainstCrab:
+    def test_never_later_in_random_frozen_vortices(self, device):
+        eddies, starts, goals = random_vortices(300)
+        eddies = torch.as_tensor(eddies, dtype=torch.float32, device=device)
+        grid = torch.as_tensor(nodes(51).reshape(1, -1, 2), dtype=torch.float32, device=device)
+        flow = sample_current(eddies, grid.expand(300, -1, -1).contiguous()).view(300, 51, 51, 2)
+        problem = Problem(device, flow.cpu().numpy(), goals)
+
+        def current(position):
+            return sample_current(eddies, position[:, None].contiguous())[:, 0]
+
+        start = problem.put(starts)
+        reachable = problem.steer(start, current(start)).norm(dim=-1).cpu().numpy() > 0
+        reachable |= np.linalg.norm(starts - goals, axis=-1) < RADIUS
+        ours = sail(problem, start, current, problem.steer)
+        others = sail(problem, start, current, crab(problem.goal[:, 0], 1.3))
+        assert np.isfinite(ours[reachable]).all()
+        assert np.isinf(others[~reachable]).all()  # where it finds no way there is none
+        assert (ours <= others + 0.5).all()  # a step
+        won = others[np.isfinite(others)] - ours[np.isfinite(others)]
+        assert won.mean() > 2.0
+        assert np.isfinite(ours).sum() > np.isfinite(others).sum()
+
+
 @pytest.fixture(scope="module")
 def problem(device):
     """A jet from west to east, faster than the vehicle, over the whole length of the area: no path leads back."""
@@ -289,6 +323,22 @@ class TestWalls:
         assert (problem.cost[0] == 7.0).all()
         assert torch.equal(problem.cost[1], kept[1])
         problem.cost.copy_(kept)
+
+
+class TestSymmetry:
+    @pytest.mark.parametrize("turns", [1, 2, 3])
+    def test_turned_fields_have_turned_solutions(self, device, turns):
+        flow, goal, start = vortex(nodes(51)), np.array(GOAL), np.array([[170.0, 140.0]])
+        turn = np.linalg.matrix_power(np.array([[0.0, -1.0], [1.0, 0.0]]), turns)
+        centre = np.array([100.0, 100.0])
+        turned = np.rot90(flow, -turns, axes=(0, 1)) @ turn.T  # row 0 is in the south
+        plain = Problem(device, flow[None], [goal])
+        other = Problem(device, turned[None], [centre + turn @ (goal - centre)])
+        np.testing.assert_allclose(other.costs(), np.rot90(plain.costs(), -turns), rtol=2e-4, atol=2e-3)
+        water = vortex(start)
+        velocity = plain.steer(plain.put(start), plain.put(water)).cpu().numpy()
+        there = other.steer(other.put(centre + (start - centre) @ turn.T), other.put(water @ turn.T))
+        np.testing.assert_allclose(there.cpu().numpy(), velocity @ turn.T, atol=0.03)
 
 
 class TestPolicy:

@@ -93,6 +93,50 @@ def p_of_equal_covariances(one, other):
     return p_of_equal_means(*products)
 
 
+class TestCodes:
+    def test_the_first_codes_do_not_depend_on_the_count(self):
+        four = pulse.codes(4, 40, seed=3)
+        assert np.all(np.abs(four) == 1)
+        assert np.array_equal(four[:2], pulse.codes(2, 40, seed=3))
+        assert not np.array_equal(four, pulse.codes(4, 40, seed=4))
+
+    def test_short_codes_are_refused(self):
+        with pytest.raises(ValueError, match="chips: a code has at least 16; got 8"):
+            pulse.codes(2, 8)
+
+    def test_bandwidth_is_flat(self):
+        """Mean square bandwidth of the sampled pulse by its derivative, over that of a flat band, B²/12."""
+        t = np.arange(-400, 440, 0.25)
+        for code in pulse.codes(4, 40):
+            rise = (waveform_of(code, t + 1e-4) - waveform_of(code, t - 1e-4)) / 2e-4
+            square = (rise**2).sum() / (waveform_of(code, t) ** 2).sum() / (2 * math.pi) ** 2
+            assert square * 12 == pytest.approx(1, abs=0.008)
+
+    def test_codes_are_told_apart(self):
+        """Chosen codes have lower peaks than the random ones they are chosen from, and 1/(2L) in the mean square."""
+        random = np.random.default_rng(1).choice([-1.0, 1.0], (8, 80))
+
+        def peaks(family):
+            return [np.abs(pulse.correlation(a, b, 161)).max() for i, a in enumerate(family) for b in family[:i]]
+
+        family = pulse.codes(8, 80)
+        assert max(peaks(family)) < 0.9 * max(peaks(random))
+        square = [np.mean(pulse.correlation(a, b, 161) ** 2) for i, a in enumerate(family) for b in family[:i]]
+        assert np.mean(square) == pytest.approx(1 / 160, rel=0.1)
+
+
+@pytest.mark.parametrize("signal", ["code", "tone"])
+def test_the_noise_has_the_autocorrelation_of_the_pulse(device, signal):
+    """N Nᵀ is the aperiodic autocorrelation of the code through band-limited chips; a tone's falls linearly."""
+    batch = Batch(device, signal, chips=40, gate=4)
+    code = batch.code[1] if signal == "code" else np.ones(PERIODS)
+    N = batch.tables.noise[1].double().cpu().numpy()
+    lag = np.arange(len(N)) / pulse.FINE
+    aperiodic = np.correlate(code, code, "full") / code.size
+    expected = np.sinc((lag[:, None] - lag)[..., None] - np.arange(1 - code.size, code.size)) @ aperiodic
+    assert np.abs(N @ N.T - expected).max() < 3e-3
+
+
 @pytest.mark.parametrize("gamma", [100.0, 6.0])
 def test_a_receiver_in_numpy(device, gamma):
     """Sampled codes at exact distances, white noise, a correlator at 32 lags a chip: all quantities alike."""

@@ -1,10 +1,12 @@
-"""Rays: closed forms, an independent tracer, straight lines, convergence, there and back, shadows."""
+"""Rays: closed forms, numerical rays, an independent tracer, straight lines, convergence, there and back, shadows."""
 
 import math
 
 import numpy as np
 import pytest
 import torch
+from scipy.integrate import quad, solve_ivp
+from scipy.optimize import brentq
 
 from tests.kernels.positioning import ray_tracer
 from usvauv.env.site.sound_speed import SoundSpeedProfile
@@ -42,7 +44,59 @@ def there_and_back(profile, depth, offset, c, device, assumed=None) -> tuple[np.
     return arrivals.double().cpu().numpy(), back.double().cpu().numpy()
 
 
+def numerical_ray(speed, gradient, depth, angle, time, breaks=()):
+    """Integrate dr/dt = c sin θ, dz/dt = c cos θ, dθ/dt = c' sin θ, anew from each depth where c' jumps."""
+
+    def motion(_, y):
+        c = speed(y[1])
+        return [c * math.sin(y[2]), c * math.cos(y[2]), gradient(y[1]) * math.sin(y[2])]
+
+    state, now = [0.0, depth, angle], 0.0
+    for stop in [*(b for b in breaks if b > depth), math.inf]:
+
+        def arrives(_, y, stop=stop):
+            return y[1] - stop if math.isfinite(stop) else -1.0
+
+        arrives.terminal = True
+        found = solve_ivp(motion, (now, time), state, "DOP853", events=arrives, rtol=1e-11, atol=1e-10)
+        state, now = found.y[:, -1].tolist(), found.t[-1]
+        if found.status == 0:
+            break
+        state[1] = stop + 1e-9
+    return state
+
+
+def exact_eigenray(speed, shallow, deep, R, fastest) -> tuple[float, float]:
+    """Slowness (s/m) and travel time (s) in a smooth profile by quadrature in double precision."""
+
+    def integral(xi, power):
+        return quad(lambda z: speed(z) ** power / math.sqrt(1 - (xi * speed(z)) ** 2), shallow, deep, epsabs=1e-13)[0]
+
+    xi = brentq(lambda xi: xi * integral(xi, 1) - R, 0, (1 - 1e-9) / fastest, xtol=1e-18)
+    return xi, integral(xi, -1)
+
+
 class TestEigenray:
+    @pytest.mark.parametrize("name", PROFILES)
+    def test_a_fine_numerical_ray_ends_at_the_source(self, device, name):
+        """Sent out from the array at the angle found, integrated for the time found."""
+        profile = PROFILES[name]
+        ends = np.array([(a, b, R) for a, b in ((0, 100), (-6, 40), (12, 150)) for R in (0.5, 40, 150, 350)], float)
+        for (shallow, deep, R), (xi, upper, lower, time, exists) in zip(
+            ends, eigenrays(profile, ends, device), strict=True
+        ):
+            assert exists
+            slopes = np.append(np.diff(profile.speeds) / np.diff(profile.depths), 0.0)
+
+            def gradient(z, slopes=slopes):
+                row = np.searchsorted(profile.depths, z, "right") - 1
+                return 0.0 if row < 0 else slopes[row]
+
+            angle = math.atan2(xi * profile.at(shallow), upper)
+            r, z, final = numerical_ray(profile.at, gradient, shallow, angle, time, profile.depths)
+            assert math.hypot(r - R, z - deep) < 5e-4 + 1e-6 * R
+            assert math.cos(final) == pytest.approx(lower, abs=3e-6)
+
     @pytest.mark.parametrize("gradient", [0.0, 1e-7, -1e-5, 1e-3])
     def test_next_to_no_gradient_gives_straight_lines_to_rounding(self, device, gradient):
         profile = SoundSpeedProfile.from_table([(z, 1500 + gradient * z) for z in (0, 7, 60, 300)])
@@ -67,6 +121,28 @@ class TestEigenray:
         assert np.isfinite(found).all()
         time = np.arccosh(1 + 0.4**2 * (100**2 + ends[:, 2] ** 2) / (2 * 1520 * 1480)) / 0.4
         assert found[:3, 3] == pytest.approx(time[:3], rel=5e-7)
+
+    @pytest.mark.parametrize(
+        ("speed", "ends"),
+        [
+            (lambda z: 1490 + 30 * math.exp(-z / 25), (0.0, 100.0, 180.0)),
+            (lambda z: 1500 * (1 + 0.00737 * (z / 650 - 3 + math.exp(2 - z / 650))), (0.0, 4000.0, 5000.0)),
+        ],
+        ids=["thermocline", "Munk"],
+    )
+    def test_layers_converge_to_a_smooth_profile_in_second_order(self, device, speed, ends):
+        shallow, deep, R = ends
+        exact = exact_eigenray(speed, shallow, deep, R, max(speed(z) for z in np.linspace(shallow, deep, 4001)))
+        errors = []
+        for layers in (8, 16, 32):
+            z = np.linspace(0, deep, layers + 1)
+            profile = SoundSpeedProfile.from_table([(d, speed(d)) for d in z])
+            found = eigenrays(profile, [ends], device)[0, [0, 3]]
+            errors.append(np.abs(found / exact - 1))
+        order = np.log2(np.array(errors[:-1]) / errors[1:])
+        assert errors[-1].max() < 2e-4
+        assert errors[-1].min() > 1e-6  # well above rounding, or the order would mean nothing
+        assert order[-1] == pytest.approx(2.0, abs=0.25)
 
 
 class TestFix:

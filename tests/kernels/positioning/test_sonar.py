@@ -201,7 +201,54 @@ def test_pure_water(law, tolerance, temperature, coefficient):
         assert neper / f**2 == pytest.approx(coefficient * 1e-15, rel=tolerance)
 
 
+class TestRelaxation:
+    """At its relaxation frequency a process absorbs half of what it does far above."""
+
+    @pytest.mark.parametrize(("law", "corner"), [(francois_garrison, 1117.0), (ainslie_mccolm, 1146.0)])
+    def test_boric_acid(self, law, corner):
+        """2.8 · 10^(4 − 1245/283) kHz, and 0.78 e^(10/26) kHz; boric acid alone depends on pH."""
+        at, above = (law(f, SeaWater(ph=8.3)) - law(f, SeaWater(ph=8.0)) for f in (corner, 1000 * corner))
+        assert at / above == pytest.approx(0.5, abs=1e-3)
+
+    @pytest.mark.parametrize(
+        ("law", "corner", "above"), [(francois_garrison, 75900.0, 48.0), (ainslie_mccolm, 75630.0, 48.6)]
+    )
+    def test_magnesium_sulphate(self, law, corner, above):
+        """8.17 · 10^(8 − 1990/283) kHz with 21.44 · 35/c · 1.25 dB/km/kHz; 42 e^(10/17) kHz with 0.52 (1 + 10/43)."""
+        salt = [law(f, SeaWater()) - law(f, SeaWater(salinity=0.0)) for f in (corner, 1000 * corner)]
+        boric = 0.12  # dB/km, constant far above its own frequency
+        assert salt[1] == pytest.approx(above, rel=3e-3)
+        assert (salt[0] - boric) / (salt[1] - boric) == pytest.approx(0.5, abs=1e-3)
+
+
 KNOT = 1852 / 3600  # m/s
+
+
+# Wind noise of sea states: Sadowski, Katz and McFadden, "Ambient noise standards for acoustic modeling and analysis",
+# NUSC Technical Document 7265 (1984), also in Hodges (below); their winds in knots: Urick, "Ambient Noise in the Sea"
+# (1984), table 1-1.
+STANDARD_FREQUENCIES = (1e3, 5e3, 1e4, 2.5e4, 5e4)
+
+
+STANDARD = {
+    (4, 6): (52.9, 42.0, 36.5, 29.3, 23.8),  # sea state 1
+    (7, 10): (58.8, 48.3, 42.8, 35.6, 30.1),
+    (11, 16): (62.4, 52.1, 46.6, 39.4, 33.9),
+    (17, 21): (64.7, 54.4, 48.9, 41.7, 36.6),
+    (22, 27): (66.7, 56.4, 50.9, 43.7, 38.2),
+    (28, 33): (69.4, 59.0, 53.5, 46.3, 40.8),  # sea state 6
+}
+
+
+# Hildebrand et al., "An empirical model for wind-generated ocean noise", J. Acoust. Soc. Am. 149 (2021) 4516, doi
+# 10.1121/10.0005430, near the surface, worked out by hand from their coefficients: m/s, Hz, dB.
+HILDEBRAND = [
+    (2.5, 1e4, 44.3),  # 49.8 + 20 log10 2.5 − 13.5
+    (4.5, 1e4, 48.4),  # 48.8 + 20 log10 4.5 − 13.5
+    (9.4, 1e4, 53.8),  # 48.3 + 20 log10 9.4 − 14
+    (9.4, 2.5e4, 48.2),  # 48.3 + 20 log10 9.4 − 14 log10 25
+    (12.3, 5e3, 60.1),  # 48.4 + 20 log10 12.3 − 14.5 log10 5
+]
 
 
 # Hodges, "Underwater Acoustics" (2010), chapter 7: rain of 1, 5, 10 and 100 mm/h, kHz.
@@ -217,6 +264,36 @@ HODGES = {
 
 
 class TestWind:
+    @pytest.mark.parametrize("knots", [5, 10, 20])
+    @pytest.mark.parametrize("f", [500.0, 1000.0, 2000.0, 5000.0])
+    def test_rule_of_fives(self, f, knots):
+        """Wenz (1962), doi 10.1121/1.1909155, in shallow water; in deep water 5 dB less.
+
+        56 dB at 1 kHz and 5 knots, 5 dB less an octave, 5 dB more a doubling of the wind.
+        """
+        rule = 56 - 5 * math.log2(f / 1000) + 5 * math.log2(knots / 5)
+        assert coates(f, 0.0, knots * KNOT) == pytest.approx(rule, abs=4.5)
+
+    def test_standard_sea_states(self):
+        """Coates is louder than the standard by 1 to 6 dB, as Wenz's shallow water is louder than his deep water."""
+        excess = [
+            coates(f, 0.0, sum(knots) / 2 * KNOT) - level
+            for knots, levels in STANDARD.items()
+            for f, level in zip(STANDARD_FREQUENCIES, levels, strict=True)
+        ]
+        assert min(excess) > 1
+        assert max(excess) < 6
+        assert np.mean(excess) == pytest.approx(4, abs=1)
+
+    @pytest.mark.parametrize("wind", [5.0, 10.0, 15.0])
+    def test_wind_from_noise(self, wind):
+        """Vagle et al. (1990), J. Atmos. Ocean. Technol. 7, 576: U = (10^(L/20) + 104.5)/53.91, L at 8 kHz."""
+        assert coates(8000.0, 0.0, wind) == pytest.approx(20 * math.log10(53.91 * wind - 104.5), abs=4)
+
+    @pytest.mark.parametrize(("wind", "f", "level"), HILDEBRAND)
+    def test_hildebrand(self, wind, f, level):
+        assert coates(f, 0.0, wind) == pytest.approx(level, abs=4)
+
     @pytest.mark.parametrize("kilohertz", [200.0, 1000.0])
     def test_thermal_limit(self, kilohertz):
         """Mellen (1952), doi 10.1121/1.1906924: −15 + 20 log10 of kHz."""
@@ -229,6 +306,11 @@ class TestRain:
         fit = [rain_noise(1000 * kilohertz, rate) for rate in (1.0, 5.0, 10.0, 100.0)]
         assert fit == pytest.approx(levels, abs=1.0)
         assert fit[0] == pytest.approx(levels[0], abs=0.3)
+
+    @pytest.mark.parametrize("rate", [2.0, 10.0, 50.0, 100.0, 200.0])
+    def test_rain_gauge(self, rate):
+        """Ma and Nystuen (2005), doi 10.1175/JTECH1773.1: log10 of the rate = (L − 42.4)/15.4 at 5 kHz."""
+        assert rain_noise(5000.0, rate) == pytest.approx(42.4 + 15.4 * math.log10(rate), abs=6.5)
 
 
 class TestBoat:
@@ -316,6 +398,11 @@ class TestDevelopedSea:
         height, lowest, highest = BEAUFORT[force]
         assert lowest <= wind_of_developed_sea(height) <= highest
 
+    @pytest.mark.parametrize("force", [7, 8, 9, 10])
+    def test_gales_are_stronger_than_their_sea_tells(self, force):
+        height, lowest, _ = BEAUFORT[force]
+        assert 0.75 * lowest < wind_of_developed_sea(height) < lowest
+
 
 class TestGrowingSea:
     @pytest.mark.parametrize("wind", [8.0, 15.0, 25.0])
@@ -325,3 +412,30 @@ class TestGrowingSea:
         x = 9.81 * fetch / wind**2
         height, period = 4 * math.sqrt(1.6e-7 * x) * wind**2 / 9.81, wind / (9.81 * 3.5 * x**-0.33)
         assert wind_of_growing_sea(height, period) == pytest.approx(wind, rel=0.25)
+
+    @pytest.mark.parametrize("wind", [8.0, 15.0, 20.0])
+    def test_its_end_is_the_developed_sea(self, wind):
+        """Pierson and Moskowitz's height and peak, ωp = 0.877 g/U."""
+        U = wind * (1 + math.sqrt(drag(wind)) / 0.4 * math.log(1.95))
+        height, period = 0.2093 * U**2 / 9.81, 2 * math.pi * U / (0.877 * 9.81)
+        assert wind_of_growing_sea(height, period) == pytest.approx(wind, rel=0.25)
+
+    def test_peak_enhancement(self):
+        """Donelan et al. (1985), doi 10.1098/rsta.1985.0054: γ = 1.7 + 6 log10 of U over the peak's celerity.
+
+        6.5 m and 11 s, with γ = 2.2.
+        """
+        celerity = 9.81 * 11 / (2 * math.pi)
+        assert wind_of_growing_sea(6.5, 11.0) == pytest.approx(celerity * 10 ** ((2.2 - 1.7) / 6), rel=0.1)
+
+    def test_phillips_constant(self):
+        """JONSWAP's α = 0.076 x̃^−0.22 and ν = U/(g Tp) = 3.5 x̃^−0.33, without the fetch: α = 0.033 ν^(2/3).
+
+        α of a sea of 6.5 m and 11 s with γ = 2.2 from m0 = α g² ωp⁻⁴ I(γ).
+        """
+        r = np.linspace(0.4, 30.0, 100001)
+        width = np.where(r < 1, 0.07, 0.09)
+        shape = r**-5 * np.exp(-1.25 * r**-4) * 2.2 ** np.exp(-(((r - 1) / width) ** 2) / 2)
+        alpha = (6.5 / 4) ** 2 * (2 * math.pi / 11) ** 4 / 9.81**2 / np.trapezoid(shape, r)
+        wind = 9.81 * 11 * (alpha * 3.5 ** (2 / 3) / 0.076) ** 1.5
+        assert wind_of_growing_sea(6.5, 11.0) == pytest.approx(wind, rel=0.05)

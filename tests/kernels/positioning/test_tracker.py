@@ -1,10 +1,11 @@
-"""The tracker: closed forms, rounding, consistency and gate; `test_tracker_by_stonesoup` has another filter."""
+"""The tracker: closed forms, a filter in double precision, consistency, gate, and missions; beside Stone Soup."""
 
 import math
 
 import numpy as np
 import pytest
 import torch
+from scipy import stats
 from scipy.linalg import expm, solve_discrete_are
 
 from usvauv.kernels.functions import kernel
@@ -99,6 +100,40 @@ def nees(track, truth):
     return tuple(np.einsum("...i,...ij,...j", e, np.linalg.inv(C), e) for e, C in ((error, P), part))
 
 
+def reference(
+    start, velocity, adrift, fix, covariance, age, *, variance, correlation_time, step, reading=None, deviation=0.0
+):
+    """The same filter in double precision, textbook form, a late fix by rolling back to its time; one AUV.
+
+    Fixes beyond the gate change nothing; a track that begins anew is not modelled.
+    """
+    x, P = start[:4].astype(float), covariances(start.astype(float))
+    rho, H = math.exp(-step / correlation_time), np.eye(2, 4)
+    states, squared = [], []
+    for t in range(len(velocity)):
+        parts = (step - age[t], age[t]) if age[t] >= 0 else (step, 0.0)
+        for number, time in enumerate(parts):
+            F = np.eye(4)
+            F[0, 2] = F[1, 3] = adrift[t] * time
+            x = F @ x
+            x[:2] += adrift[t] * time * velocity[t]
+            P = F @ P @ F.T
+            if number == 0 and age[t] >= 0:
+                xx, xy, yy = covariance[t]
+                S = P[:2, :2] + [[xx, xy], [xy, yy]]
+                gain, innovation = P[:, :2] @ np.linalg.inv(S), fix[t] - x[:2]
+                squared.append(innovation @ np.linalg.inv(S) @ innovation)
+                if squared[-1] <= stats.chi2.isf(1e-3, 2):
+                    x, P = x + gain @ innovation, (np.eye(4) - gain @ H) @ P
+        decay = np.diag([1, 1, rho, rho])
+        x, P = decay @ x, decay @ P @ decay + np.diag([0, 0, 1, 1]) * variance * (1 - rho**2)
+        if reading is not None:
+            gain = P[:, 2:] @ np.linalg.inv(P[2:, 2:] + deviation**2 * np.eye(2))
+            x, P = x + gain @ (reading[t] - x[2:]), P - gain @ P[2:]
+        states.append((x, P))
+    return np.array([s for s, _ in states]), np.array([c for _, c in states]), np.array(squared)
+
+
 def band(mean, count):
     """95 % band of the mean of `count` numbers from χ² with `mean` degrees of freedom (normal for so many)."""
     return mean + 1.96 * math.sqrt(2 * mean / count) * np.array([-1, 1])
@@ -159,7 +194,31 @@ class TestClosedForms:
         assert track[-1, 0, tracker.XX] == pytest.approx(0.04 + drift, rel=1e-4)
 
 
-class TestRounding:
+class TestAgainstDoublePrecision:
+    @pytest.mark.parametrize(("age", "lost"), [(0.0, 0.0), (0.0, 0.4), (0.2, 0.2), (1.0, 0.0)])
+    def test_same_estimates_and_covariances(self, device, age, lost):
+        (start, covariance), arrays, _ = simulate(11, 300, 3, *EXTREME_CURRENT.values(), age=age, lost=lost)
+        start = begin(start, covariance, 0.22, device)
+        track, squared = follow(device, start, *arrays, **EXTREME_CURRENT)
+        for n in range(3):
+            own = (array[:, n] for array in arrays)
+            x, P, chi2 = reference(start[n].cpu().numpy(), *own, **EXTREME_CURRENT, step=1.0)
+            assert np.abs(track[1:, n, :4] - x).max() < 1e-3
+            assert np.abs(covariances(track[1:, n]) - P).max() < 2e-5
+            assert squared[squared[:, n] >= 0, n] == pytest.approx(chi2, rel=2e-3, abs=2e-3)
+
+    def test_with_readings_of_the_current(self, device):
+        (start, covariance), arrays, truth = simulate(13, 100, 3, *EXTREME_CURRENT.values())
+        start = begin(start, covariance, 0.22, device)
+        reading = truth[..., 2:] + np.random.default_rng(1).normal(0, 0.1, truth[..., 2:].shape)
+        track, _ = follow(device, start, *arrays, reading=reading, deviation=0.1, **EXTREME_CURRENT)
+        for n in range(3):
+            own = (array[:, n] for array in arrays)
+            options = {"reading": reading[:, n], "deviation": 0.1, "step": 1.0}
+            x, P, _ = reference(start[n].cpu().numpy(), *own, **EXTREME_CURRENT, **options)
+            assert np.abs(track[1:, n, :4] - x).max() < 1e-3
+            assert np.abs(covariances(track[1:, n]) - P).max() < 2e-5
+
     def test_positive_definite_for_a_hundred_thousand_steps(self, device):
         steps, count = 100_000, 8
         random = np.random.default_rng(2)
@@ -226,6 +285,19 @@ class TestGate:
         assert rejected[~outlier].mean() < 3e-3
         assert position[10:].mean() == pytest.approx(2, rel=0.03)
         assert states[10:].mean() == pytest.approx(4, rel=0.03)
+
+    def test_a_kidnapped_auv_is_found_by_three_fixes(self, device):
+        def spoil(random, fix, truth):
+            fix[60:] += (70.0, -40.0)
+            truth[60:, :, :2] += (70.0, -40.0)
+
+        states, position, _, _ = self.run(device, spoil)
+        error = np.sqrt(position)
+        assert error[60:62].min() > 20
+        # Three fixes in a row agree unless one is an outlier of its own or lies close by.
+        assert (error[62] < 6).mean() > 0.99
+        assert position[70:].mean() == pytest.approx(2, rel=0.05)
+        assert states[70:].mean() == pytest.approx(4, rel=0.05)
 
     def test_rejected_fixes_out_of_reach_of_one_another_confirm_nothing(self, device):
         """At 5 m/s an AUV makes 10 m in two steps, not 60."""

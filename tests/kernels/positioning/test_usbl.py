@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+import taichi as ti
 import torch
 from scipy import stats
 
@@ -11,6 +12,7 @@ from tests.kernels.planning.reference import loss
 from usvauv.env.planning.fix_errors import reception
 from usvauv.kernels.positioning import acoustic_link, sonar, usbl
 from usvauv.kernels.positioning.sonar import coates
+from usvauv.kernels.types import array2, vec2, vec3
 
 CARRIERS = (15000.0, 18000.0)
 
@@ -77,6 +79,65 @@ class TestStatistics:
         # The second term is the bias of second order in the noise, from z' = −√(S² − x'² − y'²) under tilt.
         assert np.abs(horizontal.mean(axis=0)).max() < 5 * scale / math.sqrt(DRAWS) + 2 * scale**2 / 100
         assert np.abs(np.cov(horizontal.T) - predicted).max() < 0.02 * np.trace(predicted)
+
+
+@ti.kernel
+def covariances(link: array2, case: array2, out: array2):
+    """What is new in each fix of the second AUV at offsets and slopes (n, 5), and what fixes have in common."""
+    for n in range(case.shape[0]):
+        offset = vec3(case[n, 0], case[n, 1], case[n, 2])
+        axes = usbl.array_axes(usbl.attitude(vec2(case[n, 3], case[n, 4])))
+        new = usbl.horizontal_covariance(link, 1, offset, axes, 0.05)
+        common = usbl.systematic_covariance(link, 1, offset, axes)
+        for j in ti.static(range(3)):
+            out[n, j] = new[j]
+            out[n, 3 + j] = common[j]
+
+
+def test_covariances_are_those_of_the_derivatives_of_a_fix(device):
+    """By each error alone, by central differences of the geometry in double precision."""
+    accuracy = acoustic_link.Accuracy(0.003, 0.004, 0.006, 0.005, 0.3)
+    sonar = acoustic_link.Sonar(accuracy=accuracy, signal="code", bandwidth=500.0)
+    link = acoustic_link.link_table((9000.0, 15000.0), sonar)
+    draw = np.random.default_rng(5)
+    cases = np.concatenate(
+        [draw.uniform((-200, -200, -120), (200, 200, -60), (40, 3)), draw.uniform(-0.3, 0.3, (40, 2))], 1
+    )
+    out = torch.empty((40, 6), device=device)
+    covariances(torch.from_numpy(link).to(device), torch.tensor(cases, dtype=torch.float32, device=device), out)
+
+    def axes(pitch, roll, heading):
+        about_y = [[math.cos(pitch), 0, math.sin(pitch)], [0, 1, 0], [-math.sin(pitch), 0, math.cos(pitch)]]
+        about_x = [[1, 0, 0], [0, math.cos(roll), math.sin(roll)], [0, -math.sin(roll), math.cos(roll)]]
+        about_z = [[math.cos(heading), math.sin(heading), 0], [-math.sin(heading), math.cos(heading), 0], [0, 0, 1]]
+        return np.array(about_x) @ about_y @ about_z
+
+    def fix(case, phase_x=0.0, phase_y=0.0, stretch=0.0, pitch=0.0, roll=0.0, heading=0.0, speed=0.0):
+        """With errors of the cosines, the range (m), the attitude and heading (rad), and the speed of sound."""
+        offset, slope = case[:3], case[3:]
+        true = math.atan(slope[0]), math.atan(slope[1] * math.cos(math.atan(slope[0])))
+        S = np.linalg.norm(offset)
+        u, v, _ = (axes(*true, 0.0) @ offset / S) * (1 + speed)
+        S = (S + stretch) * (1 + speed)
+        x, y = S * (u + phase_x), S * (v + phase_y)
+        body = x, y, -math.sqrt(S * S - x * x - y * y)
+        return (axes(true[0] + pitch, true[1] + roll, heading).T @ body)[:2]
+
+    def by(case, **errors):
+        total = np.zeros((2, 2))
+        for name, deviation in errors.items():
+            moved = [fix(case, **{name: side * 1e-5}) for side in (1, -1)]
+            derivative = (moved[0] - moved[1]) / 2e-5
+            total += deviation**2 * np.outer(derivative, derivative)
+        return total
+
+    phase = 0.05 / link[1, acoustic_link.KAPPA]
+    metres = 1500 / (2 * math.pi * 500 / math.sqrt(12)) * 0.05 / math.sqrt(8) / 2
+    for case, found in zip(cases, out.double().cpu().numpy(), strict=True):
+        new = by(case, phase_x=phase, phase_y=phase, stretch=metres, pitch=0.003, roll=0.003)
+        common = by(case, pitch=0.004, roll=0.004, heading=0.006, speed=0.005) + 0.3**2 * np.eye(2)
+        for part, C in ((found[:3], new), (found[3:], common)):
+            assert part == pytest.approx(C[[0, 0, 1], [0, 1, 1]], rel=2e-4, abs=1e-4 * np.trace(C))
 
 
 def flagged(device, offset, *, slope=LEVEL, seed=9, **link):

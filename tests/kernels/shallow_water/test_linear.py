@@ -1,20 +1,24 @@
-"""The shallow-water solver: its step, boundaries and clock.
+"""The shallow-water solver: its step, boundaries and clock, and against a plain NumPy scheme in f64.
 
 What has a solution is in `tests.cases`. `ROUNDING` = 2⁻²⁴ is half a unit in the last place of an f32 number near one. A
 state variable is rounded about four times a substep; in waves these errors add up like a random walk.
 """
 
 import math
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from tests.cases.plain import ROUNDING, SIDES, centres, rough_bed, waves
-from usvauv.kernels.shallow_water import linear
+from tests.cases.plain import ROUNDING, SIDES, PlainScheme, centres, rough_bed, waves
+from usvauv.kernels.shallow_water import discretisation, linear
 from usvauv.kernels.shallow_water.linear import ShallowWater
 
 KINDS = ("forced", "incident", "radiating", "sponge")
-MIXED = dict(zip(SIDES, KINDS, strict=True))
+# Every kind at two sides and opposite two others.
+MIXED = [dict(zip(SIDES, order, strict=True)) for order in (KINDS, (*KINDS[2:], *KINDS[:2]), KINDS[::-1])]
 
 
 def open_sea(boundaries: dict[str, str], **others) -> ShallowWater:
@@ -81,7 +85,7 @@ class TestStep:
 class TestBoundaries:
     def test_energy_only_falls(self):
         """With nothing prescribed; half of the noise is waves so short that they hardly move."""
-        solver = open_sea(MIXED, depth=rough_bed(37, 29), interval=0.5)
+        solver = open_sea(MIXED[0], depth=rough_bed(37, 29), interval=0.5)
         solver.set_state(np.random.default_rng(1).normal(size=(1, 29, 37)))
         energy = [solver.energy()[0]]
         for _ in range(40):
@@ -89,6 +93,22 @@ class TestBoundaries:
             energy.append(solver.energy()[0])
         assert (np.diff(energy) < ROUNDING * energy[0]).all()
         assert energy[-1] < 0.7 * energy[0]
+
+    @pytest.mark.parametrize("num_seas", [1, 3])
+    def test_state_is_restored(self, num_seas):
+        boundaries = dict(zip(SIDES, KINDS, strict=True))
+        first, second = (
+            open_sea(boundaries, depth=rough_bed(37, 29), interval=1.0, num_seas=num_seas) for _ in range(2)
+        )
+        first.set_state(np.random.default_rng(1).normal(size=(num_seas, 29, 37)))
+        for solver in (first, second):
+            solver.set_forcing(*waves(1.0, 9.0, 0.3, num_seas))
+        first.advance()
+        second.load_state(*first.state())
+        for solver in (first, second):
+            solver.advance()
+        for one, other in zip(*((s.elevation(), *s.velocity(), s.time) for s in (first, second)), strict=True):
+            np.testing.assert_array_equal(one, other)
 
     def test_boundary_on_land_is_a_wall(self):
         depth = np.full((29, 37), 30.0)
@@ -103,6 +123,22 @@ class TestBoundaries:
 
 
 class TestDiagnostics:
+    def test_chunks_of_rows_change_nothing(self, monkeypatch):
+        """The host works on a few rows at a time: here on one, and on all."""
+        boundaries = dict(zip(SIDES, KINDS, strict=True))
+        seen = []
+        for chunk in (1, 10**9):
+            monkeypatch.setattr(discretisation, "CHUNK", chunk)
+            solver = open_sea(boundaries, depth=rough_bed(37, 29), interval=0.5, num_seas=2, drag=0.01)
+            random = np.random.default_rng(2)
+            solver.set_forcing(*waves(1.0, 9.0, 0.3, 2))
+            u, v = random.normal(size=(2, 29, 38)), random.normal(size=(2, 30, 37))
+            solver.set_state(random.normal(size=(2, 29, 37)), u, v)
+            solver.advance()
+            seen.append([solver.elevation(), *solver.velocity(), solver.mass(), solver.energy()])
+        for one, other in zip(*seen, strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-12)
+
     @pytest.mark.parametrize("boundaries", [{}, {"south": "forced", "east": "forced"}])
     def test_mass_and_energy_are_those_of_the_integrals(self, boundaries):
         """Of two seas with a wave and an even current, in cells that are no squares."""
@@ -122,9 +158,10 @@ class TestDiagnostics:
 
     @pytest.mark.parametrize("num_seas", [1, 2])
     def test_a_new_state_forgets_the_old_one(self, num_seas):
+        boundaries = dict(zip(SIDES, KINDS, strict=True))
         start, seen = np.random.default_rng(5).normal(size=(num_seas, 29, 37)), []
         for used in (False, True):
-            solver = open_sea(MIXED, depth=rough_bed(37, 29), interval=1.0, num_seas=num_seas)
+            solver = open_sea(boundaries, depth=rough_bed(37, 29), interval=1.0, num_seas=num_seas)
             solver.set_forcing(*waves(1.0, 9.0, 0.3, num_seas))
             if used:
                 solver.set_state(100 * start, time=3.0)
@@ -138,7 +175,64 @@ class TestDiagnostics:
         np.testing.assert_array_equal(*seen)
 
 
-class TestClock:
+MEMORY = """
+import numpy as np
+from usvauv.kernels.shallow_water.linear import ShallowWater
+
+def sea(n):
+    depth = np.full((n, n), 50, np.float32) + np.arange(n, dtype=np.float32)[:, None] / n
+    eta = np.ones((1, n, n), np.float32)
+    solver = yield depth, eta
+    solver = ShallowWater(size=(n, n), cells=(n, n), depth=depth, interval=1.0, boundaries={"west": "radiating"})
+    solver.set_state(eta)
+    solver.advance()
+    yield solver
+
+def status(name):
+    return next(int(line.split()[1]) * 1024 for line in open("/proc/self/status") if line.startswith(name))
+
+for n in (64, 4096):  # the small one compiles
+    run = sea(n)
+    next(run)
+    before = status("VmRSS")
+    solver = run.send(None)
+held = sum(array.nbytes for array in (solver._state, solver._C, solver._prescribed, solver._coefficient_row))
+print(status("VmHWM") - before, held)
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads the peak of the process from Linux")
+def test_memory_is_that_of_the_fields():
+    """Peak of construction, start and first interval over what was there before: within 10% of the arrays held."""
+    run = subprocess.run([sys.executable, "-c", MEMORY], capture_output=True, text=True, cwd=Path(__file__).parents[3])
+    peak, held = map(int, run.stdout.split()[-2:])
+    assert held > 190 * 2**20
+    assert peak < 1.1 * held, f"{peak / held:.3f}"
+
+
+class TestAgainstPlainNumpy:
+    @pytest.mark.parametrize("num_seas", [1, 18])
+    @pytest.mark.parametrize(
+        "boundaries", [{}, *MIXED], ids=lambda boundaries: "-".join(boundaries.values()) or "walls"
+    )
+    def test_depth_drag_and_boundaries(self, boundaries, num_seas):
+        nx, ny = 37, 29
+        random = np.random.default_rng(7)
+        solver = open_sea(boundaries, depth=rough_bed(nx, ny), interval=1.0, drag=0.02, num_seas=num_seas)
+        a, T, phase = random.normal(size=(num_seas, 3)), random.uniform(3, 20, (num_seas, 3)), np.ones((num_seas, 3))
+        start = random.normal(size=(num_seas, ny, nx))
+        solver.set_forcing(a, T, phase)
+        solver.set_state(start)
+        for _ in range(4):
+            solver.advance()
+        s = num_seas - 1
+        wave = lambda t: float((a[s] * np.cos(2 * math.pi * t / T[s] + phase[s])).sum())  # noqa: E731
+        expected = PlainScheme(solver, start[s], wave).advance(4 * solver.substeps)
+        assert np.abs(expected).max() > 0.5
+        # About 50 substeps of independent rounding of numbers near 3: a random walk, at its largest of 1000 cells.
+        np.testing.assert_allclose(solver.elevation()[s], expected, atol=100 * ROUNDING, rtol=0)
+        assert not solver.elevation()[:, solver.depth == 0].any()
+
     def test_clock_carries_the_phase(self):
         """Started late, the prescribed wave has its phase of that time: the same as from zero with a later phase."""
         late, T = 1.0e6, 17.0

@@ -199,6 +199,20 @@ class TestBoundaries:
         assert errors[-1] < 5e-4
         assert order(errors) > 1.8
 
+    def test_high_tide_floods_a_beach_and_leaves_it(self):
+        """A tide of 2 m that is slow against the basin: the sea on a beach of 1:20 has the level of the boundary."""
+        n, T = 50, 1800.0
+        x = centres(n, 200.0)
+        bed = np.broadcast_to(-5 + x / 20, (4, n))
+        solver = channel(n, 200.0, bed=bed, interval=T / 4, boundaries={"west": "forced"}, manning=0.03, dry=1e-4)
+        solver.set_forcing(np.array([2.0]), np.array([T]), np.array([-math.pi / 2]))
+        solver.set_state(np.maximum(0.0, bed))
+        for level in (2, 0, -2, 0, 2):
+            solver.advance()
+            deep = bed[0] < level - 0.2
+            np.testing.assert_allclose(solver.elevation()[0, deep], level, atol=0.1)
+            assert solver.depth()[0, bed[0] > level + 0.4].max() < 2e-3
+
 
 class TestFriction:
     def test_manning_and_drag_slow_an_even_current(self):

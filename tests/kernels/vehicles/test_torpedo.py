@@ -19,7 +19,17 @@ from usvauv.kernels.types import array1
 from usvauv.kernels.vehicles import torpedo
 from usvauv.kernels.vehicles.fleet import Fleet
 from usvauv.kernels.vehicles.numbers import lamb_factors
-from usvauv.kernels.vehicles.vehicle import LANES, Actuators, Body, Command, Surroundings, blocks, load, store, vehicles
+from usvauv.kernels.vehicles.vehicle import (
+    LANES,
+    Actuators,
+    Body,
+    Command,
+    Surroundings,
+    blocks,
+    load,
+    store,
+    vehicles,
+)
 
 TORPEDO = vehicles["torpedo"]
 DEFAULTS = {name: number.default for name, number in TORPEDO.numbers.items()}
@@ -111,6 +121,38 @@ def test_drag_of_the_cross_flow():
     expected = np.trapezoid(drag, x), np.trapezoid(x * drag, x)
     assert force[:, [1, 5]] == pytest.approx(np.stack(expected, -1), rel=2e-5, abs=1e-5)
     assert force[:, [2, 4]] == pytest.approx(np.stack((expected[0], -expected[1]), -1), rel=2e-5, abs=1e-5)
+
+
+def test_munks_moment_turns_the_hull_across_the_flow():
+    """−(Y − X) u v in yaw and (Y − X) u w in pitch."""
+    numbers = BARE | NO_KEEL
+    k1, k2, _ = lamb(L, D)
+    M = np.diag(mass_matrix(numbers))
+    rates = measured(fleet(numbers, u=1.5, v=0.2, w=0.3), numbers)[1]
+    assert rates[:, 5] == pytest.approx(-(k2 - k1) * m * 1.5 * 0.2 / M[5], rel=1e-5)
+    assert rates[:, 4] == pytest.approx((k2 - k1) * m * 1.5 * 0.3 / M[4], rel=1e-5)
+
+
+def test_coriolis_forces_do_no_work():
+    """νᵀ M ν̇ is the work of the weight alone, from M and from Newton's law."""
+    auvs = fleet(BARE, **anyhow(2))
+    nu, rates = fields(auvs, *SPEEDS, *SPINS), measured(auvs, BARE)[1]
+    down = attitude(auvs)[:, 2]
+    weight = m * 9.81 * DEFAULTS["weight_below"] * np.cross(DOWN, down)
+    work = np.einsum("ij,ij->i", nu[:, 3:], weight)
+    assert np.einsum("ij,jk,ik->i", nu, mass_matrix(BARE), rates) == pytest.approx(work, abs=2e-4)
+    assert np.abs(work).max() > 1
+
+
+@pytest.mark.parametrize("told", [(0.0, 0.0, 0.0), (0.6, -0.6, 0.0), (-0.1, 0.3, 0.0)])
+def test_damping_and_fins_take_energy(told):
+    """In any flow, at any angle of the fins; more the faster, at least with the square of the speed."""
+    for seed in range(4):
+        for speed in (0.1, 1.0, 5.0):
+            auvs = fleet(DEFAULTS, told, **anyhow(seed, speed))
+            nu = fields(auvs, *SPEEDS, *SPINS)
+            power = np.einsum("ij,ij->i", nu, measured(auvs, DEFAULTS)[0])
+            assert (power < -1e-3 * np.linalg.norm(nu, axis=1) ** 2).all()
 
 
 def test_fins_stall():
