@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from usvauv.env.record.metrics import served
-from usvauv.env.record.trace import VARIABLES, Trace
+from usvauv.env.record.trace import PARTS, VARIABLES, Trace
 from usvauv.env.storage.files import atomic_write
 
 Table = dict[str, np.ndarray]
@@ -18,14 +18,6 @@ ROWS = {
     "nodes": ("time", "world", "node"),
     "vortices": ("time", "world", "vortex"),
     "worlds": ("time", "world"),
-}
-PARTS = {
-    "axis": ("x", "y"),
-    "component": ("xx", "xy", "yy"),
-    "angle": ("heading", "pitch", "roll"),
-    "actuator": ("rudder", "stern", "propeller"),
-    "surface_component": ("elevation", "slope_x", "slope_y"),
-    "vortex_parameter": ("x", "y", "circulation", "radius"),
 }
 
 

@@ -207,27 +207,13 @@ def age(trace: Trace) -> np.ndarray:
     return trace.time[:, None, None] - newest_birth(trace)
 
 
-def mean_age(trace: Trace) -> np.ndarray:
-    """Mean age over nodes and time, (W,), s."""
-    return age(trace).mean(axis=(0, 2))
-
-
-def peak_ages(trace: Trace) -> list[np.ndarray]:
-    """Ages just before each service, s, for each world (S_w,)."""
+def peak_age(trace: Trace) -> np.ndarray:
+    """Mean of the ages just before the services, (W,), s; NaN without a service."""
     t, w, _, i = served(trace)
     before = np.concatenate([np.zeros_like(trace.backlog[:1], float), age(trace)[:-1]])
     peaks = before[t, w, i] + trace.scenario.mission.step
-    return [peaks[w == world] for world in range(trace.backlog.shape[1])]
-
-
-def peak_age(trace: Trace) -> np.ndarray:
-    """Mean of the ages just before the services, (W,), s; NaN without a service."""
-    return np.array([peaks.mean() if len(peaks) else np.nan for peaks in peak_ages(trace)])
-
-
-def largest_age(trace: Trace) -> np.ndarray:
-    """Largest age of any node at any time, (W,), s."""
-    return age(trace).max(axis=(0, 2))
+    of_worlds = (peaks[w == world] for world in range(trace.backlog.shape[1]))
+    return np.array([own.mean() if len(own) else np.nan for own in of_worlds])
 
 
 def fairness(trace: Trace) -> np.ndarray:
@@ -256,9 +242,9 @@ def energy_per_data(trace: Trace) -> np.ndarray:
 task_metrics: Registry[Metric] = Registry("metric", form=Metric)
 for _name, _values in {
     "lost_mbit": lost_data,
-    "aoi_mean": mean_age,
+    "aoi_mean": lambda trace: age(trace).mean(axis=(0, 2)),  # s, over nodes and time
     "aoi_peak": peak_age,
-    "aoi_largest": largest_age,
+    "aoi_largest": lambda trace: age(trace).max(axis=(0, 2)),  # s, of any node at any time
     "jain": fairness,
     "joule_per_mbit": energy_per_data,
 }.items():

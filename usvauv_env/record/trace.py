@@ -63,6 +63,15 @@ OPTIONAL = {  # may be empty, with this shape
 DERIVED = "boat_heading"  # missing in files of earlier versions
 PLACED = ("node", "auv", "boat")  # whose `…_position` also is in longitude and latitude where the area has a place
 
+PARTS = {  # along the dimensions of one length
+    "axis": ("x", "y"),
+    "component": ("xx", "xy", "yy"),
+    "angle": ("heading", "pitch", "roll"),
+    "actuator": ("rudder", "stern", "propeller"),
+    "surface_component": ("elevation", "slope_x", "slope_y"),
+    "vortex_parameter": ("x", "y", "circulation", "radius"),
+    "wave_parameter": ("a", "kx", "ky", "omega", "phase"),
+}
 INTEGERS = (
     *("fix_flags", "fix_boat", "served_by", "target", "hovering", "border", "overflowing", "collisions"),
     *("packets_created", "packets_lost", "packets_delivered", "auv_touched"),
@@ -439,14 +448,7 @@ def _check_numbers(values: np.ndarray, name: str) -> None:
 
 def _check_sizes(arrays: Mapping[str, np.ndarray], scenario: Scenario, reward_names: Sequence[str]) -> None:
     """Refuse sizes that are not those of the scenario, and indices beyond them."""
-    expected = {
-        "axis": 2,
-        "component": 3,
-        "surface_component": 3,
-        "vortex_parameter": 4,
-        "wave_parameter": 5,
-        "angle": 3,
-        "actuator": 3,
+    expected = {name: len(parts) for name, parts in PARTS.items()} | {
         "auv": scenario.auv.count,
         "boat": scenario.boat.count,
         "node": scenario.targets,

@@ -17,10 +17,6 @@ AGENT = "agent"  # the strategy of boats that act
 RETIRED = ("fim-horizon", "learned")  # since 0.3
 
 
-def _no_check(scenario: Scenario, numbers: Sequence[float]) -> str:
-    return ""
-
-
 @dataclass(frozen=True)
 class BoatStrategy:
     """A strategy of the boat.
@@ -37,7 +33,7 @@ class BoatStrategy:
 
     functions: Strategy
     arguments: tuple[str, ...] = ()
-    refuse: Callable[[Scenario, Sequence[float]], str] = _no_check
+    refuse: Callable[[Scenario, Sequence[float]], str] = lambda scenario, numbers: ""
     repeats: bool = False
     units: str = ""
     about: str = ""
