@@ -171,16 +171,14 @@ class Scenario(Section):
     @property
     def can_have_multipath(self) -> bool:
         """Whether `acoustics.multipath` could be true."""
-        chips = FEWEST_CHIPS <= self.chips <= MOST_CHIPS
-        return chips and not any(wrong for _, wrong, _ in self._against_multipath)
+        return FEWEST_CHIPS <= self.chips <= MOST_CHIPS and not self._against_multipath
 
     @property
-    def _against_multipath(self) -> tuple[tuple[str, bool, str], ...]:
-        """What reflections do not go with: field, whether it is so, what is needed."""
-        return (
-            ("usbl.signal", self.usbl.signal != "code", "code"),
-            ("auv.separation", self.auv.separation != "geometry", "geometry"),
-        )
+    def _against_multipath(self) -> str:
+        """What reflections need and the scenario lacks; else empty."""
+        if self.usbl.signal != "code":
+            return "usbl.signal = code"
+        return "" if self.auv.separation == "geometry" else "auv.separation = geometry"
 
     def _check_signal(self) -> None:
         usbl, coded = self.usbl, self.usbl.signal == "code"
@@ -193,9 +191,8 @@ class Scenario(Section):
                 f"usbl.pulse_length times acoustics.bandwidth: a pulse of {self.chips} chips; from {FEWEST_CHIPS} to"
                 f" {MOST_CHIPS} with usbl.model = waveform or acoustics.multipath"
             )
-        for field, wrong, needed in self._against_multipath:
-            if self.acoustics.multipath and wrong:
-                raise ValueError(f"acoustics.multipath: needs {field} = {needed}")
+        if self.acoustics.multipath and self._against_multipath:
+            raise ValueError(f"acoustics.multipath: needs {self._against_multipath}")
 
     @property
     def highest_long_wave(self) -> float:
