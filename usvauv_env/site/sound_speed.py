@@ -249,8 +249,8 @@ class _Sound:
     def _arrivals(self, depths: np.ndarray, speeds: np.ndarray, array: float, below: float) -> torch.Tensor:
         """Arrivals (RANGES, 5), as of `rays.arrivals`."""
         offset = np.stack([self._R, 0 * self._R, np.full(RANGES, below)], axis=1)
-        at, layers = np.full(RANGES, array), layer_table(depths, speeds)
-        return rays.arrivals(*map(self._tensor, (layers, at, offset)), self._mean, array)
+        layers, at = self._tensor(layer_table(depths, speeds)), self._tensor(np.full(RANGES, array))
+        return rays.arrivals(layers, at, self._tensor(offset), self._mean, array)
 
     def holds(self, depths: np.ndarray, speeds: np.ndarray) -> bool:
         """Whether times and places by another profile are within TOLERANCE, and shadows within one of the ranges."""
