@@ -113,10 +113,11 @@ class TrainingConfig:
         """With the defaults of the algorithm in a scenario, and those of `settings`, by name, that are not None.
 
         Where data are taken in passing and all that the frame `passing` needs is observed, that is the frame, without
-        renewal, as the data of a node come in many steps.
+        renewal, as the data of a node come in many steps; where actions are those of fins it is `fins`.
         """
         passing = not set(PASSING_TERMS).difference(ObservationLayout.of(scenario).terms)
-        own = {"frame": "passing", "renewal": False} if passing else {}
+        frame = "fins" if scenario.auv.action == "fins" else "passing" if passing else None
+        own = {"frame": frame, "renewal": False} if frame else {}
         algorithm = settings.get("algorithm", cls.algorithm)
         defaults = ALGORITHMS[algorithm].defaults if algorithm in ALGORITHMS else {}
         given = {name: value for name, value in settings.items() if value is not None}

@@ -32,6 +32,7 @@ from usvauv.policies.guidance import (
     unrotate,
 )
 from usvauv.policies.heuristics.passing import Pass
+from usvauv.policies.heuristics.travel import Helm
 from usvauv.policies.policy import PolicyError
 
 PASS_PRICE = 60.0  # W
@@ -254,8 +255,32 @@ class PassingFrame(TargetFrame):
         return self.heuristic.steer(observation)
 
 
+class FinsFrame(TargetFrame):
+    """Features as `TargetFrame`; actions are offsets from what the heuristic `helm` gives fins and propeller.
+
+    Action 0 is `helm` at the scenario's speed for `straight`.
+
+    Raises:
+        PolicyError: actions are not those of fins.
+    """
+
+    actions = 3
+
+    def __init__(self, scenario: Scenario) -> None:
+        super().__init__(scenario)
+        if scenario.auv.action != "fins":
+            raise PolicyError(f"training: frame = 'fins': scenario {scenario.name!r} has {scenario.auv.action} actions")
+        speed = scenario.reference.straight_speed
+        self.start = f"helm:{speed:g}"
+        self.heuristic = Helm(self.start, cast(World, Observed(self)), speed)
+
+    def decode(self, observation: Tensor, action: Tensor) -> Tensor:
+        return (self.heuristic.act(observation) + action).clamp(-1.0, 1.0)
+
+
 FRAMES: Registry[type[Frame]] = Registry("frame", PolicyError, Frame)
 FRAMES.register("guided", GuidedFrame)
 FRAMES.register("target", TargetFrame)
 FRAMES.register("world", WorldFrame)
 FRAMES.register("passing", PassingFrame)
+FRAMES.register("fins", FinsFrame)

@@ -111,11 +111,13 @@ def about(name: str) -> str:
 
 
 def default(scenario: Scenario) -> str:
-    """The default policy: the scenario's own where it fits, `pass` where data are taken in passing, else the task's."""
+    """The default policy: the scenario's own where it fits, `helm` for fins, `pass` in passing, else the task's."""
     if own := scenario.reference.policy:
         with suppress(PolicyError):
             check(own, scenario)
             return own
+    if scenario.auv.action == "fins":
+        return "helm"
     return "pass" if scenario.collects_in_passing else scenario.task_definition.heuristic
 
 
@@ -123,8 +125,8 @@ def load(name: str | Path, world: World) -> Policy:
     """A policy that acts in `world`, from its present step on.
 
     Args:
-        name: one of `available()`; a heuristic's argument follows a colon: `straight:SPEED`, `crab:SPEED` or
-            `zermelo:SPEED` with a speed in m/s, `pace:PRICE` or `clear:PRICE` with a price of time in W; else
+        name: one of `available()`; a heuristic's argument follows a colon: `straight:SPEED`, `helm:SPEED`, `crab:SPEED`
+            or `zermelo:SPEED` with a speed in m/s, `pace:PRICE` or `clear:PRICE` with a price of time in W; else
             the path of a checkpoint, or of a training run, whose best checkpoint is then taken; else MODULE:CLASS, see
             `imported`.
         world: the world whose observations it will get; its speed limits and recorded speeds are used.

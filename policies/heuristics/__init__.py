@@ -7,12 +7,13 @@ from usvauv.kernels.registry import Registry
 from usvauv.policies.heuristics.heuristic import Heuristic
 from usvauv.policies.heuristics.passing import Loiter, Pass
 from usvauv.policies.heuristics.random import Random
-from usvauv.policies.heuristics.travel import Clear, Crab, Keep, Pace, Straight
+from usvauv.policies.heuristics.travel import Clear, Crab, Helm, Keep, Pace, Straight
 from usvauv.policies.heuristics.zermelo import Zermelo
 from usvauv.policies.policy import PolicyError
 
 HEURISTICS: Registry[type[Heuristic]] = Registry("policy", PolicyError, Heuristic)
 HEURISTICS.register("straight", Straight)
+HEURISTICS.register("helm", Helm)
 HEURISTICS.register("crab", Crab)
 HEURISTICS.register("pace", Pace)
 HEURISTICS.register("clear", Clear)

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from usvauv.env.scenario import Scenario
 from usvauv.env.world.world import World
+from usvauv.kernels.mission.observation import DEPTH_UNIT
 from usvauv.policies.guidance import SpeedToFly, clear_of_others, command, crab, unit
 from usvauv.policies.heuristics.heuristic import Heuristic, number
 from usvauv.policies.policy import by_pieces
@@ -47,6 +48,35 @@ class Straight(ConstantSpeed):
 
     def act(self, observation: Tensor) -> Tensor:
         return command(self.bearing(observation), self.argument, self.scenario)
+
+
+class Helm(ConstantSpeed):
+    """Heads straight for the target at cruise depth or altitude by rudder, stern plane and propeller themselves.
+
+    Shares of their limits in proportion to the error of heading, pitch or speed, and to the rate of turn or pitch. The
+    pitch wanted is in proportion to the error of depth.
+    """
+
+    reference = "straight_speed"
+
+    @classmethod
+    def parse(cls, text: str | None, scenario: Scenario) -> float:
+        if scenario.auv.action != "fins":
+            raise ValueError(f'commands fins: needs auv.action = "fins", not "{scenario.auv.action}"')
+        return super().parse(text, scenario)
+
+    def act(self, observation: Tensor) -> Tensor:
+        x, y = self.bearing(observation).unbind(-1)
+        cos, sin, pitch, _ = observation[..., self.layout.slice("attitude")].unbind(-1)
+        below, above = (DEPTH_UNIT * observation[..., self.layout.slice("depth")]).unbind(-1)
+        u, _, _, _, pitching, turning, *_ = observation[..., self.layout.slice("motion")].unbind(-1)
+        if altitude := self.scenario.auv.altitude:
+            below = altitude - above
+        off = torch.atan2(sin * x - cos * y, cos * x + sin * y)  # to starboard
+        rudder = 0.5 * off - 0.5 * turning
+        stern = pitch - (0.1 * below).clamp(-0.35, 0.35) + 0.5 * pitching
+        propeller = 0.4 * self.argument + 0.3 * (self.argument - u)
+        return torch.stack((rudder, stern, propeller), -1).clamp(-1.0, 1.0)
 
 
 class Crab(ConstantSpeed):

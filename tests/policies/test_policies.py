@@ -39,10 +39,10 @@ def test_actions_of_many_worlds_are_those_of_each(name, monkeypatch):
 class TestFace:
     def test_heuristics_come_after_the_trained_ones(self):
         names = policies.available()
-        assert names[-9:] == ["straight", "crab", "pace", "clear", "loiter", "pass", "zermelo", "keep", "random"]
-        assert names[:-9] == policies.trained()
+        steering = ["straight", "crab", "pace", "clear", "loiter", "pass", "zermelo", "keep", "random"]
+        assert names == [*policies.trained(), steering[0], "helm", *steering[1:]]
         world = World(Scenario.load("extreme", ["nodes.service=passing"]))
-        for name in names[-9:]:
+        for name in steering:
             assert policies.load(name, world).name == name
         assert policies.load("clear", world).argument == world.scenario.reference.clear_price
 
@@ -56,6 +56,7 @@ class TestFace:
             ("random:3", "takes no parameter"),
             ("pace:-1", "must be at least 0 W"),
             ("pass", "needs nodes.service = passing"),
+            ("helm", 'needs auv.action = "fins", not "vector"'),
         ],
     )
     def test_a_bad_name_gets_one_clear_line(self, name, part):

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 import torch
 
+from usvauv import policies
 from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.record.recorder import record
 from usvauv.kernels.mission.columns import AuvColumn, BodyColumn
 from usvauv.kernels.vehicles.fleet import Fleet
 from usvauv.kernels.vehicles.vehicle import Body, Command, Surroundings
+from usvauv.policies.frames import FRAMES
 
 TORPEDO = ["auv.model=torpedo", "nodes.service=passing", "mission.duration=60"]
 
@@ -119,6 +121,27 @@ def test_fins_turn_it_to_starboard_and_down():
         world.step(action)
     assert (world.body[..., BodyColumn.r] > 0.02).all()
     assert (world.auv[..., AuvColumn.depth_error] > 0.5).all()
+
+
+@pytest.mark.parametrize("step", [0.2, 1.0])
+def test_helm_steers_by_fins_to_its_target_at_its_depth_and_speed(step):
+    """It is what commands fins where no policy is named, and what a network begins as."""
+    scenario = torpedo("auv.action=fins", f"mission.step={step}", "auv.speed_max=2.5")
+    assert policies.default(scenario) == "helm"
+    world = World(scenario, 4, seed=1)
+    policy, frame = policies.load("helm:1.4", world), FRAMES["fins"](scenario)
+    observation, ahead = world.reset(), []
+    for _ in range(round(60 / step)):
+        action = policy.act(observation)
+        observation = world.step(action).observation
+        heading = observation[..., policy.layout.slice("attitude")][..., :2]
+        ahead.append((heading * policy.bearing(observation)).sum(-1))
+    assert torch.stack(ahead)[-round(30 / step) :].median() > math.cos(0.2)
+    assert (world.body[..., BodyColumn.depth] - 100.0).abs().max() < 1.0
+    assert world.body[..., BodyColumn.u].cpu() == pytest.approx(1.4, abs=0.1)
+    begun = policies.load(frame.start, world).act(observation)
+    torch.testing.assert_close(frame.decode(observation, torch.zeros_like(begun)), begun)
+    assert (frame.decode(observation, torch.full_like(begun, 0.1)) >= begun).all()
 
 
 def test_it_stays_in_the_area():
