@@ -36,6 +36,7 @@ from usvauv.kernels.mission.target_rules.learned import (
     Feature,
 )
 from usvauv.policies import checkpoint
+from usvauv.policies.algorithms.learner import Adam
 from usvauv.policies.checkpoint import FORMAT, TRAINING
 from usvauv.policies.loading import acting, check
 from usvauv.policies.policy import PolicyError
@@ -248,7 +249,7 @@ class DecisionTrainer:
         torch.manual_seed(config.seed)
         device = self.world.device
         self.scores, self._value = Scores().to(device), Value().to(device)
-        self._adam = torch.optim.Adam([*self.scores.parameters(), *self._value.parameters()], config.learning_rate)
+        self._adam = Adam([*self.scores.parameters(), *self._value.parameters()], config.learning_rate)
         self.iteration, self.best = 0, -math.inf
         self.interruption = Stop()
 
@@ -300,24 +301,21 @@ class DecisionTrainer:
             self.scores.load_state_dict(groups["scores"])
             self._value.load_state_dict(groups["value"])
             self.world.load_state(groups["world"])
-            moments: dict[int, dict[str, Tensor]] = {}
             for name, value in groups["adam"].items():
                 index, moment = name.split(".")
-                moments.setdefault(int(index), {})[moment] = value
-            self._adam.load_state_dict({**self._adam.state_dict(), "state": moments})
+                self._adam.moments[moment][int(index)].copy_(value)
             self.iteration = int(counters["iteration"])
             self.best = -math.inf if counters["best"] is None else float(counters["best"])
-        except (KeyError, RuntimeError, TypeError, ValueError) as error:
+        except (LookupError, RuntimeError, TypeError, ValueError) as error:
             raise PolicyError(f"{last}: cannot be resumed: {str(error).strip().splitlines()[-1].strip()}") from None
 
     def _tensors(self) -> dict[str, Tensor]:
         """All that decides what comes next, by name."""
         found = {"generator": torch.get_rng_state()}
-        moments = self._adam.state_dict()["state"]
         groups = {
             "scores": self.scores.state_dict(),
             "value": self._value.state_dict(),
-            "adam": {f"{index}.{name}": value for index, own in moments.items() for name, value in own.items()},
+            "adam": {f"{i}.{name}": v for name, own in self._adam.moments.items() for i, v in enumerate(own)},
             "world": self.world.state(),
         }
         return found | {f"{group}.{name}": value for group, own in groups.items() for name, value in own.items()}
@@ -339,8 +337,7 @@ class DecisionTrainer:
         """Collect one episode of all worlds and learn from it; returns its mean data, Mbit."""
         config = self.config
         done = self.iteration / config.iterations
-        for group in self._adam.param_groups:
-            group["lr"] = config.learning_rate * max(1 - done, 0.05)
+        self._adam.set_rate(config.learning_rate * max(1 - done, 0.05))
         self._set_numbers(self.world, explore=True)
         decisions = collect(self.world, self._act, config.horizon)
         self.learn(decisions, entropy=config.entropy * (1 - done))
@@ -366,11 +363,12 @@ class DecisionTrainer:
                 gain = torch.minimum(ratio * advantage[part], clipped * advantage[part]).mean()
                 error = nn.functional.mse_loss(self._value(features[part]), goal[part])
                 loss = error / TYPICAL**2 - gain - entropy * spread
-                self._adam.zero_grad()
+                for network in (self.scores, self._value):
+                    network.zero_grad()
                 loss.backward()
                 for network in (self.scores, self._value):
                     nn.utils.clip_grad_norm_(network.parameters(), 0.5)
-                self._adam.step()
+                self._adam.step([weight.grad for weight in self._adam.parameters if weight.grad is not None])
 
     def _log_probability(self, features: Tensor, free: Tensor, chosen: Tensor) -> tuple[Tensor, Tensor]:
         """ln of the probabilities of what was chosen (D,), and the mean entropy of the choices."""
