@@ -115,7 +115,13 @@ def current_profile(worlds: ti.template(), w, k, first):
 @func
 def profiled(worlds: ti.template(), w, k):
     """AUV k, the points of its profiler, and the boat of the same number, or the last one, side by side: x, y, m."""
-    towards = target_offset(worlds, w, k)
+    terms = ti.static(worlds.program.observation)
+    towards = vec2(0.0)
+    if ti.static(target in terms):  # `write_of_nodes` has written it
+        slot = worlds.observation_first[ti.static(terms.index(target))]
+        towards = vec2(worlds.observation[w, k, slot], worlds.observation[w, k, slot + 1])
+    else:
+        towards = target_offset(worlds, w, k)
     bearing = vec2(1.0, 0.0)
     if towards.norm() > 1e-9:
         bearing = towards.normalized()
@@ -263,12 +269,24 @@ def sense_currents(worlds: ti.template(), w):
         worlds.auv[w, k, AuvColumn.current_y] = here[1]
 
 
+OF_NODES = (target, service, next_node)
+
+
 @func
-def write(worlds: ti.template(), w, k):
-    """Write the observation of AUV k, term by term; NaN, which ends the run, where its target is no node's index."""
+def write_of_nodes(worlds: ti.template(), w, k):
+    """Write the terms of AUV k's observation that read nodes, while these are in the processor's cache."""
     terms = ti.static(worlds.program.observation)
     for t in ti.static(range(len(terms))):
-        if ti.static(terms[t] != current_profile):  # which was written together with the AUV's own
+        if ti.static(terms[t] in OF_NODES):
+            terms[t](worlds, w, k, worlds.observation_first[t])
+
+
+@func
+def write(worlds: ti.template(), w, k):
+    """Write what `write_of_nodes` has left; NaN, which ends the run, where AUV k's target is no node's index."""
+    terms = ti.static(worlds.program.observation)
+    for t in ti.static(range(len(terms))):
+        if ti.static(terms[t] != current_profile and terms[t] not in OF_NODES):  # it is written with the AUV's own
             terms[t](worlds, w, k, worlds.observation_first[t])
     if ti.cast(target_of(worlds, w, k), ti.f32) != worlds.auv[w, k, AuvColumn.target]:
         worlds.observation[w, k, 0] = ti.math.nan

@@ -158,6 +158,8 @@ def begin_episode(worlds: ti.template(), w):
                     channel.begin(worlds, pose, w, k)
     for k in range(num_auvs):
         worlds.program.task.assign(worlds, w, k)
+    for k in range(num_auvs):
+        observation.write_of_nodes(worlds, w, k)
     look(worlds, w)
 
 
@@ -190,6 +192,8 @@ def advance(worlds: ti.template(), w):
     for k in range(num_auvs):
         rewards.write(worlds, w, k)
     worlds.program.task.finish(worlds, w)
+    for k in range(num_auvs):
+        observation.write_of_nodes(worlds, w, k)
     if ti.static(not worlds.program.apart):
         look(worlds, w)
 
