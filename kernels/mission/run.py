@@ -1,4 +1,4 @@
-"""The mission's kernel, batched over worlds: one loop iteration a world, which begins an episode or advances by a step.
+"""The mission's kernel, batched over worlds: an iteration begins an episode of one or more, or advances them by a step.
 
 Everything in a world happens in program order and every random number is addressed by (world, episode, step, draw), so
 a world's history does not depend on how many others run beside it or on threads.
@@ -18,7 +18,7 @@ from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.mission import boat_motion, channel, fixes, motion, navigation, observation, reception, vehicles
 from usvauv.kernels.mission.columns import AuvColumn, Draw, EstimateColumn, Parameter, Phase, Schedule, Sensor
 from usvauv.kernels.mission.tasks import rewards
-from usvauv.kernels.mission.worlds import ARRAYS, Rows, Worlds, address, key, uniforms
+from usvauv.kernels.mission.worlds import ARRAYS, Program, Rows, Worlds, address, key, uniforms
 from usvauv.kernels.positioning.pulse import Pulses
 from usvauv.kernels.types import array1, array2, array3, array4, index1, index2
 
@@ -164,11 +164,10 @@ def begin_episode(worlds: ti.template(), w):
 
 
 @func
-def advance(worlds: ti.template(), w):
-    """Advance world w by one mission step, with `look` where it is not apart."""
-    num_auvs = worlds.auv.shape[1]
+def move_auvs(worlds: ti.template(), w):
+    """Begin a mission step of world w: the AUVs move, and the filters with them."""
     worlds.clock[w, 1] = worlds.clock[w, 1] + 1
-    for k in range(num_auvs):
+    for k in range(worlds.auv.shape[1]):
         motion.clear_last_step(worlds, w, k)
         motion.renew_depth_error(worlds, w, k)
         worlds.program.task.move(worlds, w, k, worlds.action[w, k, 0], worlds.action[w, k, 1])
@@ -176,17 +175,39 @@ def advance(worlds: ti.template(), w):
             fixes.predict(worlds, w, k)
         if ti.static(worlds.program.sensor != Sensor.none):
             navigation.reckon(worlds, w, k)
+
+
+@func
+def plan(worlds: ti.template(), w):
+    """Decide which boat serves which AUV, and where the boats go."""
     boat_motion.assign_boats(worlds, w, boat_motion.HYSTERESIS)
     for b in range(worlds.boat.shape[1]):
         boat_motion.set_goal(worlds, w, b, worlds.program.strategy.goal(worlds, w, b))
+
+
+@func
+def move_boats(worlds: ti.template(), w):
+    """The boats move, on their waves."""
+    for b in range(worlds.boat.shape[1]):
         boat_motion.move_boat(worlds, w, b)
         boat_motion.ride_waves(worlds, w, b)
         boat_motion.renew_gnss_error(worlds, w, b)
+
+
+@func
+def locate(worlds: ti.template(), w):
+    """The boats locate the AUVs."""
     if ti.static(worlds.program.schedule == Schedule.every_step):
         for b in range(worlds.boat.shape[1]):
             fixes.take_fixes(worlds, w, b)
     else:
         channel.exchange(worlds, w)
+
+
+@func
+def end_step(worlds: ti.template(), w):
+    """End the mission step, but for `look`."""
+    num_auvs = worlds.auv.shape[1]
     worlds.program.task.update(worlds, w)
     rewards.count_collisions(worlds, w)
     for k in range(num_auvs):
@@ -196,6 +217,37 @@ def advance(worlds: ti.template(), w):
         observation.write_of_nodes(worlds, w, k)
     if ti.static(not worlds.program.apart):
         look(worlds, w)
+
+
+@func
+def begin_chosen(worlds: ti.template(), w):
+    """Begin the next episode of world w where it is chosen."""
+    if worlds.chosen[w] != 0:
+        begin_episode(worlds, w)
+
+
+STAGES = {
+    Phase.reset: (begin_chosen,),
+    Phase.step: (move_auvs, plan, move_boats, locate, end_step),
+    Phase.look: (look,),
+}
+TOGETHER = 32  # worlds that a thread takes through a stage, whose code stays in its cache, before it begins the next
+
+
+def together(program: Program) -> int:
+    """Worlds of an iteration: several on a CPU, where there are many."""
+    return TOGETHER if program.apart else 1
+
+
+@func
+def run_stage(worlds: ti.template(), stage: ti.template(), n):
+    """A stage of all worlds of iteration n."""
+    count = ti.static(together(worlds.program))
+    if ti.static(count == 1):
+        stage(worlds, n)
+    else:
+        for w in range(count * n, ti.min(count * (n + 1), worlds.clock.shape[0])):
+            stage(worlds, w)
 
 
 # Arguments of the kernel beside `ARRAYS`: parts of `Water`.
@@ -221,18 +273,15 @@ PARAMETERS = {
 PASSED = [f"Rows.of({name}, ARRAYS[{name!r}])" if array.axes[:1] == "W" else name for name, array in ARRAYS.items()]
 SOURCE = f"""
 def run({", ".join(f"{name}: PARAMETERS[{name!r}]" for name in PARAMETERS)}):
-    ti.loop_config(serialize=program.serial)
-    for w in range(clock.shape[0]):
+    count = ti.static(together(program))
+    ti.loop_config(serialize=program.serial, block_dim=ti.static(1 if program.apart else None))
+    for n in range((clock.shape[0] + count - 1) // count):
         water = ti.static(Water(vortex, stream, p[Parameter.width], p[Parameter.length], bed, eta, U, V,
                                 unit_x, unit_y, nx, ny, sea_index, wave, program.eddies))
         pulses = ti.static(Pulses(pulse_envelope, pulse_output, pulse_rate, program.tone))
         worlds = ti.static(Worlds(program, water, pulses, {", ".join(PASSED)}))
-        if ti.static(phase == Phase.step):
-            advance(worlds, w)
-        elif ti.static(phase == Phase.look):
-            look(worlds, w)
-        elif chosen[w] != 0:
-            begin_episode(worlds, w)
+        for stage in ti.static(STAGES[phase]):
+            run_stage(worlds, stage, n)
 """
 
 
@@ -252,14 +301,13 @@ run = kernel_of(
     SOURCE,
     ti=ti,
     PARAMETERS=PARAMETERS,
-    Phase=Phase,
     Parameter=Parameter,
     Water=Water,
     Pulses=Pulses,
     Worlds=Worlds,
     Rows=Rows,
     ARRAYS=ARRAYS,
-    advance=advance,
-    begin_episode=begin_episode,
-    look=look,
+    STAGES=STAGES,
+    together=together,
+    run_stage=run_stage,
 )

@@ -201,7 +201,7 @@ class Rows(tuple[Any, ...]):
     """An array of all worlds in a kernel, with its sizes but the first, and indexed as ever.
 
     Taichi by itself reads all sizes again at each access, since what was stored before might have changed them, which
-    takes a tenth of a mission step. Here they are read once a world.
+    takes a tenth of a mission step. Here they are read once an iteration.
     """
 
     __slots__ = ()
@@ -223,6 +223,7 @@ class Rows(tuple[Any, ...]):
     def __getitem__(self, indices: Any) -> Any:
         """Taichi calls it for `array[w, k, c]`."""
         argument, *sizes = self
+        indices = indices if isinstance(indices, tuple) else (indices,)
         if not impl.current_cfg().check_out_of_bound:
             place, *others = indices
             for size, index in zip(sizes, others, strict=True):
