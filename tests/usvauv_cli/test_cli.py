@@ -18,10 +18,12 @@ import pytest
 from usvauv import policies
 from usvauv.env import Trace, plugins
 from usvauv.env.record.metrics import COLUMNS
+from usvauv.env.render import plain_matplotlib
 from usvauv.env.storage.files import locked
 
 COMMAND = [sys.executable, "-c", "from usvauv.cli.app import main; main()"]
 SHORT = ["--set", "mission.duration=12"]
+SEE = "(set USVAUV_TRACEBACK=1 to see where it comes from)"
 LOADING = "loading torch and Taichi …\n"  # first line of every command
 
 
@@ -54,6 +56,14 @@ class TestPlugin:
         code, stdout, stderr = run_usvauv("eval", "extrem", "--plugin", "a.py", "--plugin", "b.py")
         assert (code, stdout) == (2, "plugin a\nplugin b\n")
         assert "extrem" in stderr
+
+    @pytest.mark.parametrize("command", ["train", "scenarios", "reproduce all --out b"])
+    def test_that_fails_or_is_missing_gives_one_line(self, tmp_path, run_usvauv, command):
+        (tmp_path / "a.py").write_text("1 / 0")
+        raised = f"ZeroDivisionError: division by zero, in {tmp_path}/a.py, line 1 {SEE}"
+        for name, problem in (("a", raised), ("b", "must be a Python file")):
+            refused = f"error: plugin {name}.py: {problem}\n"
+            assert run_usvauv(*command.split(), "--plugin", f"{name}.py") == (2, "", refused)
 
     def test_of_an_installed_distribution(self, tmp_path, monkeypatch, run_usvauv):
         (tmp_path / "mine.py").write_text("print('installed')")
@@ -133,6 +143,40 @@ class TestSettingsOfMatplotlib:
             assert dict.copy(matplotlib.rcParams) == before
         assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
+    @pytest.mark.parametrize(
+        ("backend", "rc", "seen"),
+        [
+            ("no such backend", f"{SETTINGS}unknown.key: 1\n", "False"),
+            ("svg", "text.usetex: True", "True svg"),
+            ("Größe", "text.usetex: True", "False"),
+            ("", "# Größe", "False"),
+        ],
+    )
+    def test_that_cannot_be_used(self, backend, rc, seen, tmp_path):
+        """They hold for the user where they can; else drawing goes on without them, and nothing is said of it."""
+        (tmp_path / "matplotlibrc").write_bytes(rc.encode("latin-1"))
+        code = """
+import os, runpy, sys
+from pathlib import Path
+made = runpy.run_path(sys.argv[1])  # alone, which takes a second less
+with made["plain"]():
+    made["Figure"]().savefig("a.png")
+backend, settings = os.environ["MPLBACKEND"], made["matplotlib"].rcParams
+assert Path("matplotlibrc").exists()
+print(settings["text.usetex"], *[backend] * (settings._get("backend") == backend))
+"""
+        environment = {**os.environ, "MPLBACKEND": backend}
+        done = subprocess.run(
+            [sys.executable, "-c", code, plain_matplotlib.__file__],
+            env=environment,
+            capture_output=True,
+            text=True,
+            check=False,
+            cwd=tmp_path,
+        )
+        assert (done.stdout, done.stderr) == (f"{seen}\n", "")
+        assert (tmp_path / "a.png").stat().st_size > 1000
+
 
 def test_replay_draws_what_simulate_drew(tmp_path, run_usvauv):
     quick = ["--size", "640x360", "--view", "both", "--theme", "light"]
@@ -176,6 +220,16 @@ def test_eval_pairs_worlds(tmp_path, run_usvauv):
     assert energy["straight", "fim", "2"] == pytest.approx(energy["straight", "centroid", "2"], rel=0.05)
 
 
+def test_a_policy_of_ones_own_that_fails_is_one_line(tmp_path, run_usvauv, monkeypatch):
+    name = "failing_policy"
+    (tmp_path / f"{name}.py").write_text("class Failing:\n    def __init__(self, world):\n        1 / 0\n")
+    monkeypatch.setattr(sys, "path", [*sys.path])  # which gets the working directory
+    code, _, stderr = run_usvauv("eval", "--policy", f"{name}:Failing", *SHORT)
+    problem = f"ZeroDivisionError: division by zero, in {tmp_path}/{name}.py, line 3 {SEE}"
+    assert (code, stderr) == (2, f"error: policy '{name}:Failing' of {tmp_path}/{name}.py: raised {problem}\n")
+    assert [path.name for path in tmp_path.iterdir() if path.suffix != ""] == [f"{name}.py"]
+
+
 def test_train_then_resume_then_eval(tmp_path, run_usvauv):
     options = ["train", "extreme", "--out", "run", *SHORT]
     usvauv(*options, "--algorithm", "td3", "--worlds", 8, "--steps", 400, "--seed", 4, cwd=tmp_path)
@@ -189,6 +243,18 @@ def test_train_then_resume_then_eval(tmp_path, run_usvauv):
     assert run_usvauv("train", "--out", "run", "--steps", 800, "--resume")[0] == 0
     assert policies.read_run(tmp_path / "run")[2]["steps"] == 800
     assert run_usvauv("eval", "--policy", "run/last", "--episodes", 1, "--out", "m.csv", *SHORT)[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("log", "said"),
+    [("wandb", "--log wandb: needs the extra 'wandb'"), ("tensorbord", "did you mean 'tensorboard'")],
+)
+def test_a_log_that_cannot_be_is_refused_in_one_line(tmp_path, run_usvauv, monkeypatch, log, said):
+    monkeypatch.setattr("usvauv.policies.training.figures.find_spec", lambda name: None)
+    code, out, error = run_usvauv("train", "ideal", "--log", log, "--out", "run")
+    assert (code, out, error.count("\n")) == (2, "", 1)
+    assert said in error
+    assert not (tmp_path / "run").exists()
 
 
 def test_a_run_that_ends_before_it_learns_says_so(tmp_path, run_usvauv):
@@ -318,6 +384,17 @@ def test_a_closed_pipe_ends_a_command_quietly(tmp_path):
     done = subprocess.run([*COMMAND, "scenarios"], stdout=writes, stderr=subprocess.PIPE, text=True, check=False)
     os.close(writes)
     assert (done.returncode, done.stderr) == (141, "")
+
+
+def test_a_refusal_of_the_system_is_named_also_where_a_library_wraps_it(run_usvauv, monkeypatch):
+    def vanished(*arguments):
+        try:
+            raise FileNotFoundError(2, "No such file or directory")
+        except FileNotFoundError as refusal:
+            raise RuntimeError("\n## Exception summary\n") from refusal
+
+    monkeypatch.setattr("usvauv.policies.load_learned", vanished)
+    assert run_usvauv("export", "sac-extreme") == (2, "", "error: No such file or directory\n")
 
 
 def test_an_unexpected_error_is_one_line_that_says_how_to_see_more(run_usvauv, monkeypatch):

@@ -3,7 +3,10 @@
 import csv
 import math
 
+import xarray
+
 from usvauv.env import Trace, World
+from usvauv.env.sea.simulation import SeaSimulation
 
 SCENARIO = ("--set", "mission.duration=8", "--set", "sea.fine_cells=32", "--set", "sea.cell_size=20")
 
@@ -46,3 +49,43 @@ def test_eval_keeps_the_episodes_that_are_complete(tmp_path, run_usvauv, monkeyp
     assert said == f"stopped; 2 complete episodes kept in {kept}; --resume goes on from there\n"
     assert not out.exists()
     assert list(report.iterdir()) == []
+
+
+def test_sea_keeps_the_records_before(tmp_path, run_usvauv, monkeypatch):
+    whole = SeaSimulation.advance
+
+    def advance(self):
+        if self.time == 9.0:
+            fields, clock = self.long_waves.state()
+            self.long_waves.load_state(fields * math.nan, clock)
+        whole(self)
+
+    monkeypatch.setattr(SeaSimulation, "advance", advance)
+    monkeypatch.setattr("usvauv.cli.commands.sea.TRIAL_SECONDS", 0.0)
+    out = tmp_path / "s.nc"
+    code, _, error = run_usvauv("sea", "extreme", *SCENARIO, "--duration", 20, "--out", out)
+    assert code == 2
+    assert error.splitlines()[-1].startswith("error: the sea: the elevation is nan m at 10 s")
+    with xarray.open_dataset(out) as dataset:
+        assert dataset.sizes["time"] == 10
+
+
+def test_train_keeps_the_checkpoint_before(tmp_path, run_usvauv, monkeypatch):
+    out = tmp_path / "run"
+    settings = ("--learn", "hidden=8,8", "--learn", "batch=8", "--learn", "warmup=8", "--learn", "n_step=2")
+    command = ("train", "extreme", *SCENARIO, "--worlds", 4, *settings, "--out", out)
+    assert run_usvauv(*command, "--steps", 40)[0] == 0
+    before = (out / "last.safetensors").read_bytes()
+    whole, done = World.step, []
+
+    def step(self, action):
+        done.append(self)
+        if self.num_worlds == 4 and len(done) > 12:
+            self.boat[2, 0, 0] = math.nan
+        return whole(self, action)
+
+    monkeypatch.setattr(World, "step", step)
+    code, _, error = run_usvauv("train", "--resume", "--out", out, "--steps", 4000)
+    assert code == 2
+    assert error.splitlines()[-1].startswith("error: world 2 at ")
+    assert (out / "last.safetensors").read_bytes() == before

@@ -207,6 +207,11 @@ class TestTables:
         assert [fixes.name for fixes in log.fixes] == names
         assert read("time,auv,x,y,depth\n1,Gr\xf6n\x8a,2,3,9".encode("latin-1")).fixes[0].name == "GrönŠ"
 
+    def test_a_row_without_its_last_column_is_no_auv_more(self, read):
+        log = read(["time,x,y,depth,auv", "1,50,60,40,a", "2,50,60,40", f"3,50,60,40,{'b' * 140_000}"])
+        assert [fixes.name for fixes in log.fixes] == ["a"]
+        assert "3: 4 fields, the header has 5; 4: field larger than field limit (131072)" in log.warnings[0]
+
 
 class TestBoat:
     def test_its_way_is_interpolated(self, read):
@@ -219,6 +224,12 @@ class TestBoat:
         )
         assert (len(log.fixes[0].time), log.left_out, log.warnings) == (90, {}, [])
         assert np.ptp(log.fixes[0].places, axis=0) == pytest.approx([0, 0], abs=0.1)
+
+    @pytest.mark.parametrize(("east", "turn", "what"), [(25, 0, "position"), (0, 10, "heading")])
+    def test_two_instruments_for_one_thing_are_told(self, read, east, turn, what):
+        lines = [gga("143700"), gga("143700", east), signed("HEHDT,45.0,T"), signed(f"GPHDT,{45 + turn},T")]
+        log = read([*lines, hipap("143700", 20, 40, up="H")])
+        assert log.warnings == [f"the boat's {what} jumps 1 times, as if it came from two instruments; keep one"]
 
     def test_a_clock_of_the_modems_own_is_set_by_the_boats(self, read):
         log = read(
@@ -270,6 +281,11 @@ class TestBoat:
     def test_a_clock_that_is_not_that_of_the_positions_is_told(self, read, off):
         log = read(line for i in range(60) for line in [gga(at(60 + i), 2 * i), hipap(at(60 + i + off), 0, 0)])
         assert re.match(r"fixes are logged 1[78] s off the times of \$--GGA beside them: is one ", log.warnings[-1])
+
+    def test_a_position_that_seems_to_hold_is_told_by_its_age(self, read):
+        log = read([gga("143700"), *(hipap(f"1437{i:02d}", 20, 40) for i in range(27))])
+        assert log.warnings == ["the boat's position is up to 26 s from the time of a fix"]
+        assert len(log.fixes[0].time) == 27
 
 
 class TestBeacons:

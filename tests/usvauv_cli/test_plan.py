@@ -1,10 +1,11 @@
-"""`usvauv plan`: optimum, errors, detection, remedies, JSON, figure, bad input."""
+"""`usvauv plan`: optimum, errors and probabilities as drawn fixes have them, remedies, JSON, figure, bad input."""
 
 import functools
 import json
 import math
 import re
 
+import numpy as np
 import pytest
 import torch
 
@@ -13,6 +14,7 @@ from usvauv.env import Scenario
 from usvauv.env.site.site import Site
 from usvauv.env.world.tables import link_table
 from usvauv.kernels.planning import objectives, search
+from usvauv.kernels.positioning import usbl
 
 TEAM = ["--auv", "60,80,100", "--auv", "150,120,40"]
 
@@ -69,6 +71,39 @@ class TestOptimum:
 
 
 class TestErrors:
+    @pytest.mark.parametrize(
+        ("measurement", "attitude_error", "slope"),
+        [("fix", 0.0, (0.0, 0.0)), ("fix", 0.004, (0.2, -0.1)), ("phase", 0.004, (0.2, -0.1))],
+    )
+    def test_ellipses_are_those_of_drawn_fixes(self, solve, device, measurement, attitude_error, slope):
+        """200,000 fixes by the kernel; for phases alone each is moved along its direction to the known depth."""
+        options = ["--measurement", measurement, "--set", f"usbl.attitude_error={attitude_error}"]
+        options += ["--slope", f"{slope[0]},{slope[1]}"]
+        result = solve(*TEAM, *options, "--compare", "100,20")
+        draws = 200_000
+        noise = torch.randn(draws, 5, generator=torch.Generator().manual_seed(3)).to(device)
+        table = link("extreme", 2, 70, f"usbl.attitude_error={attitude_error}").to(device)
+        for place in (result["optimum"], result["centroid"], result["compare"][0]):
+            total = 0.0
+            for k, ((x, y, depth), error) in enumerate(zip(POSITIONS, place["errors"], strict=True)):
+                offset = torch.tensor([x - place["x"], y - place["y"], -depth], device=device)
+                index = torch.full((draws,), k, dtype=torch.int32, device=device)
+                many = offset.expand(draws, 3).contiguous()
+                slopes = torch.tensor(slope, device=device).expand(draws, 2).contiguous()
+                estimate = usbl.fixes(table, index, many, slopes, noise)[0].double().cpu().numpy()
+                horizontal = estimate[:, :2]
+                if measurement == "phase":
+                    horizontal = horizontal * (-depth / estimate[:, 2:3])
+                variances, axes = np.linalg.eigh(np.cov(horizontal.T))
+                total += variances.sum()
+                assert error["minor"] == pytest.approx(math.sqrt(variances[0]), rel=0.01)
+                assert error["major"] == pytest.approx(math.sqrt(variances[1]), rel=0.01)
+                assert error["range"] == pytest.approx(offset.norm().item(), rel=1e-5)
+                if error["major"] > 1.1 * error["minor"]:
+                    along = [math.cos(error["angle"]), math.sin(error["angle"])]
+                    assert abs(np.dot(along, axes[:, 1])) > 0.999
+            assert place["rms"] == pytest.approx(math.sqrt(total / 2), rel=0.01)
+
     @pytest.mark.parametrize("measurement", ["fix", "phase"])
     @pytest.mark.parametrize(("objective", "measure"), [("d", "mean"), ("a", "rms")])
     def test_no_place_has_a_smaller_error_than_the_best(self, solve, objective, measure, measurement):
@@ -111,6 +146,12 @@ class TestOutput:
             assert set(place) == PLACE_KEYS
             assert [set(error) for error in place["errors"]] == [ERROR_KEYS, ERROR_KEYS]
         assert not list(tmp_path.iterdir())  # --json - alone writes no file
+
+    def test_help_documents_the_keys(self, plan):
+        text = plan("--help")[1]
+        assert "Examples" in text
+        for key in PLACE_KEYS | ERROR_KEYS | {"optimum", "centroid", "compare", "carrier", "depth", "warnings"}:
+            assert key in text
 
     def test_table_and_files(self, plan, tmp_path):
         name = "name=Cost $5_a^{ $ % & # 海 🌊 مرحبا"  # neither mathematics nor a warning of letters
@@ -180,6 +221,36 @@ SHADOW += ["--set", "acoustics.source_level=190", *WIDE]
 
 
 class TestProbabilities:
+    @pytest.mark.parametrize(
+        ("place", "settings"),
+        [
+            ("170,20", ["usbl.spacing=0.06"]),
+            ("180,20", ["usbl.spacing=0.06", "acoustics.source_level=151"]),
+            ("199,199", ["acoustics.source_level=155", "usbl.spacing=0.02"]),
+        ],
+    )
+    def test_are_the_shares_of_drawn_fixes(self, solve, device, place, settings):
+        changes = [part for setting in settings for part in ("--set", setting)]
+        error = solve("--auv", "20,20,20", "--compare", place, *changes)["compare"][0]["errors"][0]
+        x, y = map(float, place.split(","))
+        draws = 40_000
+        noise = torch.randn((draws, 6), generator=torch.Generator().manual_seed(5)).to(device)
+        table = link_table(Site(Scenario.load("extreme", [*TILTING, "auv.count=1", "auv.depth=20", *settings])))
+        offset = noise.new_tensor([20.0 - x, 20.0 - y, -20.0]).expand(draws, 3).contiguous()
+        index = torch.zeros(draws, dtype=torch.int32, device=device)
+        level = offset.new_zeros(draws, 2)
+        flags = usbl.fixes(torch.from_numpy(table).to(device), index, offset, level, noise)[2].cpu().numpy()
+        detected = flags & usbl.DETECTED > 0
+        # Predictions take phases as independent of the amplitude.
+        for name, drawn in (
+            ("detected", detected),
+            ("good_if_detected", flags[detected] == usbl.DETECTED),
+            ("wrapped", flags[detected] & usbl.WRAPPED > 0),
+            ("good", flags == usbl.DETECTED),
+        ):
+            assert error[name] == pytest.approx(drawn.mean(), abs=0.02), name
+        assert error["good"] == pytest.approx(error["detected"] * error["good_if_detected"])
+
     @pytest.mark.parametrize("law", ["density", "demonstration"])
     def test_signal_excess_is_in_decibels_of_the_source(self, solve, law):
         """A tone that much fainter is detected every second time."""

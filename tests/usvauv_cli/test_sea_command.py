@@ -14,15 +14,15 @@ import cv2
 import h5py
 import numpy as np
 import pytest
-import torch
 import xarray
 
 from tests.usvauv_env.ocean_files import cmems, eastward, northward, write
 from usvauv.cli import app
-from usvauv.cli.sea_view.figure import measured
+from usvauv.cli.sea_view.figure import measured, spectrum, target_spectrum
 from usvauv.env import Scenario, World
 from usvauv.env.sea.build import build_sea, build_short_waves
 from usvauv.env.sea.simulation import SeaSimulation
+from usvauv.env.sea.storm import cumulative
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site
 
@@ -151,22 +151,15 @@ class TestData:
             assert all("units" in file[name].attrs for name in fields)
 
 
-def test_vortices_spread_and_carry_one_another(device):
-    """dδ²/dt = 4ν, and a pair of equal circulations, d apart, turns at the rate Γ/(π d²)(1 − e^(−d²/(δ₁² + δ₂²)))."""
-    vortices = torch.tensor([[[90.0, 40.0, 30.0, 10.0], [110.0, 60.0, 30.0, 15.0]]], device=device)
-    sea = SeaSimulation(
-        Scenario.load("ideal", ["current.viscosity=0.7", "current.mutual=false"]), 0, (7, 5), 1.6, vortices
-    )
-    pair = SeaSimulation(
-        Scenario.load("ideal", ["current.viscosity=0", "current.mutual=true"]), 0, (7, 5), 2.5, vortices
-    )
-    for _ in range(4):
-        sea.advance()
-        pair.advance()
-    np.testing.assert_allclose(sea.vortices[:, 3] ** 2, np.array([100, 225]) + 4 * 0.7 * 6.4, rtol=1e-5)
-    turned = math.pi / 4 + 10 * 30 / (math.pi * 800) * -math.expm1(-800 / (100 + 225))
-    expected = np.array([100.0, 50.0]) + math.sqrt(200) * np.array([math.cos(turned), math.sin(turned)])
-    np.testing.assert_allclose(pair.vortices[1, :2], expected, atol=1e-3)
+def test_land_has_no_storm(monkeypatch):
+    def still_depth(_, shape):
+        return np.where(np.arange(shape[0]) < shape[0] // 2, -3.0, 50.0) * np.ones((shape[1], 1))
+
+    monkeypatch.setattr(Site, "still_depth", still_depth)
+    scenario = Scenario.load("extreme", ["area.depth=50", "auv.depth=40"])
+    sea = SeaSimulation(scenario, 0, (20, 20), 1.0)
+    assert not sea.surface().storm[:, :10].any()
+    assert sea.surface().storm[:, 10:].all()
 
 
 @pytest.fixture(scope="module")
@@ -202,6 +195,21 @@ class TestFigure:
             picture = cv2.imread(str(tmp_path / name))
             assert picture.shape == (1350, 2040, 3)
             assert picture.std() > 20
+
+    def test_spectrum_of_the_storm_is_its_target(self):
+        scenario = Scenario.load("extreme", ["sea.irregular_rms=0", "sea.fine_cells=16"])
+        sea = SeaSimulation(scenario, 1, (12, 12), 0.5)
+        records = []
+        for _ in range(1200):
+            records.append(sea.surface().elevation.ravel())
+            sea.advance()
+        frequency, density = spectrum(np.array(records), 0.5, 130.0)
+        f, target = target_spectrum(sea.site)
+        assert 4 * math.sqrt(cumulative(f, target)[-1]) == pytest.approx(6.5)
+        for low, high in ((0.07, 0.1), (0.1, 0.13), (0.13, 0.28)):
+            band = (frequency >= low) & (frequency < high)
+            energy = np.interp(np.linspace(low, high, 200), f, target).mean() * (high - low)
+            assert density[band].sum() * frequency[0] == pytest.approx(energy, rel=0.35)
 
 
 def test_two_crossing_waves_have_the_spread_of_their_angle():

@@ -1,10 +1,15 @@
-"""`usvauv sweep`: study files, names of runs, nothing lost and nothing twice, failures."""
+"""`usvauv sweep`: study files, names of runs, nothing lost and nothing twice, failures, what the terminal shows."""
 
 import json
+import os
 import shutil
+import signal
+import subprocess
 import sys
+import time
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -17,6 +22,7 @@ from usvauv.kernels.errors import UserError
 from usvauv.policies import checkpoint
 
 ROOT = Path(__file__).parents[2]
+COMMAND = [sys.executable, "-c", "from usvauv.cli.app import main; main()"]
 SHORT = 'set = ["mission.duration=12"]'
 MINE = """
 import os, signal
@@ -213,6 +219,78 @@ def test_a_failed_run_is_shown_and_a_killed_one_done_again(tmp_path, run_usvauv,
     assert said.startswith("nothing to do: 3 runs done already\n")
     assert max(map(len, said.splitlines())) <= 80
     assert not list((tmp_path / "a").glob(".signs*"))
+
+
+def workers(process: int) -> list[int]:
+    """Child processes that do runs."""
+    found = Path(f"/proc/{process}/task/{process}/children").read_text().split()
+    return [int(child) for child in found if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc to find the process")
+def test_a_stopped_and_killed_training_goes_on_from_its_checkpoint(tmp_path):
+    """Ctrl-C, then a kill of the command, then one of the process that trains."""
+    total = 40_000
+    training = f'algorithm = "sac"\nsteps = {total}\nworlds = 8\nlearn = ["hidden=8", "batch=16", "warmup=200"]'
+    written(tmp_path, f"[common]\n{SHORT}\n[[runs]]\n{training}\n[evaluation]\nepisodes = 2")
+
+    def run_of() -> dict[str, Any]:
+        for path in tmp_path.glob("a/runs/*/last.safetensors"):
+            return policies.read_run(path.parent)[2]
+        return {"steps": 0}
+
+    def begun() -> subprocess.Popen:
+        """The command, when it has saved more world-steps than before."""
+        command, before = [*COMMAND, "sweep", "study.toml", "--out", "a", "--jobs", "1"], run_of()["steps"]
+        running = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        while run_of()["steps"] <= before:
+            assert running.poll() is None, running.communicate()
+            time.sleep(0.02)
+        return running
+
+    running = begun()
+    running.send_signal(signal.SIGINT)
+    said, complaints = running.communicate(timeout=120)
+    assert (running.returncode, complaints) == (130, "stopped\n")
+    assert "the same command goes on" in said
+    saved = [run_of()["steps"]]
+    running = begun()
+    running.kill()
+    running.communicate(timeout=120)  # the process that trains ends too, and saves
+    saved.append(run_of()["steps"])
+    running = begun()
+    (worker,) = workers(running.pid)
+    os.kill(worker, signal.SIGKILL)
+    said, complaints = running.communicate(timeout=300)
+    assert (running.returncode, complaints) == (0, "")
+    resumed = [entry["steps"] for entry in run_of()["resumed"]]
+    assert resumed[:2] == saved
+    assert 0 < resumed[0] < resumed[1] < resumed[2] < total
+    assert list(counted(tmp_path / "a").values()) == [1, 1]
+
+
+@pytest.mark.slow
+def test_a_full_disk_of_one_process_fails_its_run_and_leaves_no_half(tmp_path, run_usvauv, monkeypatch):
+    """In the process of one of two runs no file can grow beyond a few kilobytes, which are less than its table has."""
+    (tmp_path / "own.py").write_text(MINE)
+    monkeypatch.delitem(sys.modules, "own", raising=False)  # of another test
+    monkeypatch.syspath_prepend(tmp_path)  # which processes that are started take over
+    written(tmp_path, f'[common]\n{SHORT}\n[[runs]]\npolicy = ["own:Good", "own:Full"]\n[evaluation]\nepisodes = 40')
+    code, said, _ = run_usvauv("sweep", "study.toml", "--out", "a", "--jobs", "2")
+    assert code == 2
+    (failure,) = tmp_path.glob("a/runs/*/failure.txt")
+    assert failure.read_text() == f"{failure.parent / 'episodes.csv'}: cannot be written: File too large\n"
+    assert "cannot be written: File too large" in " ".join(said.split())
+    assert not (failure.parent / "episodes.csv").exists()
+    assert not list(failure.parent.glob("*.partial"))
+    assert len(counted(tmp_path / "a")) == 40
+
+    (tmp_path / "repaired").touch()
+    code, said, _ = run_usvauv("sweep", "study.toml", "--out", "a", "--jobs", "2")
+    assert code == 0
+    assert said.startswith("1 of 2 runs to do, 1 done already\n")
+    assert len(counted(tmp_path / "a")) == 2 * 40
 
 
 def test_a_stopped_training_ends_as_one_in_one_go(tmp_path, monkeypatch):

@@ -1,4 +1,4 @@
-"""Fixes in missions: errors as large as predicted, sampled pulses as the statistical model, reflections, ellipses."""
+"""Fixes in missions: errors as large as predicted, sampled pulses as the statistical model, reflections, energy."""
 
 import math
 import re
@@ -6,17 +6,19 @@ import re
 import numpy as np
 import pytest
 import torch
+from scipy import stats
 
 from tests.links import EVERY_STEP
 from tests.slowly import slowly
 from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.planning import fix_errors
-from usvauv.env.planning.fix_errors import LEAST_GOOD, FixError, ellipse, error_budget
-from usvauv.env.planning.plan import deviations, solve
+from usvauv.env.planning.fix_errors import error_budget, reception
+from usvauv.env.planning.plan import solve
 from usvauv.env.site.site import Site
 from usvauv.env.world.tables import link_table
 from usvauv.kernels.mission.columns import AuvColumn
-from usvauv.kernels.positioning import usbl
+from usvauv.kernels.positioning import acoustic_link, sonar, usbl
+from usvauv.kernels.positioning.sonar import coates
 
 QUIET = [
     *EVERY_STEP,
@@ -98,6 +100,53 @@ def test_the_budget_is_the_error_of_missions(device, slant):
     assert parts["all"][0] == pytest.approx(math.hypot(*(v[0] for n, v in parts.items() if n != "all")), rel=1e-3)
 
 
+class TestEnergy:
+    """E/N0 decides: a tone's length counts, the receiver's band and sampling rate do not."""
+
+    @staticmethod
+    def deviation(device, **settings):
+        """Standard deviation of a phase difference of an AUV 100 m below, rad."""
+        sonar = acoustic_link.Sonar(**{"noise_law": "density", "signal": "tone", "source_level": 160.0, **settings})
+        link = torch.from_numpy(acoustic_link.link_table((15000.0,), sonar)).to(device)
+        place = torch.tensor([[0.0, 0.0, -100.0]], device=device)
+        none = place.new_zeros(1, 5)
+        return usbl.fixes(link, none[:, 0].int(), place, none[:, :2].contiguous(), none)[0][0, 3].item()
+
+    def test_sampling_faster_brings_nothing(self, device):
+        reference = self.deviation(device)
+        for settings in ({"sampling_rate": 96e3}, {"sampling_rate": 32e6}, {"bandwidth": 5000.0}):
+            assert self.deviation(device, **settings) == pytest.approx(reference, rel=1e-6)
+        assert self.deviation(device, periods=40.0) == pytest.approx(reference / 2, rel=1e-5)
+
+    def test_least_squares_on_a_sampled_tone(self):
+        """Noise of a density N0 has the variance N0 f_s/2 in each sample: the phase's is 1/(2 E/N0) at any rate."""
+        random = np.random.default_rng(4)
+        for rate in (96e3, 480e3):
+            n = round(10 / 15000 * rate)
+            energy_ratio = 400.0
+            sigma = math.sqrt((10 / 15000 / 2) / energy_ratio * rate / 2)  # E = T/2 of a tone of amplitude 1
+            angle = 2 * np.pi * 15000 / rate * np.arange(n)
+            tones = np.cos(angle) + sigma * random.standard_normal((20000, n))
+            phase = np.angle(tones @ np.exp(-1j * angle))
+            assert phase.var() == pytest.approx(1 / (2 * energy_ratio), rel=0.06)
+
+    def test_table_1_gives_no_fix(self, device):
+        """Its 135 dB by echo at 100 m: the variance is 504 times that of noise of 10^(−SNR/20) of the amplitude in each
+        of 1344 samples, and the energy is below the threshold.
+        """
+        table_1 = {"path": "echo", "source_level": 135.0, "bandwidth": 1000.0, "spreading": 15.0}
+        right = self.deviation(device, **table_1)
+        noise = sonar.noise_level(coates(15e3, 0.5, 0.0), 1000.0)
+        snr = 135.0 - 2 * sonar.path_loss(100.0, 15.0, sonar.thorp(15e3)) + 3.0 - noise
+        assert right**2 / (4 * 10 ** (-snr / 10) / 1344) == pytest.approx(504, rel=0.01)
+        link = torch.from_numpy(
+            acoustic_link.link_table((15000.0,), acoustic_link.Sonar(noise_law="density", **table_1))
+        )
+        place = torch.tensor([[0.0, 0.0, -100.0]], device=device)
+        index, level = torch.zeros(1, dtype=torch.int32, device=device), place.new_zeros(1, 2)
+        assert reception(link.to(device), index, place, level)[2].item() < 0.05
+
+
 SHALLOW = ["area.width=1000", "area.length=1000", "sea.cell_size=20", "auv.depth=40", "area.depth=60"]
 
 
@@ -122,6 +171,37 @@ def both(device, changes):
 
 def rms(error):
     return math.sqrt(np.mean(error**2))
+
+
+UNDISTURBED = {
+    "code": ["acoustics.source_level=110"],
+    "tone": ["acoustics.source_level=150", "usbl.signal=tone"],
+    "bent": [*SHALLOW, "acoustics.source_level=160", MELTWATER],
+    "slower than supposed": ["acoustics.source_level=150", "acoustics.sound_speed_error=10"],
+}
+
+
+@pytest.mark.parametrize("case", slowly(UNDISTURBED, "bent"))
+def test_errors_without_reflections(device, case):
+    """The same rms within 3 %, from an E/N0 of 15 dB on, 6 dB over the threshold of detection."""
+    statistical, sampled = both(device, UNDISTURBED[case])
+    assert min((part[1] & usbl.DETECTED).mean() for part in (statistical, sampled)) > 0.999
+    assert rms(sampled[0]) == pytest.approx(rms(statistical[0]), rel=0.03)
+
+
+@pytest.mark.parametrize("level", [97.0])
+def test_detection_near_the_threshold(device, level):
+    """The sampled rate is that of noncentral χ² of 9 degrees of freedom, the statistical one within 0.05 of it."""
+    changes = [f"acoustics.source_level={level}"]
+    statistical, sampled = both(device, changes)
+    link = link_table(Site(Scenario.load("ideal", [*QUIET, *changes])))
+    ratio = link[0, acoustic_link.RATIO_AT_1M] - 20 * np.log10(sampled[2])
+    ratio -= link[0, acoustic_link.ABSORPTION] * sampled[2] / 1000
+    expected = stats.ncx2.sf(link[0, acoustic_link.THRESHOLD], 9, 8 * 10 ** (ratio / 10))[::2].mean()
+    rate = [(part[1][::2] & usbl.DETECTED).mean() for part in (statistical, sampled)]
+    assert 0.05 < expected < 0.95
+    assert rate[1] == pytest.approx(expected, abs=4.5 * 0.5 / math.sqrt(WORLDS))
+    assert rate[0] == pytest.approx(rate[1], abs=0.05)
 
 
 REFLECTING = {
@@ -200,28 +280,3 @@ def test_who_leaves_out_what_matters_is_told(changes, expected):
         reflected, others = (float(number) for number in re.findall(r"by ([\d.e+-]+) m", told))
         assert reflected > others
         assert any(others == pytest.approx(error, rel=0.06) for error in budget["all"])  # two digits
-
-
-def error(**known) -> FixError:
-    """Of a fix that is sure, but for what is known."""
-    sure = {"range": 100.0, "major": 2.0, "minor": 1.0, "angle": 0.0, "good": 1.0, "detected": 1.0}
-    rest = {"good_if_detected": 1.0, "wrapped": 0.0, "direct_ray": True, "signal_excess": 20.0}
-    return FixError(**(sure | rest | known))
-
-
-class TestEllipse:
-    @pytest.mark.parametrize("angle", [0.3, 2.0])
-    def test_of_axes_and_their_angle(self, angle):
-        along, across = np.array([math.cos(angle), math.sin(angle)]), np.array([-math.sin(angle), math.cos(angle)])
-        covariance = 25 * np.outer(along, along) + 4 * np.outer(across, across)
-        parts = [matrix[[0, 0, 1], [0, 1, 1]] for matrix in (covariance, np.linalg.inv(covariance))]
-        assert ellipse(*parts) == pytest.approx((5, 2, angle))
-
-
-def test_who_is_located():
-    assert error(good=LEAST_GOOD).located
-    assert not error(good=LEAST_GOOD - 1e-6).located
-    located = [error(major=3.0, minor=4.0), error(major=12.0, minor=0.5), error(good=0.5, major=90.0, minor=None)]
-    assert deviations(located) == [3.0, 4.0, 12.0, 0.5]
-    assert deviations([*located, error(major=None)]) is None
-    assert deviations(located[2:]) is None

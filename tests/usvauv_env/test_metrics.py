@@ -1,4 +1,4 @@
-"""Figures of merit: of random traces by plain loops, of evaluations, and the error that no boat can beat."""
+"""Figures of merit: of random traces by plain loops, of worlds step by step, and the error that no boat can beat."""
 
 import math
 import statistics
@@ -16,14 +16,16 @@ from usvauv.env import Scenario, Trace, World, evaluate
 from usvauv.env.planning import fix_errors
 from usvauv.env.planning.fix_errors import SUM, error_budget
 from usvauv.env.record import evaluation
-from usvauv.env.record.metrics import COLUMNS, energy_consumption, episode_metrics, mean_figures, usable
+from usvauv.env.record.metrics import COLUMNS, energy_consumption, episode_metrics, mean_figures, newest_birth, usable
 from usvauv.env.record.recorder import record
 from usvauv.env.record.trace import VARIABLES
 from usvauv.env.site.site import Site
 from usvauv.env.storage.tables import read_rows, write_rows
 from usvauv.env.world.tables import link_table
+from usvauv.kernels.mission.columns import AuvColumn
 from usvauv.kernels.planning import objectives, search
 from usvauv.kernels.positioning import usbl
+from usvauv.policies import load
 
 
 @pytest.fixture
@@ -200,6 +202,24 @@ def test_trace_agrees_with_the_reward_the_learner_sees():
     np.testing.assert_allclose(arps, rewards.cpu().numpy(), rtol=1e-5)
 
 
+def test_is_what_happens_in_worlds():
+    """The newest births, followed in the state of three worlds, step by step."""
+    world, twin = (World(Scenario.load("extreme", ["mission.duration=400"]), 3, seed=5) for _ in "ab")
+    policy = load("pace", world)
+    trace = record(twin, load("pace", twin).act, "pace")
+    observation = world.reset()
+    birth, begun, expected = torch.zeros(3, 30), torch.zeros(3, 2), []
+    for step in range(400):
+        hovering, target = world.auv[..., AuvColumn.hover] > 0, world.auv[..., AuvColumn.target].long()
+        observation = world.step(policy.act(observation))[0]
+        begun[~hovering & (world.auv[..., AuvColumn.hover] > 0)] = step  # s, the begin of this step
+        for w, k in (world.auv[..., AuvColumn.service_rate] > 0).nonzero().tolist():
+            birth[w, target[w, k]] = max(birth[w, target[w, k]], begun[w, k])
+        expected.append(birth.clone().numpy())
+    assert (trace.service_rate > 0).sum() > 10
+    assert np.array_equal(newest_birth(trace), np.stack(expected))
+
+
 @pytest.fixture(scope="module")
 def scenario() -> Scenario:
     return Scenario.load("extreme", ["mission.duration=10"])
@@ -245,6 +265,18 @@ def test_batches_change_nothing_and_are_told_of(scenario, monkeypatch):
     assert [len(batch) for batch in batches] == [2, 2, 1]
     assert texts(rows) == texts(chain(*(episode_metrics(trace, first) for trace, first in traces)))
     assert steps == [2] * 20 + [1] * 10
+
+
+def test_complete_batches_are_kept_when_a_policy_fails(scenario, monkeypatch):
+    monkeypatch.setattr(evaluation, "WORLDS_PER_BATCH", 2)
+    kept = []
+
+    def fails_later(world):
+        return east(world) if not kept else lambda observation: 1 / 0
+
+    with pytest.raises(ZeroDivisionError):
+        evaluate(scenario, {"late": fails_later}, episodes=4, on_batch=kept.extend)
+    assert [row.episode for row in kept] == [0, 1]
 
 
 def test_the_variance_is_that_of_a_fix_from_the_best_place(device):

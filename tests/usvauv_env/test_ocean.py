@@ -1,5 +1,6 @@
 """Real water: files as CMEMS, HYCOM and GEBCO write theirs against analytic fields and geodesics."""
 
+import itertools
 import math
 import runpy
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 import h5netcdf
 import numpy as np
 import pytest
+from pyproj import Geod
 
 from tests.usvauv_env.ocean_files import (
     BED_FRAME,
@@ -35,8 +37,31 @@ from tests.usvauv_env.ocean_files import (
 from usvauv.env.site.ocean import read_bathymetry, read_flow
 from usvauv.env.site.place import LocalFrame
 
+GEODESICS = Geod(ellps="WGS84")
+
 
 class TestLocalFrame:
+    @pytest.mark.parametrize("latitude", [-85.0, -0.05, 45.0, 85.0])
+    def test_distances_over_20_km_are_those_of_geodesics(self, latitude):
+        """Between any two of 25 points of the largest area, to 0.1 m, and to 1 mm over 3 km from the corner."""
+        frame = LocalFrame(179.95, latitude)
+        x, y = (grid.ravel() for grid in np.meshgrid(np.linspace(0, 20000, 5), np.linspace(0, 20000, 5)))
+        lon, lat = frame.to_geographic(x, y)
+        for i, j in itertools.combinations(range(25), 2):
+            *_, along = GEODESICS.inv(lon[i], lat[i], lon[j], lat[j])
+            assert math.hypot(x[i] - x[j], y[i] - y[j]) == pytest.approx(along, abs=0.1)
+        lon, lat = frame.to_geographic(1800.0, 2400.0)
+        azimuth, _, along = GEODESICS.inv(179.95, latitude, float(lon), float(lat))
+        assert along == pytest.approx(3000.0, abs=1e-3)
+        assert along * math.sin(math.radians(azimuth)) == pytest.approx(1800.0, abs=1e-3)
+
+    def test_there_and_back(self):
+        x, y = np.meshgrid(np.linspace(0, 20000, 7), np.linspace(0, 20000, 7))
+        for latitude in (-85.0, -33.0, 0.0, 60.0, 85.0):
+            frame = LocalFrame(-179.99, latitude)
+            np.testing.assert_allclose(frame.to_local(*frame.to_geographic(x, y)), (x, y), atol=1e-7)
+        assert [float(value) for value in frame.to_geographic(0.0, 0.0)] == pytest.approx([-179.99, 85.0], abs=1e-12)
+
     @pytest.mark.parametrize("latitude", [-70.0, 0.0, 60.0])
     def test_vectors_turn_with_the_meridians(self, latitude):
         """East and north at a far corner are where a small step along the parallel and the meridian leads."""

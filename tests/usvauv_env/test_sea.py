@@ -1,4 +1,4 @@
-"""The sea of a scenario: the same for every grid and number of seas, with the stated statistics."""
+"""The sea of a scenario: the same for every grid and number of seas, with the stated statistics, without a shock."""
 
 import math
 
@@ -9,6 +9,7 @@ from scipy.integrate import quad
 from usvauv.env import Scenario
 from usvauv.env.sea.build import boundary_waves, build_sea, long_wave_rms
 from usvauv.env.site.site import Site
+from usvauv.kernels.shallow_water.discretisation import Packing
 
 SIDES = ["west", "east", "south", "north"]
 
@@ -92,6 +93,40 @@ class TestForcing:
             np.testing.assert_allclose(found, np.broadcast_to(expected, found.shape), atol=1e-4)
             sea.advance()
 
+    def test_open_basin_carries_a_progressive_wave(self):
+        """Forced in the west with an open east: e^{i(ωt − kx)} from the start on, in exact arithmetic."""
+        wave = {"regular_amplitude": 1.0, "regular_period": 60.0}
+        sea = sea_of(scenario(forced_edge="west", radiating_edges=["east"], **wave), 0, 1, (100, 20))
+        k = 2 * math.pi / 60 / math.sqrt(9.81 * 120)
+        x = (np.arange(100) + 0.5) * 2
+        for _ in range(90):
+            expected = np.cos(2 * math.pi / 60 * sea.time - k * x)
+            np.testing.assert_allclose(sea.elevation()[0], np.broadcast_to(expected, (20, 100)), atol=1e-3)
+            sea.advance()
+
+    def test_incoming_wave(self):
+        """Prescribed as the incoming wave at the open side opposite a wall: twice its amplitude stands at the wall."""
+        wave = {"regular_amplitude": 1.0, "regular_period": 40.0, "forcing": "incident"}
+        sea = sea_of(scenario(forced_edge="west", **wave), 0, 1, (100, 20))
+        k = 2 * math.pi / 40 / math.sqrt(9.81 * 120)
+        x = (np.arange(100) + 0.5) * 2
+        for _ in range(90):
+            t = sea.time * 2 * math.pi / 40
+            expected = np.cos(t - k * x) + np.cos(t + k * (x - 400))
+            np.testing.assert_allclose(sea.elevation()[0], np.broadcast_to(expected, (20, 100)), atol=2e-3)
+            sea.advance()
+
+    def test_forcing_sets_in_smoothly(self):
+        """The record at the wall is smooth: no second difference in time is larger than the waves' own, a ω² dt²."""
+        storm = scenario(forced_edge="west", irregular_rms=1.0, update_interval=1.0)
+        sea = sea_of(storm, 4, 1, (50, 50))
+        wall = []
+        for _ in range(120):
+            wall.append(sea.elevation()[0, 20, -1])
+            sea.advance()
+        most = 16 * math.sqrt(2 / 16) * 1.2 * (2 * math.pi / 75) ** 2  # all components in phase at the shortest period
+        assert np.abs(np.diff(wall, n=2)).max() < most
+
 
 class TestResolution:
     def test_table_1_and_fine_grid_see_the_same_storm(self):
@@ -110,6 +145,50 @@ class TestResolution:
             found += np.mean((seen - between_cells(fine.elevation()[0].astype(float), (50, 50))) ** 2)
         assert math.sqrt(found) < math.sqrt(predicted) / 2
         assert math.sqrt(found / 10) < 0.05 * np.std(seen)
+
+
+CALM = {"forced_edge": "south", "irregular_rms": 0.02, "update_interval": 2.0}
+
+
+class TestNonlinear:
+    def test_packed_fields_are_those_of_the_solvers(self):
+        """The packed elevation is the solvers' own, and goes back with the state, bit for bit."""
+        sea = sea_of(scenario(**CALM, equations="nonlinear"), 3, 19, (20, 15))
+        fields, clocks = sea.state()
+        before = sea.elevation()
+        sea.advance()
+        after = sea.elevation()
+        np.testing.assert_array_equal(Packing(19, 20, 15).unpack(sea.eta, 0, 15)[:, :, :-1], after)
+        assert np.abs(after - before).max() > 1e-3
+        sea.load_state(fields, clocks)
+        np.testing.assert_array_equal(Packing(19, 20, 15).unpack(sea.eta, 0, 15)[:, :, :-1], before)
+        sea.advance()
+        np.testing.assert_array_equal(sea.elevation(), after)
+        assert sea.time == 2.0
+
+    def test_high_waves_over_shallow_water_steepen(self):
+        """A wave of a fifth of the depth: the crest catches up with the trough before it, unlike the linear one."""
+        about = {"forced_edge": "west", "radiating_edges": ["east"], "regular_amplitude": 1.0, "regular_period": 20.0}
+        steepest = {}
+        for equations in ("linear", "nonlinear"):
+            sea = sea_of(
+                Scenario.from_dict(
+                    {
+                        "area": {"width": 200, "length": 40, "depth": 5},
+                        "auv": {"depth": 3, "start_separation": 5},
+                        "sea": {**about, "equations": equations},
+                    }
+                ),
+                0,
+                1,
+                (200, 10),
+            )
+            for _ in range(60):
+                sea.advance()
+            slope = np.diff(sea.elevation()[0, 5, 50:190])
+            steepest[equations] = slope.max() / -slope.min(), -slope.min() / slope.max()
+        assert max(steepest["linear"]) < 1.1
+        assert max(steepest["nonlinear"]) > 1.5
 
 
 class TestOpenWater:
@@ -134,6 +213,16 @@ class TestOpenWater:
         assert worst < 0.02 * rms
         np.testing.assert_allclose(np.sqrt(squares), rms, rtol=0.02)
         np.testing.assert_allclose(squares, squares.mean(), rtol=0.01)
+
+    def test_no_resonance(self):
+        """A wave four times as long as the area, ten times as high at a wall as at the edge, is as high everywhere."""
+        wide = Scenario.load("wide", ["sea.irregular_rms=0", "sea.regular_amplitude=0.1", "sea.regular_period=69.9"])
+        sea = sea_of(wide, 0, 1)
+        highest = np.zeros((sea.ny, sea.nx))
+        for _ in range(700):
+            sea.advance()
+            highest = np.maximum(highest, sea.elevation()[0])
+        np.testing.assert_allclose(highest, 0.1, rtol=0.01)
 
     def test_infragravity_height(self):
         """α1 Hs Tm² √(g/h) of the spectrum integrated here: two decimetres over 120 m."""

@@ -1,19 +1,41 @@
-"""Where over a bed the storm of a mean depth is wrong, and who is told."""
+"""Wind sea and swells in all that a scenario makes of them, and where over a bed the storm is wrong."""
 
 import math
 
+import numpy as np
 import pytest
 
 from tests.usvauv_env.ocean_files import sloping, write
+from usvauv.cli.sea_view.figure import target_spectrum, wanted
 from usvauv.env import Scenario
 from usvauv.env.sea.storm import group_speed, shallowest_valid_depth, uneven_bed_warning
 from usvauv.env.site.site import Site
+from usvauv.env.world.current_statistics import current_bound, current_parts
 
 SWELL = "storm.swells=[[3.0, 16.0, 3.3, 0.5, 40.0]]"
+ALONE = ["storm.significant_height=3", "storm.peak_period=16", "storm.gamma=3.3", "storm.spreading=40"]
 
 
 def load(*changes: str) -> Scenario:
     return Scenario.load("extreme", ["sea.irregular_rms=0", *changes])
+
+
+def test_energies_add_up():
+    both, wind_sea, swell = load(SWELL), load(), load(*ALONE)
+    assert both.storm.total_height == pytest.approx(math.hypot(6.5, 3.0))
+    f, S = target_spectrum(Site(both))
+    assert 4 * math.sqrt(np.trapezoid(S, f)) == pytest.approx(math.hypot(6.5, 3.0), rel=1e-4)
+    assert wanted(both.storm.systems).height == both.storm.total_height
+    assert wanted(both.storm.systems).spread > wanted(wind_sea.storm.systems).spread
+    waves = [
+        parts for parts in current_parts(Site(both)) if parts not in current_parts(Site(load("storm.spectrum=none")))
+    ]
+    apart = [current_parts(Site(each)) for each in (wind_sea, swell)]
+    assert all(any(wave in parts for parts in apart) for wave in waves)
+    assert len(waves) == 2
+    still = current_bound(Site(load("storm.spectrum=none"))) / 1.001
+    bounds = [current_bound(Site(each)) / 1.001 - still for each in (both, wind_sea, swell)]
+    assert bounds[0] == pytest.approx(math.hypot(*bounds[1:]), rel=1e-5)
 
 
 @pytest.mark.parametrize("period", [5.0, 11.0, 25.0])

@@ -8,11 +8,15 @@ import pytest
 import xarray
 
 from tests.usvauv_env.made_traces import synthetic_trace
-from usvauv.env import Scenario, Trace, TraceError
+from usvauv import policies
+from usvauv.env import Scenario, Trace, TraceError, World
 from usvauv.env.record.heading import SLOWEST, TURN_RATE, headings, turned
+from usvauv.env.record.metrics import episode_metrics
+from usvauv.env.record.recorder import record
 from usvauv.env.record.trace import INTEGERS, LARGEST, VARIABLES
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site
+from usvauv.kernels.mission.columns import BoatColumn
 from usvauv.kernels.positioning import usbl
 
 STEP, STEPS, WORLDS, AUVS, BOATS, NODES = 2.0, 11, 3, 4, 2, 5
@@ -200,18 +204,36 @@ def test_a_trace_is_what_it_says_it_is(trace, tmp_path, change, match):
     assert str(caught.value).isprintable()
 
 
-def test_a_file_of_an_earlier_version_is_read(trace, tmp_path):
-    """Without attributes, headings of boats and storm: headings are those of the way over ground."""
-    trace.save(tmp_path / "t.nc")
-    with xarray.open_dataset(tmp_path / "t.nc", decode_times=False, decode_coords=False) as file:
+def test_trace_survives_its_file(tmp_path):
+    scenario = Scenario.load("extreme", ["mission.duration=20"])
+    world = World(scenario, num_worlds=2, seed=1)
+    player = policies.load("straight", world)
+    trace = record(world, player.act, "straight", surface=True)
+    path = tmp_path / "t.nc"
+    trace.save(path)
+    again = Trace.load(path)
+    assert again.scenario == scenario
+    assert (again.policy, again.usv, again.seed, again.reward_names) == ("straight", "fim", 1, world.reward_names)
+    for name in VARIABLES:
+        np.testing.assert_array_equal(getattr(again, name), getattr(trace, name), err_msg=name)
+    with xarray.open_dataset(path) as file:
+        for name, variable in file.variables.items():
+            if name in ("x", "y"):
+                continue
+            about = VARIABLES[name]
+            assert (variable.attrs["long_name"], variable.attrs.get("units")) == (about.long_name, about.units)
         for variable in file.variables.values():
-            variable.attrs.clear()
-        file.load().drop_vars(["boat_heading", "storm"]).to_netcdf(tmp_path / "older.nc", engine="h5netcdf")
+            variable.attrs.clear()  # as earlier versions wrote it
+        older = file.load().drop_vars(["boat_heading", "storm"])
+        older.to_netcdf(tmp_path / "older.nc", engine="h5netcdf")
     loaded = Trace.load(tmp_path / "older.nc")
     np.testing.assert_array_equal(loaded.fix, trace.fix)
     assert loaded.storm.shape == (0, 5)
     way = np.diff(trace.boat_position, axis=0, prepend=trace.boat_position[:1])
-    np.testing.assert_allclose(loaded.boat_heading, headings(way / STEP, STEP))
+    np.testing.assert_array_equal(loaded.boat_heading, headings(way, 1.0), err_msg="from the way over ground")
+    for row, as_before in zip(episode_metrics(again), episode_metrics(trace), strict=True):
+        assert str(row) == str(as_before)  # numbers in full; NaN equals NaN there
+    assert episode_metrics(trace.episode(1))[0].sdr == episode_metrics(trace)[1].sdr
 
 
 class TestHeading:
@@ -263,3 +285,19 @@ def test_the_bed_of_a_recorded_run_is_flat_where_its_file_is_gone(tmp_path):
     gone = f"water.bathymetry={tmp_path / 'gone.nc'}"
     scenario = Scenario.load("ideal", ["water.longitude=20", "water.latitude=40", gone])
     np.testing.assert_array_equal(Site.recorded(scenario).depth_at(np.array([[3.0, 4.0]])), scenario.area.depth)
+
+
+def test_a_world_has_the_headings_of_its_boats_motion_through_the_water():
+    scenario = Scenario.load("extreme", ["mission.duration=40", "current.count=0", "storm.spectrum=none"])
+    world, seen = World(scenario, seed=1), []
+    policy = policies.load("straight", world)
+
+    def act(observation):
+        seen.append(world.boat[..., BoatColumn.span("water_x", "water_y")].cpu().numpy().copy())
+        return policy.act(observation)
+
+    trace = record(world, act, "straight")
+    expected = headings(
+        np.stack([*seen[1:], world.boat[..., BoatColumn.span("water_x", "water_y")].cpu().numpy()]), 1.0
+    )
+    np.testing.assert_array_equal(trace.boat_heading, expected)

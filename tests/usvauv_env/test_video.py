@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 import av
 import cv2
 import numpy as np
@@ -11,8 +13,9 @@ from tests.usvauv_env.made_traces import paint, synthetic_trace
 from usvauv import write_video
 from usvauv.env.render.frames import frames_of
 from usvauv.env.render.layout import Layout
-from usvauv.env.render.video import Video
+from usvauv.env.render.video import Video, VideoSummary
 from usvauv.env.scenario.sea import Area
+from usvauv.env.storage.files import OutputError
 from usvauv.kernels.errors import UserError
 
 SMALL = (320, 320)
@@ -124,6 +127,23 @@ class TestGif:
         assert (tmp_path / "mission.gif").stat().st_size / summary.frames * 8 * summary.fps < 8e6
         assert summary.remark == ""
 
+    @pytest.mark.parametrize(
+        ("size", "fps", "speedup", "advice"),
+        [
+            ((1280, 720), 30.0, 30.0, "--size 640x360 --fps 12 or .mp4"),
+            ((640, 360), 10.0, 20.0, "--speedup 60 or .mp4"),
+        ],
+    )
+    def test_a_larger_one_says_why_and_what_to_do(self, tmp_path, size, fps, speedup, advice):
+        for ending in (".gif", ".mp4"):
+            path = tmp_path / f"mission{ending}"
+            path.touch()
+            os.truncate(path, 24_000_000)
+            remark = VideoSummary(path, 240, size, fps, speedup).remark
+            assert remark.endswith(advice if ending == ".gif" else "")
+            assert remark.startswith("mission.gif has 24 MB: " if ending == ".gif" else "")
+            assert "\n" not in remark
+
 
 class TestFile:
     @pytest.mark.parametrize(
@@ -149,3 +169,11 @@ class TestFile:
             write_video(trace, out, **options)
         assert str(caught.value).startswith(message)
         assert list(tmp_path.iterdir()) == []
+
+    def test_an_older_video_outlives_a_failure(self, tmp_path, trace, size_limit):
+        path = tmp_path / "mission.mp4"
+        path.write_bytes(b"older")
+        with size_limit(), pytest.raises(OutputError, match=r"mission\.mp4: cannot be written"):
+            write_video(trace, path, size=SMALL)
+        assert path.read_bytes() == b"older"
+        assert list(tmp_path.iterdir()) == [path]

@@ -1,4 +1,4 @@
-"""Missions on real beds and currents from files, and vortices at depth."""
+"""Missions on real beds and currents from files, and on vortices that change."""
 
 import math
 
@@ -161,6 +161,19 @@ class TestRealBed:
 
 
 class TestVortices:
+    def test_evolve_in_the_mission(self):
+        scenario = Scenario.load("extreme", ["current.viscosity=0.1"])
+        world = World(scenario, 5, seed=1)
+        world.reset()
+        expected = world.vortex.clone()
+        assert (expected[..., :2] < 0).any()
+        assert (expected[..., :2] > 200).any()
+        eddies = vortex.Eddies(300.0, (100.0, 100.0), column=(1 + math.exp(-120 / 280)) / 2)
+        for _ in range(20):
+            vortex.evolution(expected, 1.0, 0.1, True, eddies)()
+            world.step(torch.zeros(5, 2, 2))
+        assert torch.equal(world.vortex, expected)
+
     def test_are_weaker_at_depth(self):
         """The AUVs' level has e^{−100/280} of the surface's speed, of the pattern with all its images."""
         world = World(Scenario.load("extreme", ["sea.irregular_rms=0"]), 2, seed=1)

@@ -11,10 +11,11 @@ from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.scenario.sea import Storm
 from usvauv.env.sea.build import build_short_waves
 from usvauv.env.sea.storm import band, cumulative, total_height, wave_systems
+from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site
 from usvauv.env.site.waves import WaveSpectrum
-from usvauv.env.world.tables import STRONGEST, wind
-from usvauv.kernels.positioning.sonar import wind_of_developed_sea, wind_of_growing_sea
+from usvauv.env.world.tables import wind
+from usvauv.kernels.positioning.sonar import wind_of_developed_sea
 
 WIND_SEA = (5.0, 11.0, 90.0, 10)  # Hs, Tp, travels towards the east, s
 SWELL = (2.0, 16.0, 210.0, 40)  # towards the south-south-west
@@ -82,6 +83,16 @@ class TestSpectra:
         np.testing.assert_allclose(found.directions, expected.directions, atol=1e-12)
         np.testing.assert_allclose(found.density, expected.density)
 
+    @pytest.mark.parametrize(
+        "lon", [np.arange(178, 182.1, 0.5), [178.5, 179, 179.5, -180, -179.5], [-180, -179.5, 179, 179.5]]
+    )
+    @pytest.mark.parametrize("corner", [179.99, -180.01, 180.0, -180.0])
+    def test_both_sides_of_180_degrees(self, lon, corner, tmp_path):
+        dataset = era5(WIND_SEA, lon=tuple(lon))
+        assert spectrum_of(dataset, tmp_path, frame=LocalFrame(corner, 60.0)).significant_height == pytest.approx(
+            5.0, rel=0.01
+        )
+
     def test_density_per_degree(self, tmp_path):
         dataset = ww3(WIND_SEA)
         dataset["efth"] = dataset["efth"] * math.pi / 180
@@ -112,6 +123,12 @@ class TestSpectra:
         assert (high / 5.0) ** 2 == pytest.approx(1 + 3 * share, rel=0.01)
         dataset["d2fd"][..., :2] = np.nan
         assert spectrum_of(dataset, tmp_path).significant_height == pytest.approx(10.0, rel=0.01)
+
+    def test_longitudes_from_zero_and_across_the_seam(self, tmp_path):
+        dataset = era5(WIND_SEA, lon=tuple(np.arange(0, 360, 0.5)), lat=(60.5, 60.0))
+        for longitude in (-0.2, 359.9, 5.0):
+            spectrum = spectrum_of(dataset, tmp_path, frame=LocalFrame(longitude, 60.0))
+            assert spectrum.significant_height == pytest.approx(5.0, rel=0.01)
 
 
 class TestPartitions:
@@ -254,6 +271,26 @@ class TestDrawn:
             spread, goal = (math.degrees(math.sqrt(2 * (1 - abs(each)))) for each in (moment, spectrum.moment))
             assert spread == pytest.approx(goal, abs=4.0)
 
+    @pytest.mark.parametrize("make", [ww3, era5])
+    def test_the_mean_over_seas_is_the_file(self, make, tmp_path):
+        """Energy and first moment of the directions in each band, m0 to 1 %."""
+        site = Site(scenario_of(make(WIND_SEA, SWELL), tmp_path, "storm.shortest_wave=5"))
+        spectrum = only_spectrum(site)
+        drawn = build_short_waves(site, [(1, sea) for sea in range(256)])
+        energy, f = drawn.amplitude**2 / 2, drawn.omega / (2 * math.pi)
+        fine = np.linspace(spectrum.frequencies[0], spectrum.frequencies[-1], 20001)
+        S = np.interp(fine, spectrum.frequencies, spectrum.by_frequency)
+        for low, high in ((0.04, 0.07), (0.07, 0.1), (0.1, 0.15), (0.15, 0.25)):
+            inside, there = (f >= low) & (f < high), (fine >= low) & (fine < high)
+            expected = cumulative(fine[there], S[there])[-1]
+            assert (energy * inside).sum() / 256 == pytest.approx(expected, rel=0.01)
+            first = np.interp(
+                fine, spectrum.frequencies, spectrum.density @ np.sin(spectrum.directions) * spectrum.step
+            )
+            sines = (energy * inside * np.sin(drawn.direction)).sum() / 256 / expected
+            assert sines == pytest.approx(cumulative(fine[there], first[there])[-1] / expected, abs=0.02)
+        assert energy.sum() / 256 == pytest.approx((spectrum.significant_height / 4) ** 2, rel=1e-6)
+
     def test_waves_that_break_or_reach_the_auvs(self, tmp_path):
         shallow = ["area.depth=6", "auv.depth=5", "sea.irregular_rms=0", "storm.shortest_wave=5"]
         with pytest.raises(ScenarioError, match=r"waves.nc: significant height = 5.0\d*: must not be above 3.6 m"):
@@ -285,13 +322,6 @@ class TestInAScenario:
         assert wind(parts) == pytest.approx(wind_of_developed_sea(4.0))
         swell = partitions((np.nan, np.nan, np.nan, np.nan), (2.0, 15.0, 0.0, 12.0))
         assert wind(Site(scenario_of(swell, tmp_path))) == 0.0
-
-    @pytest.mark.parametrize(
-        ("height", "expected"), [(3.0, wind_of_growing_sea(3, 11)), (14.0, STRONGEST), (None, 0.0)]
-    )
-    def test_wind_of_the_scenarios_own_storm(self, height, expected):
-        storm = ["storm.spectrum=none"] if height is None else [f"storm.significant_height={height}"]
-        assert wind(Site(Scenario.load("extreme", ["acoustics.wind=storm", *storm]))) == expected
 
     def test_begins_with_the_currents(self, tmp_path):
         """Without water.start the mission begins with the file of currents, here on 1950-01-01."""

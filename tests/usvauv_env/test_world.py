@@ -1,6 +1,10 @@
 """The batched world: random numbers, states, starts and what is refused."""
 
 import math
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -35,6 +39,23 @@ def extreme():
 
 
 class TestRandomNumbers:
+    def test_seeds_of_their_own_go_on_from_a_state_and_with_other_parameters(self):
+        scenario, slower = (Scenario.load("extreme", [f"current.circulation_max={value}"]) for value in (260, 150))
+        together, again, alone = (World(scenario, np.size(own), own) for own in ([3, 8], [3, 8], 8))
+        for world in (together, alone):
+            world.reset()
+            for _ in range(2):
+                world.step(torch.zeros(world.num_worlds, 2, 2))
+        again.load_state(together.state())
+        found = []
+        for world in (together, again, alone):
+            world.set_parameters(slower)
+            for _ in range(3):
+                observation, *_ = world.step(torch.zeros(world.num_worlds, 2, 2))
+            found.append(torch.cat([observation[-1].flatten(), world.vortex[-1].flatten()]))
+        assert torch.equal(found[0], found[1])
+        assert torch.equal(found[0], found[2])
+
     def test_seeds_of_their_own_have_no_trace_in_common(self, extreme):
         world = World(extreme, 3, [5, 6, 5])
         assert world.seeds.common(slice(1, 2)) == 6
@@ -52,6 +73,28 @@ class TestRandomNumbers:
         monkeypatch.setattr(runtime, "FEW_TASKS", 0)
         together = run(World(extreme, worlds, seed=3), 40)
         assert all(np.array_equal(alone[name], together[name]) for name in alone)
+
+    @pytest.mark.slow
+    @pytest.mark.cpu("number of threads")
+    def test_same_for_one_thread_and_three(self):
+        script = (
+            "import sys, hashlib; from usvauv.kernels import runtime; runtime.FEW_TASKS, runtime.ITERATIONS = 0, 4;"
+            "runtime.start('cpu', threads=int(sys.argv[1]));"
+            "from tests.usvauv_env.test_world import run; from usvauv.env import Scenario, World;"
+            "r = run(World(Scenario.load('extreme'), 19, seed=3), 40);"
+            "print(hashlib.sha256(b''.join(r[n].tobytes() for n in sorted(r))).hexdigest())"
+        )
+        digests = {
+            subprocess.run(
+                [sys.executable, "-c", script, threads],
+                capture_output=True,
+                text=True,
+                check=True,
+                cwd=Path(__file__).parents[2],
+            ).stdout.splitlines()[-1]
+            for threads in ("1", "3")
+        }
+        assert len(digests) == 1
 
     def test_seeds_and_worlds_and_episodes_differ(self, extreme):
         world = World(extreme, num_worlds=3, seed=0)
@@ -195,6 +238,18 @@ class TestStart:
         np.testing.assert_array_less(np.abs(found - expected).max(0), 0.02 * np.abs(expected).max(0) + 1e-7)
 
 
+def test_a_person_reads_what_a_world_is():
+    scenario = Scenario.load("extreme", ["mission.duration=40"])
+    world = World(scenario, 3, np.int64(7), "centroid", "nearest")
+    assert repr(world).splitlines() == [
+        f"World of 3 missions, seed 7, on {world.device}",
+        "  boat centroid, targets nearest, 40 steps of 1 s",
+        f"  observation {tuple(world.reset().shape)}, action (3, 2, 2)",
+        *(f"  {line}" for line in repr(world.scenario).splitlines()),
+    ]
+    assert repr(World(scenario, 2, [3, 4])).startswith("World of 2 missions, seeds [3, 4], on ")
+
+
 @pytest.mark.parametrize(
     ("arguments", "match"),
     [
@@ -309,3 +364,23 @@ def test_other_team_sizes(auvs, nodes):
     world = World(Scenario.load("extreme", [f"auv.count={auvs}", f"nodes.count={nodes}"]), num_worlds=3)
     state = run(world, 30)
     assert all(np.isfinite(value).all() for value in state.values())
+
+
+@pytest.mark.slow
+def test_memory_is_flat_over_a_million_steps(extreme):
+    """A thousand episodes of a thousand steps: what the process holds does not grow."""
+
+    def resident():
+        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGESIZE")
+
+    if not Path("/proc/self/statm").exists():
+        pytest.skip("no /proc here")
+    world, still = World(extreme, 1, seed=1), torch.zeros(1, 2, 2)
+    sizes = []
+    for episode in range(1000):
+        world.reset()
+        for _ in range(world.steps):
+            world.step(still)
+        if episode % 100 == 99:
+            sizes.append(resident())
+    assert sizes[-1] - sizes[0] < 2e6
