@@ -49,6 +49,7 @@ def gain(table: ti.template(), number: ti.template()) -> ti.f32:
 
 @func
 def clamp(value, limit) -> lanes:
+    """The number nearest to a value between −limit and limit."""
     return ti.min(ti.max(value, 0.0 - limit), limit)
 
 

@@ -213,15 +213,9 @@ def rates(table: ti.template(), body, water) -> Rates:
 
 
 @func
-def within(x, limit) -> lanes:
-    """The number nearest to x between −limit and limit."""
-    return ti.min(ti.max(x, 0.0 - limit), limit)
-
-
-@func
 def follow(angle, told, limit, most, share) -> lanes:
     """An actuator after a time: a first-order lag towards what it is told, with its limit and its largest change."""
-    return angle + within(share * (within(told, limit) - angle), most)
+    return angle + autopilot.clamp(share * (autopilot.clamp(told, limit) - angle), most)
 
 
 @func
@@ -245,12 +239,12 @@ def after(table: ti.template(), begin, body, rate, actuators, h: ti.f32) -> Body
         q1=q1 * scale,
         q2=q2 * scale,
         q3=q3 * scale,
-        u=within(begin.u + h * rate.u, AHEAD),
-        v=within(begin.v + h * rate.v, ACROSS),
-        w=within(begin.w + h * rate.w, ACROSS),
-        p=within(begin.p + h * rate.p, ROLL),
-        q=within(begin.q + h * rate.q, TURN),
-        r=within(begin.r + h * rate.r, TURN),
+        u=autopilot.clamp(begin.u + h * rate.u, AHEAD),
+        v=autopilot.clamp(begin.v + h * rate.v, ACROSS),
+        w=autopilot.clamp(begin.w + h * rate.w, ACROSS),
+        p=autopilot.clamp(begin.p + h * rate.p, ROLL),
+        q=autopilot.clamp(begin.q + h * rate.q, TURN),
+        r=autopilot.clamp(begin.r + h * rate.r, TURN),
         rudder=follow(begin.rudder, actuators.rudder, limit, most, fins),
         stern=follow(begin.stern, actuators.stern, limit, most, fins),
         propeller=follow(begin.propeller, actuators.propeller, fastest, 2.0 * fastest, turn),
@@ -308,7 +302,7 @@ def trim(table: ti.template(), speed, depth, heading) -> Body:
     n = ti.min((root - slope) / (2.0 * bollard), table[Constant.propeller_limit])
     righting = GRAVITY * table[Constant.mass] * table[Constant.weight_below]
     _, torque = propeller(table, n, speed)
-    heel = within(0.0 - torque / ti.max(righting, TINY), 0.9)
+    heel = autopilot.clamp(0.0 - torque / ti.max(righting, TINY), 0.9)
     upright = ti.sqrt(0.5 + 0.5 * ti.sqrt(1.0 - heel * heel))
     heeled = 0.5 * heel / upright
     cos, sin = heading, heading
