@@ -36,6 +36,16 @@ def observe(toy, worlds=64, seed=0):
     return world.reset(), world
 
 
+@pytest.mark.parametrize("size", [1e-9, 1.0, 1e9])
+def test_unit_keeps_the_direction_of_every_length(size):
+    course = directions(64)
+    torch.testing.assert_close(unit(size * course), course, atol=1e-6, rtol=0)
+
+
+def test_a_zero_vector_points_east():
+    assert unit(torch.tensor([[0.0, 0.0], [-0.0, -0.0]])).tolist() == [[1.0, 0.0], [1.0, -0.0]]
+
+
 def angle(vector):
     return torch.atan2(vector[..., 1], vector[..., 0])
 
