@@ -242,6 +242,7 @@ class TestReward:
         assert losses < 0
         assert len(world.reward_names) == expected.shape[-1]
 
+    @pytest.mark.slow
     def test_what_it_rewards(self, extreme):
         """Shuttling between near nodes makes more services and earns less than a tour; circling earns least."""
         scores, services = {}, {}
