@@ -1,4 +1,4 @@
-"""Output of the commands in the terminal: progress, tables of metrics, summary of a mission, lines of a training."""
+"""Output of the commands in the terminal: progress, tables of metrics, summary of a mission, table of a training."""
 
 from __future__ import annotations
 
@@ -8,11 +8,14 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from itertools import chain
 from typing import Any, Protocol
 
-from rich.console import Console, Group
+from rich import box
+from rich.console import Console, Group, RenderableType
 from rich.live import Live
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.table import Table
 from rich.text import Text
 
 from usvauv.cli import tables
@@ -181,43 +184,110 @@ def of_seeds(figures: Sequence[dict]) -> dict:
     return means
 
 
-def training(baseline: dict, title: str) -> Callable[[dict], None]:
-    """Say that a training begins; the function returned shows its figures as one line, at most every `LINE_EVERY`
-    seconds and at the end.
-    """
-    start, policy = baseline["start"], baseline["policy"]
-    begins = f"an untrained network steers much like {start}; " if start else ""
-    margin = f"the margin is that over {policy} (ARPS {baseline['arps']:.2f}) in the same episodes"
-    print(tables.wrapped(f"training {title}: {begins}{margin}", 2))
+@contextmanager
+def training(baseline: dict, algorithm: str, scenario: str) -> Iterator[Callable[[dict], None]]:
+    """Show a training run as a live table, outside a terminal as lines; the function it gives takes new figures."""
+    console = Console(markup=False, emoji=False)
+    title = f"{algorithm} in {scenario}"
+    if not console.is_terminal:
+        print(tables.wrapped(f"training {title}: {beginning(baseline)}", 2))
+        yield _print_lines(baseline["policy"])
+        return
+    with Live(console=console, refresh_per_second=4) as live:
+        yield lambda figures: live.update(training_table(figures, baseline, title))
+
+
+def _print_lines(baseline: str) -> Callable[[dict], None]:
+    """Function that prints figures as one line, at most every `LINE_EVERY` seconds and at the end."""
     printed = -LINE_EVERY
 
     def show(figures: dict) -> None:
         nonlocal printed
-        done = figures["steps"] >= figures["total"]
-        if figures["seconds"] - printed < LINE_EVERY and not done:
+        if figures["seconds"] - printed < LINE_EVERY and figures["steps"] < figures["total"]:
             return
         printed = figures["seconds"]
-        left = "" if done else f", {duration(figures['eta'], rough=True)} left"
         print(
-            f"{figures['steps'] / figures['total']:.0%}{left}: ARPS {figures['arps']:.2f} in training;"
-            f" at {figures['evaluated_at']:,} {evaluation(figures, policy)}",
+            f"{_share(figures)}: ARPS {figures['arps']:.2f} in training;"
+            f" at {figures['evaluated_at']:,} {evaluation(figures, baseline)}",
             flush=True,
         )
 
     return show
 
 
+def beginning(baseline: dict) -> str:
+    """Where a training run begins, and what its margin is."""
+    start = baseline["start"]
+    begins = f"an untrained network steers much like {start}; " if start else ""
+    return f"{begins}the margin is that over {baseline['policy']} (ARPS {baseline['arps']:.2f}) in the same episodes"
+
+
 def evaluation(figures: dict, baseline: str) -> str:
-    """Score of an evaluation, of several seeds with its spread, and its margin over the baseline with its interval,
-    which a run of an earlier version lacks.
-    """
+    """Score of an evaluation, and its margin over the baseline with the 95 % interval."""
+    return f"ARPS {_score(figures)} in evaluation{_margin(figures, f', margin over {baseline} ')}"
+
+
+def _margin(figures: dict, before: str) -> str:
+    """The margin over the baseline after some words; empty in a run of an earlier version."""
     found = figures["evaluation"]
-    score = figures.get("score", f"{found['arps']:.2f}")
-    said = f"ARPS {score} in evaluation"
     if "margin" not in found:
-        return said
-    margin = Estimate(found["margin"], found.get("margin_half", math.nan), 1)
-    return f"{said}, margin over {baseline} {words(margin, sign=True)}"
+        return ""
+    return f"{before}{words(Estimate(found['margin'], found.get('margin_half', math.nan), 1), sign=True)}"
+
+
+def _score(figures: dict) -> str:
+    """The evaluation's score, of several seeds with its spread."""
+    return figures.get("score", f"{figures['evaluation']['arps']:.2f}")
+
+
+def _share(figures: dict) -> str:
+    """How much of a run is done, and the time left."""
+    left = f", {duration(figures['eta'], rough=True)} left" if figures["steps"] < figures["total"] else ""
+    return f"{figures['steps'] / figures['total']:.0%}{left}"
+
+
+TRAINED = {
+    "arps": ("ARPS", "arps"),
+    "sdr": ("SDR, Mbit/s", "sdr"),
+    "ec": ("EC, W", "ec"),
+    "services": ("services", "services"),
+    "collisions": ("collisions", "collisions"),
+    "border": ("refused moves", "border"),
+    "position_error_mean": ("position error, m", "position_error"),
+}  # of an evaluation → in words, of the training worlds
+PAIRS, LONGEST_TERM = 3, 13  # a line, and columns of a name, of reward terms and figures of the learner
+
+
+def training_table(figures: dict, baseline: dict, title: str) -> RenderableType:
+    """The live table: progress, figures of the training worlds beside evaluation and baseline, reward, learner.
+
+    It fits 80 columns and, with up to 15 terms of reward, 22 lines.
+    """
+    steps = f"{figures['steps']:,} of {figures['total']:,} world-steps, {figures['steps_per_second']:,.0f} a second"
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
+    evaluated = f"evaluation at {figures['evaluated_at']:,}"
+    (brief,) = tables.shortened([baseline["policy"]], 20).values()
+    for heading in ("", "training worlds", evaluated, brief):
+        table.add_column(heading, justify="right" if heading else "left", no_wrap=True)
+    for name, (label, training) in TRAINED.items():
+        values = figures.get(training), figures["evaluation"].get(name), baseline[name]
+        cells = ["" if value is None else f"{value:.2f}" for value in values]
+        if name == "arps":
+            cells[1] = _score(figures)
+        table.add_row(label, *cells)
+    terms = Table.grid(padding=(0, 1, 0, 0))
+    for place in range(1 + 2 * PAIRS):
+        terms.add_column(justify="left" if not place or place % 2 else "right", no_wrap=True)
+    for group in ("reward", "learner"):
+        short = tables.shortened(figures[group], LONGEST_TERM)
+        pairs = [(short[name], f"{value:.3g}") for name, value in figures[group].items()]
+        for first in range(0, len(pairs), PAIRS):
+            terms.add_row("" if first else group, *chain.from_iterable(pairs[first : first + PAIRS]))
+    (named,) = tables.shortened([title], 40).values()
+    margin = _margin(figures, f"margin over {brief} in ARPS: ")
+    about = "; ".join(filter(None, (margin, baseline["start"] and f"began near {baseline['start']}")))
+    done = f"{steps}, {counted(figures['updates'], 'update')}"
+    return Group(f"training {named}: {_share(figures)}", done, table, about, terms)
 
 
 class Advance(Protocol):

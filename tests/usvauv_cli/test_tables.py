@@ -1,8 +1,11 @@
 """What commands print fits 80 columns, and no number is cut."""
 
+import io
 import re
 
 import pytest
+import torch
+from rich.console import Console
 
 from usvauv.cli import report
 from usvauv.cli.evaluation.comparison import Comparison
@@ -11,6 +14,8 @@ from usvauv.cli.tables import OF_STATIONS
 from usvauv.env import Scenario
 from usvauv.env.record.metrics import COLUMNS, FIGURES, EpisodeMetrics
 from usvauv.env.storage.tables import Combination
+from usvauv.policies import TrainingConfig
+from usvauv.policies.algorithms import ALGORITHMS, Batch, Sizes
 
 LONG = [f"runs/a/very/long/folder/of/many/runs/number-{n}/best" for n in range(12)]
 OF_TASK = ("lost_mbit", "aoi_mean", "aoi_peak", "aoi_largest", "jain", "joule_per_mbit")
@@ -68,3 +73,44 @@ def test_wide_tables_have_every_figure_of_the_task(capsys):
     assert differences.count(f"\n{LONG[1]} ") == 3
     shown = (re.split("  +", line.strip())[1:] for line in means.splitlines() if line.startswith("policy "))
     assert len([heading for line in shown for heading in line]) == len(HEADED) - len(OF_STATIONS)
+
+
+@pytest.mark.parametrize("algorithm", ["sac", "td3", "ddpg"])
+def test_the_table_of_a_training_run_fits_80_by_24(algorithm):
+    learner = learner_figures(algorithm)
+    reward = {f"a-term-of-a-plugin-{n}": -12345.678 * n for n in range(15)}
+    worlds = {"arps": -12345.67, "sdr": 12.34, "ec": 187.21, "services": 123.4, "border": 3.0, "position_error": 12.3}
+    evaluation = dict.fromkeys(report.TRAINED, -12345.67) | {"margin": -12.345, "margin_half": 0.123}
+    figures = {
+        **worlds, "steps": 123_456_789, "total": 200_000_000, "eta": 359_999.0, "steps_per_second": 123_456.0,
+        "updates": 12_345_678, "evaluation": evaluation, "evaluated_at": 123_456_789, "reward": reward,
+        "learner": learner,
+    }  # fmt: skip
+    console = Console(width=80, height=24, file=io.StringIO(), markup=False)
+    console.print(
+        report.training_table(
+            figures, evaluation | {"policy": LONG[0], "start": "clear:80"}, f"{algorithm} in {'x' * 60}"
+        )
+    )
+    text = console.file.getvalue()
+    lines = text.splitlines()
+    assert len(lines) <= 22
+    assert max(map(len, lines)) <= 80
+    assert text.count("-12345.67") == 1 + 2 * len(report.TRAINED)
+    for name, value in (reward | learner).items():
+        assert f"{value:.3g}" in text, name
+    assert all(name in text for name in learner)
+    for whole in (
+        "62%, 100 h left",
+        "123,456,789 of 200,000,000",
+        "12,345,678 updates",
+        "−12.35 ± 0.12; began near clear:80",
+    ):
+        assert whole in text
+
+
+def learner_figures(algorithm):
+    """The figures of an algorithm's update, each another wide number."""
+    learner = ALGORITHMS[algorithm](Sizes(1, 3, 2), TrainingConfig(hidden=(4,)), torch.Generator())
+    batch = Batch(*(torch.zeros(1, 4, *shape) for shape in ((3,), (2,), (), (), (3,))))
+    return {name: -9876.543 / (n + 1) for n, name in enumerate(learner.update(batch))}

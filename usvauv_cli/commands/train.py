@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -193,8 +193,9 @@ def train(
         title = first.world.scenario.name
         if together:
             title += f", seeds {', '.join(str(run.config.seed) for run in trainers)}"
-        show = report.training(baseline, f"{config.algorithm} in {title}") if ranks.leads else lambda figures: None
-        trainer.train(total, partial(_show, show, trainer))
+        shown = report.training(baseline, config.algorithm, title)
+        with shown if ranks.leads else nullcontext(lambda figures: None) as show:
+            trainer.train(total, partial(_show, show, trainer))
         if ranks.leads:
             if trainer.stopped:
                 again = "".join(f" --plugin {file}" for file in plugins or ())

@@ -45,10 +45,12 @@ from usvauv.cli.web_report.episodes import (
     player_data,
     thinned,
 )
+from usvauv.cli.web_report.graticule import draw_graticule
 from usvauv.env.record.trace import Trace
 from usvauv.env.render.figures import WrittenOut
 from usvauv.env.render.plain_matplotlib import Axes, Figure, Line2D, MaxNLocator
 from usvauv.env.scenario import Scenario
+from usvauv.env.site.site import Site
 from usvauv.env.storage.tables import Combination
 from usvauv.kernels import runtime
 from usvauv.kernels.errors import UserError
@@ -298,25 +300,33 @@ def errors(names: Sequence[str], recordings: Sequence[Recording], duration: floa
 
 
 def maps(names: Sequence[str], scenario: Scenario, below: float) -> tuple[Figure, list[Axes]]:
-    """A map of the area for each name, side by side, and `below` inches of room for a legend."""
+    """A map of the area for each name, side by side, and `below` inches of room for a legend.
+
+    Where the scenario has a place on Earth it is in longitude and latitude, with a scale bar.
+    """
     columns = 1 if len(names) == 1 else 2 if len(names) <= 4 else 3
     rows = math.ceil(len(names) / columns)
     width, length = scenario.area.width, scenario.area.length
     side = min((COLUMN - 0.5) / columns - 0.1, 2.9)
     height = rows * (min(max(side * length / width, 0.4), 2 * side) + 0.22) + 0.42 + below
     figure = new(height)
+    frame = Site(scenario).frame
+    across, along = ("longitude", "latitude") if frame else ("x (east), m", "y (north), m")
     plots = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     for i, (axes, name) in enumerate(zip(plots, names, strict=False)):
         axes.set_facecolor(SEA)
         axes.set(xlim=(0, width), ylim=(0, length), aspect="equal")
         axes.set_title(truncated(name, 46 // columns), loc="left", pad=3)
-        for axis in (axes.xaxis, axes.yaxis):
-            axis.set_major_locator(MaxNLocator(3 if columns > 1 else 5))
+        if frame:
+            draw_graticule(axes, frame, width, length, 2 if columns > 1 else 3)
+        else:
+            for axis in (axes.xaxis, axes.yaxis):
+                axis.set_major_locator(MaxNLocator(3 if columns > 1 else 5))
         if i + columns >= len(names):
-            axes.set_xlabel("x (east), m")
+            axes.set_xlabel(across)
             axes.tick_params(labelbottom=True)
         if i % columns == 0:
-            axes.set_ylabel("y (north), m")
+            axes.set_ylabel(along)
         style_axes(axes, grid=False)
     for axes in plots[len(names) :]:
         axes.set_visible(False)
