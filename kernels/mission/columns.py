@@ -429,10 +429,13 @@ class Action(Columns):
 
 
 class Phase(Columns):
-    """What a kernel does: begin episodes, advance them, or let the AUVs look about at the end of a step."""
+    """What a launch does: begin episodes, advance them by a step, or by one part of it after another."""
 
     reset: int
     step: int
+    move: int
+    ride: int
+    answer: int
     look: int
 
 

@@ -187,11 +187,17 @@ def plan(worlds: ti.template(), w):
 
 @func
 def move_boats(worlds: ti.template(), w):
-    """The boats move, on their waves."""
+    """The boats move."""
     for b in range(worlds.boat.shape[1]):
         boat_motion.move_boat(worlds, w, b)
-        boat_motion.ride_waves(worlds, w, b)
         boat_motion.renew_gnss_error(worlds, w, b)
+
+
+@func
+def ride(worlds: ti.template(), w):
+    """What the boats meet at the surface."""
+    for b in range(worlds.boat.shape[1]):
+        boat_motion.ride_waves(worlds, w, b)
 
 
 @func
@@ -215,8 +221,6 @@ def end_step(worlds: ti.template(), w):
     worlds.program.task.finish(worlds, w)
     for k in range(num_auvs):
         observation.write_of_nodes(worlds, w, k)
-    if ti.static(not worlds.program.apart):
-        look(worlds, w)
 
 
 @func
@@ -228,7 +232,10 @@ def begin_chosen(worlds: ti.template(), w):
 
 STAGES = {
     Phase.reset: (begin_chosen,),
-    Phase.step: (move_auvs, plan, move_boats, locate, end_step),
+    Phase.step: (move_auvs, plan, move_boats, ride, locate, end_step, look),
+    Phase.move: (move_auvs, plan, move_boats),
+    Phase.ride: (ride,),
+    Phase.answer: (locate, end_step),
     Phase.look: (look,),
 }
 TOGETHER = 32  # worlds that a thread takes through a stage, whose code stays in its cache, before it begins the next
@@ -294,9 +301,9 @@ def kernel_of(source: str, **names: Any) -> Callable[..., Any]:
     return kernel(names["run"])
 
 
-# Begins the next episode of each world w with `chosen[w]` ≠ 0, advances all worlds by one mission step, or does the end
-# of it: apart with vectors in registers, in which the sums of vortices and waves are a fourth of the work. For few
-# worlds another launch takes longer than it saves, and of plugins' functions nobody knows whether they compile so.
+# Begins the next episode of each world w with `chosen[w]` ≠ 0, or advances all worlds by one mission step. Many worlds
+# take the step by four launches, `Phase.ride` and `Phase.look`, sums of vortices and waves, with vectors in registers.
+# For few worlds launches take longer than they save, and of plugins' functions nobody knows whether they compile so.
 run = kernel_of(
     SOURCE,
     ti=ti,

@@ -74,7 +74,7 @@ class Program(NamedTuple):
         eddies: how vortices fill the water.
         passing: nodes are served in passing, not hovering.
         serial: the calling thread does all worlds: for few worlds on a CPU waking another thread takes longer.
-        apart: what ends a step, `usvauv.kernels.mission.run.look`, is a kernel of its own.
+        apart: the parts of a step are launches of their own, see `usvauv.kernels.mission.run`.
     """
 
     task: Task

@@ -353,9 +353,8 @@ class World:
             self._evolve_vortices()
         if self._sail:
             self._sail()
-        self._step()
-        if self._look:
-            self._look()
+        for part in self._step:
+            part()
         self._stop_at_fault()
         served = self.auv[..., AuvColumn.service_rate] > 0
         horizon_ended = served if self.scenario.reward.service_terminates else torch.zeros_like(served)
@@ -585,19 +584,18 @@ class World:
             registry.check_fields(name)
         plugins = self._plugins()  # whose Taichi functions may not compile
         with blaming(plugins, ScenarioError) if plugins else nullcontext():
-            self._reset, self._step = (
-                self._mission(arguments, phase, runtime.NONE) for phase in (Phase.reset, Phase.step)
-            )
-            self._look = None
-            if arguments["program"].apart:
-                self._look = self._mission(arguments, Phase.look, runtime.vectors_in_registers())
+            self._reset = self._mission(arguments, Phase.reset)
+            parts = (Phase.move, Phase.ride, Phase.answer, Phase.look)
+            apart = arguments["program"].apart
+            self._step = tuple(self._mission(arguments, phase) for phase in (parts if apart else (Phase.step,)))
             self._deploy, self._sail = (
                 self._moving(phase, arguments) if self.scenario.auv.dynamic else None
                 for phase in (Phase.reset, Phase.step)
             )
 
-    def _mission(self, arguments: Mapping[str, Any], phase: int, settings: runtime.Settings) -> Launch:
+    def _mission(self, arguments: Mapping[str, Any], phase: int) -> Launch:
         """A phase of the mission's kernel."""
+        settings = runtime.vectors_in_registers() if phase in (Phase.ride, Phase.look) else runtime.NONE
         given = ({"phase": phase, **arguments}[name] for name in PARAMETERS)
         return Launch(run, *given, settings={**runtime.quickly(), **settings})
 
