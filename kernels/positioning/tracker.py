@@ -192,7 +192,7 @@ def decayed(t):
     f = 1.0 - ti.exp(-t)
     spreading = 2.0 * (t - f) - f * f
     if t < 0.1:
-        spreading = t * t * t * (2.0 / 3.0 - t * (0.5 - t * (7.0 / 30.0)))
+        spreading = t * t * t * (2.0 / 3.0 - t * (0.5 - t * (7.0 / 30.0 - t * (1.0 / 12.0))))
     if t < 1e-3:
         f = t * (1.0 - 0.5 * t)
     return f, spreading
