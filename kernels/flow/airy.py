@@ -35,6 +35,7 @@ import torch
 
 from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.trigonometry import half_cosine, half_sine
+from usvauv.kernels.types import vec4
 
 LANES = 16
 TURNS_X, TURNS_Y, PHASE, AMPLITUDE, LEVEL = range(5)
@@ -50,8 +51,8 @@ double_lanes = ti.types.ndarray(dtype=ti.types.vector(LANES, ti.f64), ndim=2)
 @func
 def total(v: lanes) -> ti.f32:
     """Sum of the lanes, half upon half, each half in one instruction where vectors stay in registers."""
-    eight = ti.Vector([v[n] for n in ti.static(range(8))]) + ti.Vector([v[n + 8] for n in ti.static(range(8))])
-    four = ti.Vector([eight[n] for n in ti.static(range(4))]) + ti.Vector([eight[n + 4] for n in ti.static(range(4))])
+    eight = vec8([v[n] for n in ti.static(range(8))]) + vec8([v[n + 8] for n in ti.static(range(8))])
+    four = vec4([eight[n] for n in ti.static(range(4))]) + vec4([eight[n + 4] for n in ti.static(range(4))])
     return (four[0] + four[2]) + (four[1] + four[3])
 
 

@@ -251,8 +251,8 @@ def reach(worlds: ti.template(), w, b) -> vec3:
     if ti.static(worlds.program.otter):
         heading = boat_heading(worlds, w, b)
         ahead = 0.5 * math.pi * p[Parameter.top_speed] / worlds.otter[otter.Number.turn_rate]
-        middle += ahead * vec2(ti.cos(heading), ti.sin(heading))
-        middle = ti.min(ti.max(middle, 0.0), vec2(p[Parameter.width], p[Parameter.length]))
+        middle[0] = ti.math.clamp(middle[0] + ahead * ti.cos(heading), 0.0, p[Parameter.width])
+        middle[1] = ti.math.clamp(middle[1] + ahead * ti.sin(heading), 0.0, p[Parameter.length])
         radius += ahead
     return vec3(middle[0], middle[1], radius)
 

@@ -77,7 +77,9 @@ class Adam:
         self.parameters: list[Tensor] = list(parameters)
         zeros = [torch.zeros_like(parameter) for parameter in self.parameters]
         steps = [torch.zeros((), device=zero.device) for zero in zeros]
-        self.moments = dict(zip(MOMENTS, (zeros, [zero.clone() for zero in zeros], steps), strict=True))
+        self.moments: dict[str, list[Tensor]] = dict(
+            zip(MOMENTS, (zeros, [zero.clone() for zero in zeros], steps), strict=True)
+        )
         on_gpu = zeros[0].device.type == "cuda"  # where a number would be recorded as a constant
         self._rate: Any = torch.tensor(rate, device=zeros[0].device) if on_gpu else rate  # either is taken
 

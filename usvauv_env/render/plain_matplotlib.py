@@ -1,4 +1,3 @@
-# ruff: noqa: E402, F401 (names for others, from a library that is imported below)
 """matplotlib for all figures, which do not depend on the settings of whoever makes them: see `plain`.
 
 Its names are imported from here, since `import matplotlib` fails where MPLBACKEND names a backend that is not
@@ -30,29 +29,56 @@ def _import_matplotlib() -> None:
     except Exception:  # of any kind, by what is wrong with the settings
         for name in [name for name in sys.modules if name.startswith("matplotlib.")]:
             del sys.modules[name]  # parts of the module that was not made
-        from unittest.mock import patch
-
-        own = patch.dict(os.environ, MPLBACKEND="", MATPLOTLIBRC=os.devnull)
-        with own, contextlib.chdir(Path(__file__).parent):  # a matplotlibrc in the folder goes before all others
-            importlib.import_module("matplotlib")
+        names = ("MPLBACKEND", "MATPLOTLIBRC")
+        given = {name: os.environ[name] for name in names if name in os.environ}
+        os.environ |= dict(zip(names, ("", os.devnull), strict=True))
+        try:
+            with contextlib.chdir(Path(__file__).parent):  # a matplotlibrc in the folder goes before all others
+                importlib.import_module("matplotlib")
+        finally:
+            for name in names:
+                del os.environ[name]
+            os.environ |= given
     finally:
         logger.setLevel(level)
 
 
 _import_matplotlib()
 
-# The names are for others.
-import matplotlib
-from matplotlib.axes import Axes
-from matplotlib.axis import Axis
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import LinearSegmentedColormap, Normalize
-from matplotlib.figure import Figure
-from matplotlib.ft2font import FT2Font
-from matplotlib.lines import Line2D
-from matplotlib.patches import Ellipse
-from matplotlib.patheffects import AbstractPathEffect, withStroke
-from matplotlib.ticker import FixedLocator, FormatStrFormatter, LogFormatter, MaxNLocator, NullLocator
+# The names are for others too.
+import matplotlib  # noqa: E402
+from matplotlib.axes import Axes  # noqa: E402
+from matplotlib.axis import Axis  # noqa: E402
+from matplotlib.cm import ScalarMappable  # noqa: E402
+from matplotlib.colors import LinearSegmentedColormap, Normalize  # noqa: E402
+from matplotlib.figure import Figure  # noqa: E402
+from matplotlib.ft2font import FT2Font  # noqa: E402
+from matplotlib.lines import Line2D  # noqa: E402
+from matplotlib.patches import Ellipse  # noqa: E402
+from matplotlib.patheffects import AbstractPathEffect, withStroke  # noqa: E402
+from matplotlib.ticker import FixedLocator, FormatStrFormatter, LogFormatter, MaxNLocator, NullLocator  # noqa: E402
+
+__all__ = [
+    "AbstractPathEffect",
+    "Axes",
+    "Axis",
+    "Ellipse",
+    "FT2Font",
+    "Figure",
+    "FixedLocator",
+    "FormatStrFormatter",
+    "Line2D",
+    "LinearSegmentedColormap",
+    "LogFormatter",
+    "MaxNLocator",
+    "Normalize",
+    "NullLocator",
+    "ScalarMappable",
+    "font",
+    "matplotlib",
+    "plain",
+    "withStroke",
+]
 
 DEFAULTS: dict[Any, Any] = {name: value for name, value in matplotlib.rcParamsDefault.items() if name != "backend"}
 DEFAULTS["text.parse_math"] = False
