@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 LOG_STD_MIN, LOG_STD_MAX = -5.0, 1.0  # range of a Gaussian actor's log standard deviation
-FUSED = 512  # inputs of a network from which on a layer of oneDNN takes less time than one of MKL and its ReLU
+FUSED = 256  # inputs of a network from which on a layer of oneDNN takes less time than one of MKL and its ReLU
 EPSILON = 1e-5  # added to the variance that normalises
 MOST_ACTION = 0.99999  # of a Gaussian actor: that of which the distance from 0 before the tanh is read
 ACTION_GAIN = 5.0  # factor on the actions that enter a critic
