@@ -44,14 +44,18 @@ class SeaSurface:
         limit: elevation (m) of the colour scale's ends, ±, about the 99th percentile; 0 for a flat sea.
     """
 
-    def __init__(self, surface: np.ndarray, view: MapView, limit: float | None = None) -> None:
+    def __init__(
+        self, surface: np.ndarray, view: MapView, pixels: int = RELIEF_PIXELS, limit: float | None = None
+    ) -> None:
         """
         Args:
             surface: elevation that the scales are fitted to, (T, Y, X) m, row 0 in the south; empty for a flat sea.
             view: the map.
+            pixels: largest side of the relief as it is shaded, before it is enlarged.
             limit: of the colour scale; None for one that fits.
         """
         self._view = view
+        self._pixels = pixels
         own = elevation_limit(surface)
         self.limit = own if limit is None else limit
         self._flat = own == 0.0
@@ -67,7 +71,7 @@ class SeaSurface:
     def _small(self, field: np.ndarray) -> np.ndarray:
         """A field with the north on top, reduced to the resolution of shading."""
         area = self._view.rectangle
-        shrink = min(1.0, RELIEF_PIXELS / max(area.width, area.height))
+        shrink = min(1.0, self._pixels / max(area.width, area.height))
         shape = max(2, round(area.width * shrink)), max(2, round(area.height * shrink))
         field = np.flipud(field).astype(np.float32)
         if shape[0] >= field.shape[1] or shape[1] >= field.shape[0]:
