@@ -1,34 +1,47 @@
-"""The fixes of a mission, and the boats' estimates of the AUVs' positions."""
+"""When AUVs are fixed, in each step or by exchanges over the acoustic channel, and the boats' estimates of them.
+
+**The channel** has one exchange at a time, an interrogation and the reply or replies to it. It lasts for the way of the
+sound to the AUV and back, the transponder's turn-around time and the length of the signal. The boat asks all AUVs at
+once, which answer by codes of their own (the exchange then lasts until the farthest reply), or one at a time of those
+that it serves: in turn, or the one with the largest product of what its reply is worth (`reception.reply_worth`) and
+the time since it was asked. No AUV is located twice in a mission step. Several boats begin exchanges in turn; one
+without an AUV to ask passes the turn on. The boat that asked receives the replies, and all boats share what they bring.
+From one exchange to the next there can be a least time.
+
+Times count from the end of the present mission step, s; what lies before is negative.
+"""
 
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission import boat_motion, motion, navigation
-from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, BodyColumn, Draw, EstimateColumn, Parameter, Sensor
+from usvauv.kernels.mission import boat_motion, motion
+from usvauv.kernels.mission.columns import (
+    AuvColumn,
+    BoatColumn,
+    Draw,
+    EstimateColumn,
+    ExchangeColumn,
+    Parameter,
+    Reply,
+    Schedule,
+    Sensor,
+    TallyColumn,
+)
 from usvauv.kernels.mission.reception import (
     ArrayPose,
+    Fix,
     array_pose,
     common_covariance,
-    covariance_at,
     height,
-    measure,
-    true_height,
+    make_fix,
+    reply_worth,
 )
 from usvauv.kernels.mission.worlds import normals, uniforms
 from usvauv.kernels.positioning import tracker, usbl
 from usvauv.kernels.positioning.usbl import Expectation
-from usvauv.kernels.types import vec2, vec3
+from usvauv.kernels.types import ivec2, vec2, vec3
 
 DEPLOYMENT_VARIANCE = 1e-4  # of the place where an AUV is deployed, m²
-
-
-@ti.dataclass
-class Fix:
-    """A fix: `place` in m, `covariance` (xx, xy, yy) of its own errors in m², and `usbl`'s `flags`."""
-
-    place: vec2
-    covariance: vec3
-    flags: ti.i32
 
 
 @func
@@ -52,38 +65,6 @@ def boat_before(worlds: ti.template(), w, b, age) -> vec2:
 def no_fix(worlds: ti.template(), w, k):
     """No fix of AUV k is due in this step."""
     worlds.auv[w, k, AuvColumn.fix_flags] = ti.cast(usbl.SILENT, ti.f32)
-
-
-@func
-def make_fix(
-    worlds: ti.template(), pose: ArrayPose, w, k, here: vec2, there: vec2, expected: Expectation, lost: ti.i32
-) -> Fix:
-    """Fix AUV k, which was `there` when its signal left, from its boat `here`, m; `lost`: no signal comes."""
-    auv = ti.static(worlds.auv)
-    offset = vec3(there[0] - here[0], there[1] - here[1], true_height(worlds, w, pose.boat, k))
-    found = measure(worlds, offset, pose, expected, w, k)
-    flags = ti.cast(found[3], ti.i32)
-    if lost:
-        flags = usbl.LOST
-    if ti.static(worlds.program.vehicle):
-        if flags & usbl.DETECTED:
-            read = auv[w, k, AuvColumn.depth_error] + worlds.body[w, k, BodyColumn.sensor_error]
-            worlds.body[w, k, BodyColumn.told_depth] = read
-    measured = vec3(found[0], found[1], found[2])
-    covariance = covariance_at(worlds, pose, k, measured)
-    common = common_covariance(worlds, pose, k, measured)
-    place = here + pose.displaced + vec2(found[0], found[1])
-    for c in ti.static(range(2)):
-        auv[w, k, AuvColumn.fix_x + c] = place[c]
-        auv[w, k, AuvColumn.heard_x + c] = there[c]
-    auv[w, k, AuvColumn.fix_flags] = ti.cast(flags, ti.f32)
-    auv[w, k, AuvColumn.fix_boat] = ti.cast(pose.boat, ti.f32)
-    for c in ti.static(range(3)):
-        auv[w, k, AuvColumn.covariance_xx + c] = covariance[c] + common[c]
-    if ti.static(worlds.program.fleet):
-        # What fixes of one boat have in common differs from boat to boat.
-        covariance += common
-    return Fix(place=place, covariance=covariance, flags=flags)
 
 
 @func
@@ -156,7 +137,7 @@ def take_reply(worlds: ti.template(), pose: ArrayPose, w, k, there: vec2, age, l
         expected = expect(worlds, w, pose.boat, k, here, worlds.p[Parameter.step] + age)
         fix = make_fix(worlds, pose, w, k, here, there, expected, lost)
         if fix.flags & usbl.DETECTED:  # what the reply carries is there, whatever its fix is worth
-            navigation.read_reply(worlds, w, k)
+            motion.read_reply(worlds, w, k)
             update_track(worlds, w, k, fix, 0.0, vec2(0.0, 0.0))
     else:
         expected = expect(worlds, w, pose.boat, k, here, worlds.estimate[w, k, EstimateColumn.age])
@@ -211,7 +192,7 @@ def finish(worlds: ti.template(), pose: ArrayPose, w, k):
     estimate = ti.static(worlds.estimate)
     estimate[w, k, EstimateColumn.age] = estimate[w, k, EstimateColumn.age] + worlds.p[Parameter.step]
     if ti.static(worlds.program.sensor != Sensor.none):
-        navigation.extrapolate(worlds, w, k)
+        motion.extrapolate(worlds, w, k)
     estimate[w, k, EstimateColumn.separation] = -height(worlds, w, pose.boat, k)
     place = vec2(estimate[w, k, EstimateColumn.x], estimate[w, k, EstimateColumn.y])
     if ti.static(worlds.program.tracker or worlds.program.sensor != Sensor.none):
@@ -244,7 +225,7 @@ def predict(worlds: ti.template(), w, k):
     auv = ti.static(worlds.auv)
     water = vec2(auv[w, k, AuvColumn.water_x], auv[w, k, AuvColumn.water_y])
     tracker.carry(worlds.track, w, k, water, worlds.p[Parameter.step], motion.drifted(worlds, w, k))
-    tracker.spread(worlds.track, w, k, navigation.gnss_change(worlds, worlds.p[Parameter.step]))
+    tracker.spread(worlds.track, w, k, motion.gnss_change(worlds, worlds.p[Parameter.step]))
     worlds.estimate[w, k, EstimateColumn.x] = worlds.track[w, k, tracker.X]
     worlds.estimate[w, k, EstimateColumn.y] = worlds.track[w, k, tracker.Y]
 
@@ -267,3 +248,203 @@ def prepare_next_step(worlds: ti.template(), w, k):
         reading = vec2(worlds.auv[w, k, AuvColumn.current_x], worlds.auv[w, k, AuvColumn.current_y])
         reading += deviation * vec2(noise[0], noise[1])
         tracker.sense(worlds.track, w, k, reading, deviation * deviation)
+
+
+@func
+def duration(worlds: ti.template(), w, b, k) -> vec2:
+    """Time (s) from boat b's interrogation of AUV k to the departure of the reply, and to its end at the boat."""
+    p = ti.static(worlds.p)
+    dx = worlds.auv[w, k, AuvColumn.x] - worlds.boat[w, b, BoatColumn.x]
+    dy = worlds.auv[w, k, AuvColumn.y] - worlds.boat[w, b, BoatColumn.y]
+    z = p[Parameter.separation_boat] + worlds.boat[w, b, BoatColumn.elevation]
+    z += worlds.auv[w, k, AuvColumn.depth_error]
+    travel = ti.sqrt(dx * dx + dy * dy + z * z) / p[Parameter.sound_speed]
+    reply = travel + p[Parameter.turn_around]
+    return vec2(reply, reply + travel + p[Parameter.signal_length])
+
+
+@func
+def may_ask(worlds: ti.template(), w, b, k, start):
+    """Whether boat b may ask AUV k at `start`: its next fix must not fall into a step that has one already."""
+    return worlds.exchange[w, k, ExchangeColumn.over] == 0.0 or start + duration(worlds, w, b, k)[1] > 0.0
+
+
+@func
+def asks(worlds: ti.template(), w, b, k) -> bool:
+    """Whether boat b ever asks AUV k, as long as it is where it is."""
+    found = True
+    if ti.static(worlds.program.schedule != Schedule.all):
+        found = boat_motion.serves(worlds, w, b, k)
+    return found
+
+
+@func
+def chosen(worlds: ti.template(), w, b, start):
+    """The AUV that boat b asks at `start`, −1 for none; with all at once the one whose reply is there last."""
+    count = worlds.auv.shape[1]
+    best = -1
+    largest = -1.0
+    last = ti.cast(worlds.boat[w, b, BoatColumn.asked], ti.i32)
+    for n in range(count):
+        k = (last + 1 + n) % count
+        value = 0.0  # in turn: the first of them
+        if ti.static(worlds.program.schedule == Schedule.by_need):
+            waits = start - worlds.exchange[w, k, ExchangeColumn.reply_at]  # else one that does not reply is asked on
+            value = waits * reply_worth(worlds, w, b, k)
+        elif ti.static(worlds.program.schedule == Schedule.all):
+            value = duration(worlds, w, b, k)[1]
+        if value > largest and asks(worlds, w, b, k):
+            if ti.static(worlds.program.schedule == Schedule.all) or may_ask(worlds, w, b, k, start):
+                largest = value
+                best = k
+    if ti.static(worlds.program.schedule == Schedule.all):
+        if not may_ask(worlds, w, b, best, start):
+            best = -1
+    return best
+
+
+@func
+def ask(worlds: ti.template(), w, b, k, start):
+    """Boat b interrogates AUV k at `start`; returns when its reply is over."""
+    lasts = duration(worlds, w, b, k)
+    worlds.exchange[w, k, ExchangeColumn.reply_at] = start + lasts[0]
+    worlds.exchange[w, k, ExchangeColumn.reply] = Reply.due
+    worlds.boat[w, b, BoatColumn.asked] = ti.cast(k, ti.f32)
+    return start + lasts[1]
+
+
+@func
+def is_lost(worlds: ti.template(), w, k) -> ivec2:
+    """Whether an interrogation of AUV k and its reply are lost in this step."""
+    lost = ivec2(0, 0)
+    if worlds.p[Parameter.packet_loss] > 0.0:
+        u = uniforms(worlds, w, Draw.loss, k)
+        for way in ti.static(range(2)):
+            lost[way] = ti.cast(u[way] < worlds.p[Parameter.packet_loss], ti.i32)
+    return lost
+
+
+@func
+def answer(worlds: ti.template(), w, k):
+    """AUV k hears the interrogation, unless it is lost, and its reply leaves."""
+    exchange = ti.static(worlds.exchange)
+    age = -exchange[w, k, ExchangeColumn.reply_at]
+    share = age / worlds.p[Parameter.step]
+    exchange[w, k, ExchangeColumn.reply] = Reply.lost
+    if not is_lost(worlds, w, k)[0]:
+        exchange[w, k, ExchangeColumn.reply] = Reply.sent
+        for axis in ti.static(range(2)):
+            moved = worlds.auv[w, k, AuvColumn.moved_x + axis]
+            exchange[w, k, ExchangeColumn.sent_x + axis] = worlds.auv[w, k, AuvColumn.x + axis] - share * moved
+        if ti.static(worlds.program.sensor != Sensor.none):
+            motion.receive_filter(worlds, w, k)
+            motion.write_reply(worlds, w, k, age)
+
+
+@func
+def receive(worlds: ti.template(), pose: ArrayPose, w, k, age):
+    """The reply of AUV k arrives `age` seconds before the end of the step, if it does."""
+    there = vec2(worlds.exchange[w, k, ExchangeColumn.sent_x], worlds.exchange[w, k, ExchangeColumn.sent_y])
+    lost = is_lost(worlds, w, k)[1]
+    if worlds.exchange[w, k, ExchangeColumn.reply] == Reply.lost:
+        lost = 1
+    take_reply(worlds, pose, w, k, there, age, lost)
+    worlds.exchange[w, k, ExchangeColumn.reply] = Reply.none
+    worlds.exchange[w, k, ExchangeColumn.over] = 1.0
+
+
+@func
+def begin_step(worlds: ti.template(), w):
+    """Count times from the end of the new step; no exchange has ended in it yet."""
+    step = worlds.p[Parameter.step]
+    for column in ti.static((TallyColumn.channel_free, TallyColumn.next_ping)):
+        worlds.tally[w, column] = ti.max(worlds.tally[w, column] - step, -step)
+    for k in range(worlds.auv.shape[1]):
+        worlds.exchange[w, k, ExchangeColumn.reply_at] = worlds.exchange[w, k, ExchangeColumn.reply_at] - step
+        worlds.exchange[w, k, ExchangeColumn.over] = 0.0
+        no_fix(worlds, w, k)
+
+
+@func
+def open_channel(worlds: ti.template(), w):
+    """When an episode begins the channel is free, and the turn is the first boat's."""
+    boats = worlds.boat.shape[1]
+    worlds.tally[w, TallyColumn.channel_free] = 0.0
+    worlds.tally[w, TallyColumn.next_ping] = 0.0
+    worlds.tally[w, TallyColumn.asking] = ti.cast(boats - 1, ti.f32)
+    for b in range(boats):
+        worlds.boat[w, b, BoatColumn.asked] = -1.0
+
+
+@func
+def begin_exchanges(worlds: ti.template(), pose: ArrayPose, w, k):
+    """Nothing is in the water when an episode begins, and AUV k is where it is deployed."""
+    worlds.exchange[w, k, ExchangeColumn.reply] = Reply.none
+    worlds.exchange[w, k, ExchangeColumn.reply_at] = 0.0
+    no_fix(worlds, w, k)
+    finish(worlds, pose, w, k)
+
+
+@func
+def begin_exchange(worlds: ti.template(), w):
+    """The boat whose turn it is begins an exchange as soon as the channel is free; returns whether one begins."""
+    boats = worlds.boat.shape[1]
+    count = worlds.auv.shape[1]
+    start = ti.max(worlds.tally[w, TallyColumn.channel_free], worlds.tally[w, TallyColumn.next_ping])
+    start = ti.max(start, -worlds.p[Parameter.step])
+    last = ti.cast(worlds.tally[w, TallyColumn.asking], ti.i32)
+    turns = boats
+    if ti.static(worlds.program.schedule == Schedule.all):
+        turns = 1  # every boat has an AUV to ask, if not now then in the next step
+    begins = False
+    for turn in range(turns):
+        if not begins and start < 0.0:
+            b = (last + 1 + turn) % boats
+            first = chosen(worlds, w, b, start)
+            if first >= 0:
+                end = start
+                for k in range(count):
+                    if ti.static(worlds.program.schedule == Schedule.all) or k == first:
+                        end = ti.max(end, ask(worlds, w, b, k, start))
+                worlds.tally[w, TallyColumn.channel_free] = end
+                worlds.tally[w, TallyColumn.next_ping] = start + worlds.p[Parameter.ping_interval]
+                worlds.tally[w, TallyColumn.asking] = ti.cast(b, ti.f32)
+                begins = True
+    return begins
+
+
+@func
+def exchange(worlds: ti.template(), w):
+    """All exchanges of this step: those that end in it give fixes, the last may go on into the next."""
+    begin_step(worlds, w)
+    count = worlds.auv.shape[1]
+    pose = array_pose(worlds, w, 0)
+    under_way = False
+    for k in range(count):
+        under_way = under_way or worlds.exchange[w, k, ExchangeColumn.reply] != Reply.none
+    going_on = True
+    while going_on:
+        going_on = False
+        if not under_way:
+            under_way = begin_exchange(worlds, w)
+        if under_way:
+            for k in range(count):
+                due = worlds.exchange[w, k, ExchangeColumn.reply] == Reply.due
+                if due and worlds.exchange[w, k, ExchangeColumn.reply_at] <= 0.0:
+                    answer(worlds, w, k)
+            end = worlds.tally[w, TallyColumn.channel_free]
+            if end <= 0.0:
+                if ti.static(worlds.program.fleet):
+                    pose = array_pose(worlds, w, ti.cast(worlds.tally[w, TallyColumn.asking], ti.i32))
+                for k in range(count):
+                    reply = worlds.exchange[w, k, ExchangeColumn.reply]
+                    if reply == Reply.sent or reply == Reply.lost:
+                        receive(worlds, pose, w, k, -end)
+                under_way = False
+                going_on = True
+    for b in range(worlds.boat.shape[1]):
+        if ti.static(worlds.program.fleet):
+            pose = array_pose(worlds, w, b)
+        for k in range(count):
+            if boat_motion.serves(worlds, w, b, k):
+                finish(worlds, pose, w, k)

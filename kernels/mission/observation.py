@@ -10,7 +10,7 @@ import taichi as ti
 from usvauv.kernels.flow import airy, at_depth, current, vortex
 from usvauv.kernels.flow.vortex import PLACES, places
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission import boat_motion, navigation, vehicles
+from usvauv.kernels.mission import boat_motion, vehicles
 from usvauv.kernels.mission.columns import (
     AuvColumn,
     BodyColumn,
@@ -20,7 +20,7 @@ from usvauv.kernels.mission.columns import (
     Sensor,
     TallyColumn,
 )
-from usvauv.kernels.mission.motion import distance_to_target, target_of
+from usvauv.kernels.mission.motion import distance_to_target, own_position, target_of
 from usvauv.kernels.mission.target_rules import knowledge
 from usvauv.kernels.types import Level, vec2
 
@@ -41,7 +41,7 @@ AHEAD, LEFT = (
 def target_offset(worlds: ti.template(), w, k) -> vec2:
     """From where AUV k takes itself to be to its target, over the area's diagonal; near it by homing."""
     target = target_of(worlds, w, k)
-    here = navigation.own_position(worlds, w, k)
+    here = own_position(worlds, w, k)
     if ti.static(worlds.program.sensor != Sensor.none):
         if distance_to_target(worlds, w, k) <= worlds.p[Parameter.homing_range]:
             here = vec2(worlds.auv[w, k, AuvColumn.x], worlds.auv[w, k, AuvColumn.y])
@@ -54,7 +54,7 @@ def others(worlds: ti.template(), w, k, first):
     """Estimated positions of the other AUVs relative to the own one."""
     scale = 1.0 / worlds.p[Parameter.diagonal]
     estimate = ti.static(worlds.estimate)
-    here = navigation.own_position(worlds, w, k)
+    here = own_position(worlds, w, k)
     slot = first
     for j in range(worlds.auv.shape[1]):
         if j != k:
@@ -75,7 +75,7 @@ def target(worlds: ti.template(), w, k, first):
 def position(worlds: ti.template(), w, k, first):
     """The own estimated position."""
     scale = 1.0 / worlds.p[Parameter.diagonal]
-    here = navigation.own_position(worlds, w, k)
+    here = own_position(worlds, w, k)
     worlds.observation[w, k, first] = here[0] * scale
     worlds.observation[w, k, first + 1] = here[1] * scale
 

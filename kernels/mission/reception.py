@@ -77,6 +77,15 @@ class Signal:
     amplitude: ti.f32
 
 
+@ti.dataclass
+class Fix:
+    """A fix: `place` in m, `covariance` (xx, xy, yy) of its own errors in m², and `usbl`'s `flags`."""
+
+    place: vec2
+    covariance: vec3
+    flags: ti.i32
+
+
 @func
 def height(worlds: ti.template(), w, b, k):
     """Height of AUV k over boat b on its wave as the boat has it, m: negative. A vehicle tells its depth by replies."""
@@ -338,6 +347,38 @@ def measure(worlds: ti.template(), offset: vec3, pose: ArrayPose, expected: Expe
     if flags == 0:
         flags = found.flags | usbl.AMBIGUOUS * ambiguous
     return vec4(place[0], place[1], place[2], ti.cast(flags, ti.f32))
+
+
+@func
+def make_fix(
+    worlds: ti.template(), pose: ArrayPose, w, k, here: vec2, there: vec2, expected: Expectation, lost: ti.i32
+) -> Fix:
+    """Fix AUV k, which was `there` when its signal left, from its boat `here`, m; `lost`: no signal comes."""
+    auv = ti.static(worlds.auv)
+    offset = vec3(there[0] - here[0], there[1] - here[1], true_height(worlds, w, pose.boat, k))
+    found = measure(worlds, offset, pose, expected, w, k)
+    flags = ti.cast(found[3], ti.i32)
+    if lost:
+        flags = usbl.LOST
+    if ti.static(worlds.program.vehicle):
+        if flags & usbl.DETECTED:
+            read = auv[w, k, AuvColumn.depth_error] + worlds.body[w, k, BodyColumn.sensor_error]
+            worlds.body[w, k, BodyColumn.told_depth] = read
+    measured = vec3(found[0], found[1], found[2])
+    covariance = covariance_at(worlds, pose, k, measured)
+    common = common_covariance(worlds, pose, k, measured)
+    place = here + pose.displaced + vec2(found[0], found[1])
+    for c in ti.static(range(2)):
+        auv[w, k, AuvColumn.fix_x + c] = place[c]
+        auv[w, k, AuvColumn.heard_x + c] = there[c]
+    auv[w, k, AuvColumn.fix_flags] = ti.cast(flags, ti.f32)
+    auv[w, k, AuvColumn.fix_boat] = ti.cast(pose.boat, ti.f32)
+    for c in ti.static(range(3)):
+        auv[w, k, AuvColumn.covariance_xx + c] = covariance[c] + common[c]
+    if ti.static(worlds.program.fleet):
+        # What fixes of one boat have in common differs from boat to boat.
+        covariance += common
+    return Fix(place=place, covariance=covariance, flags=flags)
 
 
 LOGISTIC = 1.702  # 1/(1 + e^{−1.702 x}) is the normal distribution function within 0.01

@@ -15,7 +15,7 @@ from usvauv.kernels.flow import airy
 from usvauv.kernels.flow.current import Water
 from usvauv.kernels.flow.vortex import Vortex
 from usvauv.kernels.functions import func, kernel
-from usvauv.kernels.mission import boat_motion, channel, fixes, motion, navigation, observation, reception, vehicles
+from usvauv.kernels.mission import boat_motion, fixes, motion, observation, reception, vehicles
 from usvauv.kernels.mission.columns import AuvColumn, Draw, EstimateColumn, Parameter, Phase, Schedule, Sensor
 from usvauv.kernels.mission.tasks import rewards
 from usvauv.kernels.mission.worlds import ARRAYS, Program, Rows, Worlds, address, key, uniforms
@@ -140,7 +140,7 @@ def begin_episode(worlds: ti.template(), w):
         worlds.tally[w, c] = 0.0
     boat_motion.place_boats(worlds, w)
     if ti.static(worlds.program.schedule != Schedule.every_step):
-        channel.open_channel(worlds, w)
+        fixes.open_channel(worlds, w)
     for b in range(worlds.boat.shape[1]):
         boat_motion.ride_waves(worlds, w, b)
         boat_motion.renew_gnss_error(worlds, w, b)
@@ -149,13 +149,13 @@ def begin_episode(worlds: ti.template(), w):
             if boat_motion.serves(worlds, w, b, k):
                 fixes.begin_estimate(worlds, pose, w, k)
                 if ti.static(worlds.program.tracker):
-                    navigation.begin_filter(worlds, worlds.track, w, k)
+                    motion.begin_filter(worlds, worlds.track, w, k)
                 if ti.static(worlds.program.sensor != Sensor.none):
-                    navigation.begin(worlds, w, k)
+                    motion.begin_reckoning(worlds, w, k)
                 if ti.static(worlds.program.schedule == Schedule.every_step):
                     fixes.take_fix(worlds, pose, w, k)
                 else:
-                    channel.begin(worlds, pose, w, k)
+                    fixes.begin_exchanges(worlds, pose, w, k)
     for k in range(num_auvs):
         worlds.program.task.assign(worlds, w, k)
     for k in range(num_auvs):
@@ -174,7 +174,7 @@ def move_auvs(worlds: ti.template(), w):
         if ti.static(worlds.program.tracker):
             fixes.predict(worlds, w, k)
         if ti.static(worlds.program.sensor != Sensor.none):
-            navigation.reckon(worlds, w, k)
+            motion.reckon(worlds, w, k)
 
 
 @func
@@ -207,7 +207,7 @@ def locate(worlds: ti.template(), w):
         for b in range(worlds.boat.shape[1]):
             fixes.take_fixes(worlds, w, b)
     else:
-        channel.exchange(worlds, w)
+        fixes.exchange(worlds, w)
 
 
 @func

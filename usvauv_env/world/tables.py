@@ -320,7 +320,7 @@ def speed_response(scenario: Scenario) -> dict[str, float]:
     """Parameters of `usvauv.kernels.mission.motion.respond` for the time constant and the error of an AUV's velocity.
 
     The noise of the velocity at a step's end and of its mean over the step have the covariance of a Gauss–Markov
-    process and its integral; see `usvauv.kernels.mission.navigation`.
+    process and its integral (Gelb, "Applied Optimal Estimation" (1974), §3.6).
     """
     step, lag, deviation = scenario.mission.step, scenario.auv.speed_lag, scenario.auv.speed_noise
     if not lag:
