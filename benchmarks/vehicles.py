@@ -32,7 +32,7 @@ from benchmarks.worlds import stepper
 from tests.kernels.vehicles.reference import Reference, lamb
 from tests.kernels.vehicles.test_torpedo import fields, fleet, flown
 from usvauv.env import Scenario, World
-from usvauv.env.scenario.vehicles import Otter
+from usvauv.env.scenario.team import Otter
 from usvauv.kernels.functions import func
 from usvauv.kernels.vehicles import otter, torpedo
 from usvauv.kernels.vehicles.fleet import Fleet

@@ -35,8 +35,17 @@ from torch import Tensor
 
 from usvauv.env import plugins
 from usvauv.env.scenario import Scenario, ScenarioError
-from usvauv.env.storage import text_files
-from usvauv.env.storage.files import OutputError, atomic_write, inside, sync, writing
+from usvauv.env.storage.files import (
+    OutputError,
+    atomic_write,
+    inside,
+    is_text,
+    parse_text,
+    read_text,
+    readable,
+    sync,
+    writing,
+)
 from usvauv.policies.algorithms import ALGORITHMS, Sizes
 from usvauv.policies.config import TrainingConfig
 from usvauv.policies.frames import FRAMES
@@ -87,7 +96,7 @@ def clean(run: Path) -> None:
         OutputError: the folder cannot be written, what is written there is a link out of it, or its path is not UTF-8,
             which safetensors needs.
     """
-    if not text_files.is_text(os.path.realpath(run)):
+    if not is_text(os.path.realpath(run)):
         raise OutputError(f"{run}: cannot hold checkpoints: its path must be in UTF-8")
     for name in (f"{LAST}{ENDING}", f"{BEST}{ENDING}", TENSORBOARD, WANDB):
         inside(run, run / name)
@@ -125,7 +134,7 @@ def _identity(path: Path) -> tuple[int, int] | None:
 
 
 def _read(path: Path, part: str, device: torch.device) -> Part:
-    if not text_files.is_text(str(path)):  # which safetensors cannot open
+    if not is_text(str(path)):  # which safetensors cannot open
         raise PolicyError(f"{path}: the path of a checkpoint must be in UTF-8")
     try:
         about, tensors = _read_folder(path, part, device) if os.path.isdir(path) else _read_file(path, part, device)
@@ -146,7 +155,7 @@ def _read_file(path: Path, part: str, device: torch.device) -> Part:
     if not os.path.isfile(path):  # a pipe would not end
         raise FileNotFoundError
     with safe_open(path, "pt", device=str(device)) as file:
-        about = text_files.parse((file.metadata() or {})[METADATA], "JSON")[part]
+        about = parse_text((file.metadata() or {})[METADATA], "JSON")[part]
         names = [name for name in file.keys() if name.startswith(f"{part}.")]  # noqa: SIM118 - it is no mapping
         return about, {name.removeprefix(f"{part}."): file.get_tensor(name) for name in names}
 
@@ -154,7 +163,7 @@ def _read_file(path: Path, part: str, device: torch.device) -> Part:
 def _read_folder(path: Path, part: str, device: torch.device) -> Part:
     """A part as version 0.2 wrote it."""
     tensors = path / f"{part}{ENDING}"  # of a finished run of a sweep it was removed
-    about = text_files.read(path / f"{part}.json", "JSON")
+    about = read_text(path / f"{part}.json", "JSON")
     return about, load_file(tensors, device=str(device)) if tensors.is_file() else {}
 
 
@@ -175,10 +184,10 @@ def provenance(begun: Mapping[str, Any], start: Sequence[str] = ("usvauv",)) -> 
 
     commit = git("rev-parse", "HEAD") or "unknown"
     dirty = "+changes" if git("status", "--porcelain", "--untracked-files=no") else ""
-    command = text_files.readable(shlex.join([*start, *sys.argv[1:]]))
+    command = readable(shlex.join([*start, *sys.argv[1:]]))
     now = {"command": command, "commit": commit + dirty, "torch": torch.__version__}
     if files := plugins.loaded():
-        now["plugins"] = [text_files.readable(str(file)) for file in files]
+        now["plugins"] = [readable(str(file)) for file in files]
     if not begun:
         return now
     first = {key: begun[key] for key in ("command", "commit", "torch", "plugins") if key in begun}

@@ -22,7 +22,7 @@ surge by proportional and integral terms. Both know the damping. `allocate` give
 propellers have.
 
 Sources: Fossen, "Handbook of Marine Craft Hydrodynamics and Motion Control" (2021), doi 10.1002/9781119575016, ch. 6
-(M, C, damping), 8 (cross-flow), 10 (wind). Numbers: `usvauv.env.scenario.vehicles.Otter`.
+(M, C, damping), 8 (cross-flow), 10 (wind). Numbers: `usvauv.env.scenario.team.Otter`.
 """
 
 import math

@@ -17,9 +17,20 @@ import torch
 from safetensors.torch import save_file
 
 from usvauv.env import Scenario
-from usvauv.env.storage import text_files
-from usvauv.env.storage.files import LOCK, THIS_HOST, OutputError, atomic_write, check_place, hdf5_file, locked
-from usvauv.env.storage.text_files import TextFileError
+from usvauv.env.storage.files import (
+    LARGEST,
+    LOCK,
+    THIS_HOST,
+    OutputError,
+    TextFileError,
+    atomic_write,
+    check_place,
+    check_plain,
+    hdf5_file,
+    locked,
+    parse_text,
+    read_text,
+)
 
 
 def test_the_file_appears_when_the_block_ends(tmp_path):
@@ -220,18 +231,18 @@ class TestLock:
 @pytest.mark.parametrize("place", [{"\ud800": 1}, {"a": "\ud800"}, {"a": [1, ("b", {"c": "\ud800"})]}])
 def test_text_that_no_file_can_hold(place):
     with pytest.raises(TextFileError, match=r"holds '\\ud800', which is not text"):
-        text_files.check_plain(place)
+        check_plain(place)
 
 
 def test_size(tmp_path, monkeypatch):
-    monkeypatch.setitem(text_files.LARGEST, "JSON", 1000)
+    monkeypatch.setitem(LARGEST, "JSON", 1000)
     path = tmp_path / "a.json"
     path.write_text(json.dumps({"a": "x" * 991}))
     assert path.stat().st_size == 1000
-    assert text_files.read(path, "JSON") == {"a": "x" * 991}
+    assert read_text(path, "JSON") == {"a": "x" * 991}
     path.write_text(json.dumps({"a": "x" * 992}))
     with pytest.raises(TextFileError, match=r"^has more than 1,000 bytes$"):
-        text_files.read(path, "JSON")
+        read_text(path, "JSON")
 
 
 @pytest.mark.parametrize(
@@ -247,11 +258,11 @@ def test_size(tmp_path, monkeypatch):
 )
 def test_what_is_no_table(text, language, said):
     with pytest.raises(TextFileError, match=said):
-        text_files.parse(text, language)
+        parse_text(text, language)
 
 
 def test_ends_of_lines_of_windows():
-    assert text_files.parse("a = '''x\r\ny'''\r\n", "TOML") == {"a": "x\ny"}
+    assert parse_text("a = '''x\r\ny'''\r\n", "TOML") == {"a": "x\ny"}
 
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be"])
@@ -278,4 +289,4 @@ def test_what_is_no_file(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     for path in (tmp_path / "pipe", tmp_path, tmp_path / "none", "a\0b"):
         with pytest.raises(FileNotFoundError, match="is no file"):
-            text_files.read(path, "TOML")
+            read_text(path, "TOML")

@@ -9,9 +9,8 @@ import pytest
 
 from tests.trials.scenarios import numbers
 from usvauv.env import Scenario, ScenarioError
-from usvauv.env.scenario.fields import Section
-from usvauv.env.scenario.files import RETIRED
-from usvauv.env.scenario.task import PluginNumbers
+from usvauv.env.scenario.fields import RETIRED, Section
+from usvauv.env.scenario.team import PluginNumbers
 
 
 @pytest.mark.parametrize("name", Scenario.shipped())

@@ -161,7 +161,7 @@ def test_it_stays_in_the_area():
         (["auv.model=torpdo"], "torpedo"),
         (["auv.action=fins"], "needs a model with dynamics"),
         (['observation.extra=["attitude"]'], "needs an auv.model with dynamics"),
-        (["torpedo.diameter=1.6"], "^extreme: torpedo: length = 1.6: must be above the diameter, 1.6 m$"),
+        ([*TORPEDO, "torpedo.diameter=1.6"], "^extreme: torpedo: length = 1.6: must be above the diameter, 1.6 m$"),
     ],
 )
 def test_refused(overrides, message):

@@ -251,10 +251,10 @@ def _told(value: Any) -> Any:
 
 def _made_by(path: Path) -> dict[str, Any] | None:
     """`_decisive` of the command that wrote a file; None: not known."""
-    from usvauv.env.storage import text_files
+    from usvauv.env.storage.files import parse_text
 
     with suppress(OSError, AttributeError, ValueError):
-        return text_files.parse(os.getxattr(path, MADE_BY).decode(), "JSON")
+        return parse_text(os.getxattr(path, MADE_BY).decode(), "JSON")
     return None
 
 

@@ -21,7 +21,7 @@ from usvauv.env.record.evaluation import MakePolicy, evaluate_batch
 from usvauv.env.record.metrics import FIGURES
 from usvauv.env.record.trace import Trace
 from usvauv.env.scenario import Scenario
-from usvauv.env.storage import text_files
+from usvauv.env.storage.files import readable
 from usvauv.env.storage.tables import Combination, GrowingTable
 from usvauv.env.world.boat_strategies import StrategyChoice
 from usvauv.env.world.world import World
@@ -59,11 +59,11 @@ def definition(scenario: Scenario, combinations: Iterable[Combination], seed: in
     policies, boats, rules = (list(dict.fromkeys(parts)) for parts in zip(*combinations, strict=True))
     decides = {
         "scenario": scenario.to_dict(),
-        "policies": [text_files.readable(name) for name in policies],
+        "policies": [readable(name) for name in policies],
         "boats": boats,
-        "targets": [text_files.readable(name) for name in rules],
+        "targets": [readable(name) for name in rules],
         "seed": seed,
-        "files": {text_files.readable(str(path)): digest for path, digest in digests(policies, (*boats, *rules))},
+        "files": {readable(str(path)): digest for path, digest in digests(policies, (*boats, *rules))},
         "kernels on": runtime.start(arch).arch,
         "version": metadata.version("usvauv"),
     }

@@ -24,8 +24,7 @@ from typing import Any
 from usvauv import env, policies
 from usvauv.cli.sweep.engine import Signs, Stopped
 from usvauv.env import Scenario, World
-from usvauv.env.storage import text_files
-from usvauv.env.storage.files import OutputError, atomic_write, inside, locked, writing
+from usvauv.env.storage.files import OutputError, atomic_write, inside, locked, read_text, writing
 from usvauv.env.storage.tables import read_rows, write_rows
 from usvauv.policies import checkpoint
 from usvauv.policies.checkpoint import provenance
@@ -207,7 +206,7 @@ def _noted(path: Path) -> Iterator[None]:
 def seconds(place: Path) -> float | None:
     """What all attempts at the run of a folder took; None if that is not known."""
     with suppress(OSError, ValueError, KeyError, TypeError):
-        return float(text_files.read(place / MADE, "JSON")["seconds"])
+        return float(read_text(place / MADE, "JSON")["seconds"])
     return None
 
 

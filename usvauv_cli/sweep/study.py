@@ -20,7 +20,7 @@ from usvauv.cli.sweep.run import Piece, key_of
 from usvauv.env.record.metrics import FIGURES, task_metrics
 from usvauv.env.scenario import Scenario
 from usvauv.env.scenario.fields import Section, one_line, one_of
-from usvauv.env.storage import text_files
+from usvauv.env.storage.files import TextFileError, decoded, read_text
 from usvauv.env.world.boat_strategies import StrategyChoice
 from usvauv.kernels.errors import UserError
 
@@ -100,10 +100,10 @@ def read(path: Path) -> Study:
         UserError: one line that names the file, the field, its value and what is allowed.
     """
     try:
-        data = text_files.read(path, "TOML")
+        data = read_text(path, "TOML")
     except FileNotFoundError:
         raise UserError(f"{path}: is no file") from None
-    except text_files.TextFileError as error:
+    except TextFileError as error:
         raise UserError(f"{path}: {error}") from None
     allowed = {"common": dict, "runs": list, "evaluation": dict, "resources": dict}
     for name, value in data.items():
@@ -124,9 +124,7 @@ def read(path: Path) -> Study:
             planned.setdefault(key_of(definition), (run, definition))
     if not planned:
         raise UserError(f"{path}: runs: there are none; expected at least one [[runs]]")
-    return Study(
-        path, text_files.decoded(path.read_bytes()), tuple(_named(list(planned.values()))), evaluation, resources
-    )
+    return Study(path, decoded(path.read_bytes()), tuple(_named(list(planned.values()))), evaluation, resources)
 
 
 S = TypeVar("S", bound=Section)

@@ -20,8 +20,8 @@ from usvauv.env.site import place
 from usvauv.env.site.ocean import at_time, parse_time
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site
-from usvauv.env.storage import netcdf, text_files
-from usvauv.env.storage.files import hdf5_file
+from usvauv.env.storage import netcdf
+from usvauv.env.storage.files import TextFileError, hdf5_file, parse_text
 from usvauv.env.storage.memory import RowsOnDisk
 from usvauv.env.storage.netcdf import OceanError
 from usvauv.kernels.errors import UserError
@@ -269,7 +269,7 @@ class Trace:
                 texts[name] = attributes.get(name)
                 if not isinstance(texts[name], str):
                     raise TraceError(f"its attribute {name} is not text")
-            scenario = Scenario.from_dict(text_files.parse(texts["scenario"], "JSON"), "its scenario", stored=True)
+            scenario = Scenario.from_dict(parse_text(texts["scenario"], "JSON"), "its scenario", stored=True)
             if DERIVED not in arrays:
                 way = np.diff(arrays["boat_position"], axis=0, prepend=arrays["boat_position"][:1])
                 arrays[DERIVED] = headings(way / scenario.mission.step, scenario.mission.step)
@@ -280,7 +280,7 @@ class Trace:
                 raise TraceError("its attribute seed is not a whole number")
         except netcdf.NetcdfError as error:
             raise TraceError(str(error)) from None
-        except (TraceError, ScenarioError, OceanError, text_files.TextFileError) as error:
+        except (TraceError, ScenarioError, OceanError, TextFileError) as error:
             raise TraceError(f"{path}: not a usvauv trace: {error}") from None
         return cls(
             scenario=scenario,

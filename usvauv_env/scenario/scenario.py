@@ -13,14 +13,37 @@ from typing import Annotated, Any
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
-from usvauv.env.scenario import files
-from usvauv.env.scenario.fields import Section, one_line, one_of, section
-from usvauv.env.scenario.files import ScenarioError
-from usvauv.env.scenario.sea import INFRAGRAVITY, SMALLEST_PERIOD, Area, Current, Mission, Sea, Storm, Water
-from usvauv.env.scenario.sound import Acoustics, Channel, Usbl
-from usvauv.env.scenario.task import Nodes, Observation, PluginNumbers, Reference, Reward, Stations
-from usvauv.env.scenario.vehicles import Auv, Boat, Navigation, Otter, Planner, Torpedo, Tracker
-from usvauv.env.storage import text_files
+from usvauv.env.scenario import fields
+from usvauv.env.scenario.fields import ScenarioError, Section, as_toml, one_line, one_of, section
+from usvauv.env.scenario.sea import (
+    INFRAGRAVITY,
+    SMALLEST_PERIOD,
+    Acoustics,
+    Area,
+    Channel,
+    Current,
+    Mission,
+    Sea,
+    Storm,
+    Usbl,
+    Water,
+)
+from usvauv.env.scenario.team import (
+    Auv,
+    Boat,
+    Navigation,
+    Nodes,
+    Observation,
+    Otter,
+    Planner,
+    PluginNumbers,
+    Reference,
+    Reward,
+    Stations,
+    Torpedo,
+    Tracker,
+)
+from usvauv.env.storage.files import TextFileError, check_plain
 from usvauv.kernels.mission.tasks.task import Task, tasks
 from usvauv.kernels.positioning.pulse import FEWEST_CHIPS, FEWEST_PERIODS
 from usvauv.kernels.vehicles.vehicle import vehicles
@@ -154,6 +177,11 @@ class Scenario(Section):
             return
         if self.task == "data-collection" and self.nodes.service == "hover":
             raise ValueError(f'nodes.service = "hover": a {auv.model} cannot hover: must be "passing"')
+        if auv.model == "torpedo":
+            try:
+                vehicles["torpedo"].table_of(dict(self.torpedo))
+            except ValueError as error:
+                raise ValueError(f"torpedo: {error}") from None
         for name in ("altitude", *(["depth_max"] if auv.action == "vector-depth" else [])):
             if getattr(auv, name) >= depth:
                 raise ValueError(f"auv.{name} = {getattr(auv, name):g}: must be below area.depth, {depth:g} m")
@@ -314,10 +342,7 @@ class Scenario(Section):
         """Number of places that AUVs can be sent to: nodes, or stations."""
         return self.nodes.count if self.task_definition.targets == "nodes" else self.auv.count
 
-    @staticmethod
-    def shipped() -> list[str]:
-        """Names of the scenarios inside the package."""
-        return files.shipped()
+    shipped = staticmethod(fields.shipped)
 
     @classmethod
     def load(cls, name_or_path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
@@ -326,9 +351,9 @@ class Scenario(Section):
         Raises:
             ScenarioError: unknown name, unreadable file, unknown field, wrong type or a value out of range.
         """
-        data, source = files.read(name_or_path)
+        data, source = fields.read(name_or_path)
         for override in overrides:
-            files.override_field(data, override)
+            fields.override_field(data, override)
         return cls.from_dict(data, source)
 
     def with_targets(self, rule: str | None) -> Scenario:
@@ -364,15 +389,15 @@ class Scenario(Section):
             data: as `to_dict` returns them.
             source: names them in an error message.
             stored: by this version or an earlier one, as in a checkpoint or a trace: fields and values that are gone
-                since (`files.RETIRED`) take their defaults.
+                since (`fields.RETIRED`) take their defaults.
 
         Raises:
             ScenarioError: an unknown or retired field, wrong type or a value out of range.
         """
         try:
-            text_files.check_plain(data)
-            return cls.model_validate(files.without_retired(data, source, stored))
-        except text_files.TextFileError as error:
+            check_plain(data)
+            return cls.model_validate(fields.without_retired(data, source, stored))
+        except TextFileError as error:
             raise ScenarioError(f"{source}: {error}") from None
         except ValidationError as error:
             raise ScenarioError(one_line(error, source, cls)) from None
@@ -382,7 +407,7 @@ class Scenario(Section):
         shipped = self.name in self.shipped()
         base = self.load(self.name) if shipped else self.from_dict({})
         changes = [
-            f"  {name} = {files.as_toml(value)}, {'shipped' if shipped else 'default'} {files.as_toml(usual)}"
+            f"  {name} = {as_toml(value)}, {'shipped' if shipped else 'default'} {as_toml(usual)}"
             for name, value, usual in self.differences(base)
         ]
         area, auvs, boats = self.area, self.auv.count, self.boat.count
@@ -417,14 +442,14 @@ class Scenario(Section):
         for field, info in type(self).model_fields.items():
             value = getattr(self, field)
             if not isinstance(value, Section):
-                lines.append(f"{field} = {files.as_toml(value)}  # {info.description}")
+                lines.append(f"{field} = {as_toml(value)}  # {info.description}")
         for field, info in type(self).model_fields.items():
             section = getattr(self, field)
             if isinstance(section, Section):
                 lines += ["", f"[{field}]  # {info.description}"]
                 lines += [
-                    f"{key} = {files.as_toml(getattr(section, key))}  # {about.description}"
+                    f"{key} = {as_toml(getattr(section, key))}  # {about.description}"
                     for key, about in type(section).model_fields.items()
                 ]
-                lines += [f"{key} = {files.as_toml(value)}" for key, value in (section.model_extra or {}).items()]
+                lines += [f"{key} = {as_toml(value)}" for key, value in (section.model_extra or {}).items()]
         return "\n".join(lines) + "\n"

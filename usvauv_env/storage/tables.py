@@ -15,8 +15,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from usvauv.env.storage import text_files
-from usvauv.env.storage.files import LOCK, OutputError, atomic_write, inside, locked, writing
+from usvauv.env.storage.files import LOCK, OutputError, TextFileError, atomic_write, inside, locked, read_text, writing
 from usvauv.kernels.errors import UserError
 
 ABOUT = "evaluation.json"
@@ -128,13 +127,13 @@ def growing_table(out: Path, resume: bool) -> Iterator[GrowingTable]:
         with locked(path):
             about = None
             if (path / ABOUT).exists():
-                about = text_files.read(inside(path, path / ABOUT), "JSON")
+                about = read_text(inside(path, path / ABOUT), "JSON")
             elif os.listdir(path) != [LOCK]:
                 raise OutputError(f"{path}: is not of an evaluation that was stopped; remove it or take another --out")
             if about is not None and not resume:
                 raise UserError(f"{path}: holds episodes of an earlier run; take it up with --resume, or remove it")
             yield GrowingTable(out, path, about)
-    except text_files.TextFileError as error:
+    except TextFileError as error:
         raise OutputError(f"{path / ABOUT}: {error}; remove {path} or take another --out") from None
     finally:
         with suppress(OSError):  # of batches that are kept

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from usvauv.env.scenario import Scenario
-from usvauv.env.scenario.task import CLEAREST, Nodes
+from usvauv.env.scenario.team import CLEAREST, Nodes
 from usvauv.env.sea.storm import total_height, wave_systems
 from usvauv.env.site.place import far_position
 from usvauv.env.site.site import Site

@@ -8,7 +8,7 @@ import taichi as ti
 import torch
 from scipy.integrate import quad, solve_ivp
 
-from usvauv.env.scenario.vehicles import Otter
+from usvauv.env.scenario.team import Otter
 from usvauv.kernels.functions import kernel
 from usvauv.kernels.types import array1, array2, vec2
 from usvauv.kernels.vehicles import otter
