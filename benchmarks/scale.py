@@ -29,6 +29,7 @@ from usvauv import policies
 from usvauv.cli.commands.train import STEPS
 from usvauv.cli.sweep.engine import Engine, Local, Signs, Task, conduct, signs_in
 from usvauv.cli.sweep.perform import OnRay
+from usvauv.cli.sweep.study import Resources
 from usvauv.env import Scenario, World
 from usvauv.kernels import runtime
 from usvauv.kernels.errors import UserError
@@ -145,7 +146,7 @@ def engines() -> dict[str, float]:
     """Seconds a task of each engine that is there."""
     found = {"processes of this machine": dispatch(Local(2, 1))}
     with suppress(UserError):  # Ray is not installed
-        found["Ray on this machine"] = dispatch(OnRay("local", 2, 1, 0.5, 0.0))
+        found["Ray on this machine"] = dispatch(OnRay("local", 2, Resources(memory=0.5)))
     return found
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 from typer.cli import get_docs_for_click
 
-from usvauv.cli.parser import app as usvauv
+from usvauv.cli.app import parser
 from usvauv.env import Scenario
 
 if TYPE_CHECKING:
@@ -27,7 +27,7 @@ COLUMNS = re.compile(r"\[\[(.*?)\]")  # of a list of points
 
 def command_line() -> str:
     """Usage, arguments and options of each command."""
-    group: Any = typer.main.get_command(usvauv)
+    group: Any = typer.main.get_command(parser())
     context = typer.Context(group)
     commands = (
         get_docs_for_click(obj=command, ctx=context, indent=1, call_prefix="usvauv")

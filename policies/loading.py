@@ -88,13 +88,14 @@ def _file(module: str) -> str:
     return getattr(sys.modules.get(module), "__file__", None) or f"module {module}"
 
 
-def _shipped() -> Path:
-    return Path(str(resources.files("usvauv.policies") / "trained"))
+def shipped() -> dict[str, Path]:
+    """Name → file of the trained policies inside the package."""
+    return {path.stem: path for path in Path(str(resources.files("usvauv.policies") / "trained")).glob(f"*{ENDING}")}
 
 
 def trained() -> list[str]:
     """Names of the trained policies inside the package, the highest score first."""
-    scores = {path.stem: read(path, POLICY)[0]["score"] for path in _shipped().glob(f"*{ENDING}")}
+    scores = {name: read(path, POLICY)[0]["score"] for name, path in shipped().items()}
     return sorted(scores, key=lambda name: (-scores[name], name))
 
 
@@ -105,7 +106,7 @@ def available() -> list[str]:
 
 def about(name: str) -> str:
     """What a trained policy in the package is, in a sentence, by its checkpoint."""
-    made = read(_shipped() / f"{name}{ENDING}", POLICY)[0]
+    made = read(shipped()[name], POLICY)[0]
     where, boat = made["scenario"]["name"], made["usv"]
     return f"{made['algorithm'].upper()}, trained in {where} with {made['num_auvs']} AUVs and the boat {boat}"
 
@@ -205,8 +206,8 @@ def load_learned(
     text = str(name)
     if _base(name) in HEURISTICS:
         raise PolicyError(f"policy {text}: has no network; only learned policies have")
-    if text in trained():
-        return load_policy(_shipped() / f"{text}{ENDING}", text, scenario, device)
+    if own := shipped().get(text):
+        return load_policy(own, text, scenario, device)
     path = _checkpoint(Path(name))
     if path is None and os.path.exists(name):
         raise PolicyError(f"{text}: not a checkpoint, and holds no {BEST}{ENDING} or {LAST}{ENDING} of a training run")

@@ -18,7 +18,7 @@ import pytest
 import typer
 
 from usvauv import env
-from usvauv.cli.parser import app
+from usvauv.cli.app import parser
 from usvauv.env import plugins
 
 ROOT = Path(__file__).parents[1]
@@ -102,7 +102,7 @@ def test_commands_parse(monkeypatch, command):
     monkeypatch.setattr(plugins, "load", lambda path: None)
     program, *arguments = command
     if program == "usvauv":
-        group = typer.main.get_command(app)
+        group = typer.main.get_command(parser())
         try:
             context = group.make_context("usvauv", list(arguments))
             name, subcommand, rest = group.resolve_command(context, [*context._protected_args, *context.args])

@@ -35,7 +35,8 @@ def test_one_place_alone_imports(library, place, parts):
 
 def test_what_reads_no_netcdf_and_draws_nothing_loads_no_library_for_it():
     code = (
-        "import sys, usvauv.policies, usvauv.env, usvauv.env.render.video, usvauv.cli.report, usvauv.cli.sweep.run;"
+        "import sys, usvauv.policies, usvauv.env, usvauv.env.render.video, "
+        "usvauv.cli.evaluation.tables, usvauv.cli.sweep.run;"
         "print({'xarray', 'h5py', 'matplotlib'} & {*sys.modules})"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)

@@ -19,10 +19,14 @@ import signal
 import sys
 import threading
 import unicodedata
-from typing import Any, NoReturn
+from importlib import metadata
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from usvauv.kernels.errors import TRACEBACK, UserError
 from usvauv.kernels.interruption import PATIENCE, SIGNALS, SIGPIPE, Interrupted, Interruption, in_thread
+
+if TYPE_CHECKING:
+    import typer
 
 FAILED = 2
 LEADS = "WORLD_SIZE" not in os.environ or os.environ.get("RANK", "0") == "0"  # what launchers of several processes set
@@ -124,15 +128,53 @@ def run(interruption: Interruption | None = None) -> int:
 def _command() -> int:
     import typer
 
-    from usvauv.cli.parser import app
-
-    command = typer.main.get_command(app)
+    command = typer.main.get_command(parser())
     try:
         # Not `app()`: it has answers of its own to Ctrl-C and to a closed pipe.
         with command.make_context("usvauv", sys.argv[1:]) as context:
             return command.invoke(context) or 0
     except typer.Exit as done:
         return done.exit_code
+
+
+def parser() -> typer.Typer:
+    """The commands and their common options.
+
+    Each command's module imports what it needs when it runs, so that `--help` answers at once.
+    """
+    import typer
+
+    from usvauv.cli.commands import evaluate, export, inspect, plan, sea, simulate, sweep, train, train_targets
+
+    app = typer.Typer(
+        name="usvauv",
+        help="USV–AUV collaboration under extreme seas: simulate to a video, train policies, evaluate to a table.",
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        rich_markup_mode="markdown",
+    )
+    for command in (
+        *(simulate.simulate, simulate.replay, simulate.live, train.train, train_targets.train_targets),
+        *(evaluate.evaluate, export.export, sweep.sweep, sweep.reproduce, plan.plan, sea.sea),
+        *(inspect.scenarios, inspect.policies, inspect.boats, inspect.targets, inspect.doctor),
+    ):
+        app.command("eval" if command is evaluate.evaluate else None)(command)
+
+    def print_version(wanted: bool) -> None:
+        if wanted:
+            typer.echo(f"usvauv {metadata.version('usvauv')}")
+            raise typer.Exit
+
+    @app.callback()
+    def options(
+        version: bool = typer.Option(
+            False, "--version", callback=print_version, is_eager=True, help="Show the version and exit."
+        ),
+    ) -> None:
+        """The options of `usvauv` itself; the app's help text stands above."""
+
+    return app
 
 
 def _signal(error: BaseException, interruption: Interruption | None) -> int | None:

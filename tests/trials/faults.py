@@ -35,12 +35,13 @@ import av
 import torch
 import xarray
 
-from usvauv.cli import app, parser, report, sea_view  # noqa: F401  imported once, for all forks
-from usvauv.cli.planning import figure  # noqa: F401
+from usvauv.cli import app
+from usvauv.cli.planning import figure  # noqa: F401  imported once, for all forks
 from usvauv.cli.reproduction import page  # noqa: F401
 from usvauv.policies import checkpoint
 from usvauv.policies.policy import PolicyError
 
+app.parser()  # which imports the commands once, for all forks
 CPU = torch.device("cpu")
 BEGIN = [
     *("ideal", "--worlds", "4", "--steps", "1000", "--usv", "centroid", "--seed", "5", "--set", "mission.duration=12"),

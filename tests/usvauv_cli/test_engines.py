@@ -17,8 +17,11 @@ from tests.usvauv_cli import slurm_here, work
 from usvauv.cli.sweep import perform
 from usvauv.cli.sweep.engine import ATTEMPTS, Ended, Engine, Local, Task, conduct, signs_in
 from usvauv.cli.sweep.perform import OnRay, OnSlurm
+from usvauv.cli.sweep.study import Resources
 from usvauv.kernels.errors import UserError
 from usvauv.kernels.interruption import SIGNALS, Interrupted, Interruption
+
+SMALL = Resources(memory=0.5, hours=0.1)
 
 
 def conducted(engine: Engine, folder: Path, watch=lambda: None, **pieces) -> dict[str, Ended]:
@@ -102,7 +105,7 @@ def slurm(monkeypatch):
 
 class TestSlurmEngine:
     def engine(self, folder, jobs=2) -> OnSlurm:
-        return OnSlurm(folder / "slurm", "batch", jobs, 1, 1.0, 0.0, 0.1)
+        return OnSlurm(folder / "slurm", "batch", jobs, SMALL)
 
     def test_gives_results_failures_and_what_is_lost(self, slurm, tmp_path):
         pieces = {"fails": work.failing, "once": partial(work.killed, tmp_path / "once", 1)}
@@ -136,7 +139,7 @@ class TestSlurmEngine:
                 assert left.wait(30) == [Ended("a", "stopped")]
 
     def test_refuses_a_partition_that_is_not_there(self, slurm, tmp_path):
-        engine = OnSlurm(tmp_path / "slurm", "nowhere", 2, 1, 1.0, 0.0, 0.1)
+        engine = OnSlurm(tmp_path / "slurm", "nowhere", 2, SMALL)
         with signs_in(tmp_path) as signs, pytest.raises(UserError) as refused:
             conduct(engine, [Task("a", work.failing, signs, 1, "cpu")], signs, pytest.fail)
         assert str(refused.value).startswith("--slurm nowhere: sbatch: error: invalid partition specified")
@@ -164,7 +167,7 @@ def test_a_signal_while_ray_starts_leaves_nothing_of_it(monkeypatch, signum):
     before = signal.signal(signum, Interruption())
     try:
         with pytest.raises(Interrupted):
-            OnRay("local", 1, 1, 1.0, 0.0)
+            OnRay("local", 1, SMALL)
     finally:
         signal.signal(signum, before)
     assert running == []
@@ -206,7 +209,7 @@ class TestRayEngine:
                 (other,) = begun - {node.node_id}
                 (tmp_path / f"go on-{other}").touch()
 
-        engine = OnRay(cluster.address, 1, 1, 0.5, 0.0)
+        engine = OnRay(cluster.address, 1, SMALL)
         results = conducted(engine, tmp_path, watch, **{n: partial(work.on_node, tmp_path, n) for n in "abc"})
         assert {name: result.how for name, result in results.items()} == dict.fromkeys("abc", "done")
         assert removed
@@ -216,7 +219,7 @@ class TestRayEngine:
     def test_gives_failures_and_what_is_lost(self, tmp_path):
         pytest.importorskip("ray", reason="needs the extra scale")
         pieces = {"fails": work.failing, "once": partial(work.killed, tmp_path / "once", 1)}
-        results = conducted(OnRay("local", 1, 1, 0.5, 0.0), tmp_path, **pieces)
+        results = conducted(OnRay("local", 1, SMALL), tmp_path, **pieces)
         assert results == {"fails": Ended("fails", "failed", "the last line"), "once": Ended("once", "done")}
         assert (tmp_path / "once").read_text() == "2"
 
@@ -224,5 +227,5 @@ class TestRayEngine:
         pytest.importorskip("ray", reason="needs the extra scale")
         before = signal.getsignal(signal.SIGTERM)
         with pytest.raises(UserError, match="--ray auto: "):
-            OnRay("auto", 1, 1, 0.5, 0.0)
+            OnRay("auto", 1, SMALL)
         assert signal.getsignal(signal.SIGTERM) is before

@@ -17,14 +17,11 @@ from usvauv.cli.evaluation.comparison import (
     Comparison,
     Estimate,
     Moments,
-    dependence,
     interval,
-    labels,
-    sentence,
-    sentences,
     t_quantile,
     words,
 )
+from usvauv.cli.evaluation.tables import dependence, labels, sentence, sentences
 from usvauv.env import Scenario, World, evaluate
 from usvauv.env.record import evaluation
 from usvauv.env.record.metrics import FIGURES

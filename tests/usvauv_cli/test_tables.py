@@ -7,10 +7,10 @@ import pytest
 import torch
 from rich.console import Console
 
-from usvauv.cli import report
+from usvauv.cli.commands import training_table
 from usvauv.cli.evaluation.comparison import Comparison
-from usvauv.cli.tables import COLUMNS as HEADED
-from usvauv.cli.tables import OF_STATIONS
+from usvauv.cli.evaluation.tables import COLUMNS as HEADED
+from usvauv.cli.evaluation.tables import OF_STATIONS, metrics_tables
 from usvauv.env import Scenario
 from usvauv.env.record.metrics import COLUMNS, FIGURES, EpisodeMetrics
 from usvauv.env.storage.tables import Combination
@@ -42,7 +42,7 @@ def tables_of(rows, scenario, wide):
         batch.setdefault(Combination(row.policy, row.usv, row.targets), []).append(row.columns())
     comparison = Comparison(list(batch))
     comparison.add(batch)
-    report.metrics_tables(comparison, Scenario.load(scenario), 0, wide)
+    metrics_tables(comparison, Scenario.load(scenario), 0, wide)
 
 
 @pytest.mark.parametrize("policies", [["clear"], LONG], ids=["one", "many"])
@@ -80,7 +80,7 @@ def test_the_table_of_a_training_run_fits_80_by_24(algorithm):
     learner = learner_figures(algorithm)
     reward = {f"a-term-of-a-plugin-{n}": -12345.678 * n for n in range(15)}
     worlds = {"arps": -12345.67, "sdr": 12.34, "ec": 187.21, "services": 123.4, "border": 3.0, "position_error": 12.3}
-    evaluation = dict.fromkeys(report.TRAINED, -12345.67) | {"margin": -12.345, "margin_half": 0.123}
+    evaluation = dict.fromkeys(training_table.TRAINED, -12345.67) | {"margin": -12.345, "margin_half": 0.123}
     figures = {
         **worlds, "steps": 123_456_789, "total": 200_000_000, "eta": 359_999.0, "steps_per_second": 123_456.0,
         "updates": 12_345_678, "evaluation": evaluation, "evaluated_at": 123_456_789, "reward": reward,
@@ -88,7 +88,7 @@ def test_the_table_of_a_training_run_fits_80_by_24(algorithm):
     }  # fmt: skip
     console = Console(width=80, height=24, file=io.StringIO(), markup=False)
     console.print(
-        report.training_table(
+        training_table.training_table(
             figures, evaluation | {"policy": LONG[0], "start": "clear:80"}, f"{algorithm} in {'x' * 60}"
         )
     )
@@ -96,7 +96,7 @@ def test_the_table_of_a_training_run_fits_80_by_24(algorithm):
     lines = text.splitlines()
     assert len(lines) <= 22
     assert max(map(len, lines)) <= 80
-    assert text.count("-12345.67") == 1 + 2 * len(report.TRAINED)
+    assert text.count("-12345.67") == 1 + 2 * len(training_table.TRAINED)
     for name, value in (reward | learner).items():
         assert f"{value:.3g}" in text, name
     assert all(name in text for name in learner)

@@ -15,8 +15,8 @@ from scipy import stats
 
 from tests.usvauv_cli.pages import CHROMIUM, Elements, check_alone, check_figures, in_browser
 from usvauv import play, policies
-from usvauv.cli.evaluation.comparison import Comparison, sentences
-from usvauv.cli.tables import column_tables
+from usvauv.cli.evaluation.comparison import Comparison
+from usvauv.cli.evaluation.tables import column_tables, sentences
 from usvauv.cli.web_report import document, page
 from usvauv.cli.web_report.episodes import (
     ERRORS,

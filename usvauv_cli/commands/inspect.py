@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from usvauv.cli import terminal
 from usvauv.cli.commands.options import Overrides, Plugins
-from usvauv.cli.tables import counted, duration
+from usvauv.cli.terminal import counted, duration
 from usvauv.kernels.errors import UserError
 
 if TYPE_CHECKING:
@@ -78,7 +79,6 @@ def scenarios(
 
     `usvauv scenarios mine.toml --check`
     """
-    from usvauv.cli import tables
     from usvauv.env import Scenario
 
     if check:
@@ -88,7 +88,7 @@ def scenarios(
 
         findings = regime.check(Scenario.load(scenario, overrides or ()))
         for found in findings:
-            typer.echo(tables.wrapped(f"{found.verdict:11} {found}", 12))
+            typer.echo(terminal.wrapped(f"{found.verdict:11} {found}", 12))
         if any(found.verdict == "error" for found in findings):
             raise typer.Exit(2)
         return
@@ -158,12 +158,11 @@ def doctor() -> None:
     """
     import torch
 
-    from usvauv.cli import tables
     from usvauv.env.storage import memory
     from usvauv.kernels import runtime
 
     def show(name: str, text: str) -> None:
-        typer.echo(tables.wrapped(f"{name:<13} {text}", 14))
+        typer.echo(terminal.wrapped(f"{name:<13} {text}", 14))
 
     broken: list[str] = []
     show("python", f"{platform.python_version()} on {platform.system()} {platform.machine()}")
@@ -304,8 +303,7 @@ def _show_registered(
 
 def show(title: str, items: Iterable[Item]) -> None:
     """Print a title and below it a paragraph for each item."""
-    from usvauv.cli import tables
 
     typer.echo(title)
     for form, about in items:
-        typer.echo(tables.wrapped(f"  {form:<21} {about}", 24))
+        typer.echo(terminal.wrapped(f"  {form:<21} {about}", 24))

@@ -1,4 +1,4 @@
-"""Options that several commands share, declared once."""
+"""Options that several commands share, declared once and checked before long work; a refusal is a `UserError`."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from usvauv.cli.terminal import counted
 from usvauv.kernels.errors import UserError
 
 if TYPE_CHECKING:
@@ -90,11 +91,7 @@ def loading(command: str | None) -> Iterator[None]:
 
 
 def preparing(scenario: Scenario, arch: str) -> None:
-    """Say that a world is made, which may take long: its kernels are compiled where they are in no cache.
-
-    Raises:
-        UserError: the architecture cannot be used.
-    """
+    """Start Taichi, and say that a world is made, which may take long: its kernels are compiled where in no cache."""
     from usvauv.kernels import runtime
 
     seconds = 6 if runtime.start(arch).on_cpu else 25
@@ -130,11 +127,10 @@ Plugins = Annotated[
 
 def warn_team_size(name: str, scenario: Scenario) -> None:
     """Say so where a trained policy that ships was trained with another number of AUVs than a scenario has."""
-    from usvauv import policies
-    from usvauv.cli.tables import counted
+    from usvauv.policies.loading import load_learned, shipped
 
-    if name in policies.trained():
-        count, trained = scenario.auv.count, policies.load_learned(name).scenario.auv.count
+    if name in shipped():
+        count, trained = scenario.auv.count, load_learned(name).scenario.auv.count
         if count != trained:
             typer.echo(
                 f"policy {name}: was trained with {counted(trained, 'AUV')}; scenario {scenario.name!r} has {count}",
@@ -142,21 +138,8 @@ def warn_team_size(name: str, scenario: Scenario) -> None:
             )
 
 
-def warn_reflections(scenario: Scenario) -> None:
-    """Warn where reflections that a scenario leaves out would be the largest error of fixes."""
-    from usvauv.env.planning.fix_errors import reflections_warning
-    from usvauv.env.site.site import Site
-
-    if line := reflections_warning(Site(scenario)):
-        typer.echo(f"warning: {line}", err=True)
-
-
 def check_regime(*scenarios: Scenario) -> None:
-    """Warn of what scenarios simulate that hardly occurs at sea, a line each, which comes once.
-
-    Raises:
-        UserError: nothing can come of a mission in one.
-    """
+    """Refuse scenarios in which nothing can come of a mission; warn of what hardly occurs at sea, a line each."""
     from usvauv.env.world import regime
 
     lines: list[str] = []
@@ -171,22 +154,14 @@ def check_regime(*scenarios: Scenario) -> None:
 
 
 def at_least(option: str, value: float, least: float) -> None:
-    """Check a number given by an option.
-
-    Raises:
-        UserError: `value` is below `least`, or not finite.
-    """
+    """Refuse a number given by an option that is below `least`, or not finite."""
     if not least <= value < math.inf:
         raise UserError(f"{option} {value}: must be at least {least}, and finite")
 
 
 def writable(context: typer.Context, path: Path, option: str, endings: Sequence[str]) -> Path:
-    """The path of a result given by an option, checked before long work: a file of a format that the command has can be
-    created, or may be replaced, see `keep_others`.
-
-    Raises:
-        UserError: it has another ending than those allowed (in lower case), is a folder, its folder is missing, it
-            cannot be written, or is there already.
+    """The path of a result given by an option: a file with one of some endings (in lower case) can be created there, or
+    may be replaced, see `keep_others`.
     """
     from usvauv.env.storage.files import OutputError, check_place
 
@@ -211,9 +186,6 @@ def keep_others(context: typer.Context, path: Path, option: str) -> None:
 
     What it writes says by an extended attribute what made it. Nothing is known where the system has no such attributes,
     nor of a copy that was made without them.
-
-    Raises:
-        UserError: the file is there, or the folder is not empty, made by other arguments, or it does not say.
     """
     arguments, before = _decisive(context), _identity(path)
     there = os.path.exists(path) and not (os.path.isdir(path) and not os.listdir(path))
@@ -266,11 +238,7 @@ def _identity(path: Path) -> tuple[int, int] | None:
 
 
 def make_folder(path: Path, option: str = "--out") -> None:
-    """Create the folder given by an option, where it is missing.
-
-    Raises:
-        UserError: it cannot be created.
-    """
+    """Create the folder given by an option, where it is missing."""
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -278,11 +246,7 @@ def make_folder(path: Path, option: str = "--out") -> None:
 
 
 def parse_size(text: str) -> tuple[int, int]:
-    """Read WIDTHxHEIGHT.
-
-    Raises:
-        UserError: not two whole numbers from `SMALLEST` to `LARGEST`.
-    """
+    """Read WIDTHxHEIGHT, each from `SMALLEST` to `LARGEST`."""
     from usvauv.env.render.video import LARGEST, SMALLEST
 
     found = re.fullmatch(r"([0-9]{3,4})[xX]([0-9]{3,4})", text)
@@ -294,11 +258,7 @@ def parse_size(text: str) -> tuple[int, int]:
 
 
 def checked_video(context: typer.Context, out: Path) -> Video:
-    """What the options of a command about pictures ask for, checked before long work.
-
-    Raises:
-        UserError: an option has a value that is not allowed, or the file cannot be written.
-    """
+    """What the options of a command about pictures ask for."""
     from usvauv.env.render.video import ENDINGS, Video, usual
 
     given, path = context.params, writable(context, out, "--out", ENDINGS)
@@ -314,11 +274,7 @@ def checked_video(context: typer.Context, out: Path) -> Video:
 
 
 def check_follow(video: Video, *scenarios: Scenario) -> None:
-    """Refuse a vehicle to go along with that a scenario has not.
-
-    Raises:
-        UserError: it has none of that name.
-    """
+    """Refuse a vehicle to go along with that a scenario has not."""
     from usvauv.env.render.between import Vehicle
 
     try:
@@ -329,11 +285,7 @@ def check_follow(video: Video, *scenarios: Scenario) -> None:
 
 
 def _parse_at(text: str) -> float | tuple[float, float]:
-    """Read a moment, or begin and end of a stretch, s.
-
-    Raises:
-        UserError: not one or two numbers.
-    """
+    """Read a moment, or begin and end of a stretch, s."""
     try:
         begin, *end = map(float, text.split(":"))
     except ValueError:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from usvauv.cli import terminal
 from usvauv.cli.commands.options import Arch, Force, Overrides, Plugins, writable
 from usvauv.kernels.errors import UserError, choices
 
@@ -221,22 +222,14 @@ def plan(
 
 
 def choice(option: str, value: str, allowed: tuple[str, ...]) -> str:
-    """The value of an option, checked.
-
-    Raises:
-        UserError: it is not one of those allowed.
-    """
+    """The value of an option, one of those allowed."""
     if value not in allowed:
         raise UserError(f"{option} {value!r}: {choices(value, allowed)}")
     return value
 
 
 def surface_slope(text: str) -> tuple[float, float]:
-    """Read SX,SY of the surface, each at most 1 (45°).
-
-    Raises:
-        UserError: it is not.
-    """
+    """Read SX,SY of the surface, each at most 1 (45°)."""
     from usvauv.env.site.place import numbers
 
     x, y = numbers("--slope", text, "SX,SY", "")
@@ -246,11 +239,7 @@ def surface_slope(text: str) -> tuple[float, float]:
 
 
 def with_team(scenario: Scenario, auvs: list[tuple[float, float, float]]) -> Scenario:
-    """The scenario with as many AUVs as are given, their mean depth being its cruise depth.
-
-    Raises:
-        UserError: more than it can have.
-    """
+    """The scenario with as many AUVs as are given, their mean depth being its cruise depth."""
     from usvauv.kernels.planning.information import MAX_AUVS
 
     if len(auvs) > MAX_AUVS:
@@ -281,33 +270,22 @@ def expectation(place: BoatPlace) -> str:
     return f"the error of a fix is unbounded{of}" if place.rms is None else f"rms error of a fix {place.rms:.2f} m{of}"
 
 
-def print_budget(name: str, place: BoatPlace) -> None:
-    """Print the errors of a fix of each AUV from a place, by cause."""
-    from usvauv.cli import tables
-
-    headings = [f"error by cause, {name}, rms m", *(f"AUV {k}" for k in range(1, len(place.errors) + 1))]
-    causes = [(cause, *map(metres, values)) for cause, values in place.budget.items() if any(values)]
-    tables.print_table(headings, causes)
-
-
 def print_estimates(estimates: list[PositionEstimate]) -> None:
     """Print where each AUV is by its fixes, and how much they scatter."""
-    from usvauv.cli import tables
 
     names = ["".join(c if c.isprintable() else repr(c)[1:-1] for c in found.name) for found in estimates]
-    short = tables.shortened(names, LONGEST_NAME)
+    short = terminal.shortened(names, LONGEST_NAME)
     rows = [
         (str(k), short[name], str(found.fixes), f"{found.x:.1f}", f"{found.y:.1f}", f"{found.depth:.1f}",
          metres(found.noise), metres(found.accuracy))
         for k, (found, name) in enumerate(zip(estimates, names, strict=True), 1)
     ]  # fmt: skip
-    tables.print_table(("AUV", "in the log", "fixes", "x m", "y m", "depth m", "noise rms m", "place ± m"), rows)
+    terminal.print_table(("AUV", "in the log", "fixes", "x m", "y m", "depth m", "noise rms m", "place ± m"), rows)
     typer.echo()
 
 
 def print_table(result: Plan) -> None:
     """Print each place with ln of the objective and the fixes of each AUV to expect from there."""
-    from usvauv.cli import tables
     from usvauv.env.planning.fix_errors import LEAST_GOOD
     from usvauv.env.planning.plan import OBJECTIVE_NAMES
     from usvauv.env.site.place import coordinates
@@ -339,19 +317,21 @@ def print_table(result: Plan) -> None:
     found = (
         f"Boat at {where}: {OBJECTIVE_NAMES[result.objective]} = {number(best.log_objective, 3)}, {expectation(best)}"
     )
-    typer.echo(tables.wrapped(found, 2))
+    typer.echo(terminal.wrapped(found, 2))
     array = "level array" if result.slope == (0, 0) else f"array on a slope of {', '.join(map(str, result.slope))}"
     about = (
         f"{result.scenario}, objective {result.objective}, measurement {result.measurement}, {array}; errors are 1 σ;"
         f" rms over the AUVs that are located, those with at least {LEAST_GOOD:.0%} good fixes"
     )
-    typer.echo(f"{tables.wrapped(about, 2)}\n")
-    tables.print_table(("boat", "x m", "y m", OBJECTIVE_NAMES[result.objective], "mean m", "rms m"), boats)
+    typer.echo(f"{terminal.wrapped(about, 2)}\n")
+    terminal.print_table(("boat", "x m", "y m", OBJECTIVE_NAMES[result.objective], "mean m", "rms m"), boats)
     typer.echo()
-    tables.print_table(("fixes from", "AUV", "range m", "major m", "minor m", "detected", "good"), fixes)
+    terminal.print_table(("fixes from", "AUV", "range m", "major m", "minor m", "detected", "good"), fixes)
     for name, place in places:
         if name != "centroid":
             typer.echo()
-            print_budget(name, place)
+            headings = [f"error by cause, {name}, rms m", *(f"AUV {k}" for k in range(1, len(place.errors) + 1))]
+            causes = [(cause, *map(metres, values)) for cause, values in place.budget.items() if any(values)]
+            terminal.print_table(headings, causes)
     for name, there in on_earth:
         typer.echo(f"{name:9s} {there}")

@@ -4,35 +4,30 @@ from __future__ import annotations
 
 import statistics
 import time
-from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Protocol
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from usvauv.cli import terminal
 from usvauv.cli.commands import options
+from usvauv.cli.terminal import counted
 from usvauv.kernels.errors import DivergenceError, UserError
 from usvauv.kernels.interruption import Stop, stoppable
 
 if TYPE_CHECKING:
+    from usvauv.cli.sea_view.figure import SeaFigure
+    from usvauv.cli.sea_view.video import SeaVideo
+    from usvauv.env.sea.netcdf import SeaFile
     from usvauv.env.sea.simulation import SeaSimulation
+
+    Sink = SeaFile | SeaFigure | SeaVideo  # a file that is made of the records of a sea
 
 FIGURES = (".png", ".pdf", ".svg")
 FORMATS = (".mp4", ".nc", *FIGURES)
 SPEED = 2.0  # of a video without --interval, over that of the sea
 FIGURE_INTERVAL = 0.5  # s between records of a figure; the shortest waves of a storm have periods above 2 s
 TRIAL_RECORDS, TRIAL_SECONDS = 3, 0.5  # least work by which the rest is estimated
-
-
-class Sink(Protocol):
-    """A file that is made of the records of a sea."""
-
-    def add(self, sea: SeaSimulation) -> None:
-        """Append a record of the present sea."""
-
-    def expected_bytes(self, records: int) -> int:
-        """Estimated size of the file with so many records."""
-        ...
 
 
 def sea(
@@ -86,7 +81,6 @@ def sea(
 
     `usvauv sea --out calm.png --set storm.spectrum=none --set sea.irregular_rms=0.5`
     """
-    from usvauv.cli import report, tables
     from usvauv.env import Scenario
     from usvauv.env.render.style import clock
     from usvauv.env.sea.simulation import SeaSimulation, cells
@@ -124,9 +118,9 @@ def sea(
         if not made:
             stop.raise_if_asked()
         expected = file.expected_bytes(records)
-        left, expected_size = tables.duration((records - made) * pace, rough=True), tables.size(expected)
+        left, expected_size = terminal.duration((records - made) * pace, rough=True), terminal.size(expected)
         typer.echo(f"this takes about {left}; the file will have about {expected_size}")
-        with report.progress("solving and writing", records) as advance:
+        with terminal.progress("solving and writing", records) as advance:
             advance(made)
             while made < records and not stop.asked:
                 try:
@@ -137,7 +131,7 @@ def sea(
                 file.add(water)
                 made += 1
                 advance(1)
-    cost = f"{tables.size(out.stat().st_size)} in {tables.duration(time.perf_counter() - begun, rough=True)}"
+    cost = f"{terminal.size(out.stat().st_size)} in {terminal.duration(time.perf_counter() - begun, rough=True)}"
     typer.echo(f"{ {'.mp4': 'video', '.nc': 'data'}.get(kind, 'figure') }: {out.resolve()} ({cost})")
     if made < records:
         typer.echo(f"stopped at {clock(water.time)} of {clock((records - 1) * interval)}; the file holds that much")
@@ -148,7 +142,6 @@ def sea(
 
 def describe(water: SeaSimulation, records: int) -> str:
     """Grid and time steps in two lines."""
-    from usvauv.cli.tables import counted
 
     area, (dx, dy) = water.scenario.area, water.spacing
     spacing = f"{dx:.3g} m" if abs(dx / dy - 1) < 1e-3 else f"{dx:.3g} × {dy:.3g} m"
@@ -166,9 +159,7 @@ def describe(water: SeaSimulation, records: int) -> str:
     )
 
 
-def sink(
-    out: Path, water: SeaSimulation, records: int, pixels: tuple[int, int], fps: int
-) -> AbstractContextManager[Sink]:
+def sink(out: Path, water: SeaSimulation, records: int, pixels: tuple[int, int], fps: int) -> Sink:
     """The file that the suffix of `out` asks for; it appears when the context ends, and not at all after an error."""
     kind = out.suffix.lower()
     if kind == ".nc":

@@ -1,23 +1,26 @@
-"""`usvauv simulate`, `replay`, `export` and `live`: missions as a video, drawn again from their traces, for other
-programs, or in a browser tab; and learned policies as ONNX.
-"""
+"""`usvauv simulate`, `replay` and `live`: missions as a video, drawn again from their traces, or in a browser tab."""
 
 from __future__ import annotations
 
+import math
 import webbrowser
-from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from usvauv.cli import terminal
 from usvauv.cli.commands import options
-from usvauv.kernels.errors import UserError, choices
+from usvauv.cli.terminal import counted, duration
+from usvauv.kernels.errors import UserError
 from usvauv.kernels.interruption import stoppable
 
 if TYPE_CHECKING:
     from usvauv.env import Scenario, Trace
+    from usvauv.env.record.metrics import EpisodeMetrics
     from usvauv.env.record.recorder import Diverged
+
+Run = tuple[str, str | None, str | None]  # names of policy, boat strategy and target rule; None: the scenario's
 
 
 def simulate(
@@ -68,9 +71,10 @@ def simulate(
     `usvauv simulate wide --compare usv=fim --out boats.mp4`
     """
     from usvauv import policies
-    from usvauv.cli import report
     from usvauv.env import Scenario
+    from usvauv.env.planning.fix_errors import reflections_warning
     from usvauv.env.record.metrics import episode_metrics
+    from usvauv.env.site.site import Site
     from usvauv.env.world.boat_strategies import StrategyChoice
 
     setting = Scenario.load(scenario, overrides or ())
@@ -80,15 +84,21 @@ def simulate(
     if trace:
         options.writable(context, trace, "--trace", (".nc",))
     options.at_least("--duration", 1.0 if duration is None else duration, 0.1)
-    runs = [Run(policy or policies.default(setting), usv, targets)]
-    if compare:
-        runs.append(runs[0].but(compare))
-    for run in runs:
-        policies.check(run.policy, run.scenario(setting))
-        options.warn_team_size(run.policy, setting)
-        StrategyChoice.parse(run.usv, setting)
+    steering = policy or policies.default(setting)
+    runs: list[Run] = [(steering, usv, targets)]
+    if compare and compare.startswith("usv="):
+        runs.append((steering, compare.removeprefix("usv="), targets))
+    elif compare and compare.startswith("targets="):
+        runs.append((steering, usv, compare.removeprefix("targets=")))
+    elif compare:
+        runs.append((compare, usv, targets))
+    for steered_by, boat, rule in runs:
+        policies.check(steered_by, setting.with_targets(rule))
+        options.warn_team_size(steered_by, setting)
+        StrategyChoice.parse(boat, setting)
     options.check_regime(setting)
-    options.warn_reflections(setting)
+    if line := reflections_warning(Site(setting)):
+        typer.echo(f"warning: {line}", err=True)
     options.preparing(setting, arch)
     recorded, problem = [], None
     for run in runs:
@@ -96,12 +106,12 @@ def simulate(
         recorded.append(shown)
         if problem:
             break
-    with report.progress("drawing", len(video.moments(recorded))) as advance:
+    with terminal.progress("drawing", len(video.moments(recorded))) as advance:
         written = video.write(recorded, advance)
     if trace:
         recorded[0].save(trace)
     for each in recorded:
-        report.mission_summary(episode_metrics(each)[0], each)
+        mission_summary(episode_metrics(each)[0], each)
     typer.echo(f"{'picture' if out.suffix.lower() == '.png' else 'video'}: {out.resolve()}")
     for line in filter(None, (written.part, written.remark)):
         typer.echo(line)
@@ -111,41 +121,22 @@ def simulate(
         raise problem  # what was written shows the steps before
 
 
-@dataclass(frozen=True)
-class Run:
-    """Names of a policy, a boat strategy and a target rule; None for the scenario's."""
-
-    policy: str
-    usv: str | None
-    targets: str | None
-
-    def but(self, text: str) -> Run:
-        """The same with another policy, or with usv=BOAT or targets=RULE."""
-        name, equals, value = text.partition("=")
-        if equals and name in ("usv", "targets"):
-            return replace(self, **{name: value})
-        return replace(self, policy=text)
-
-    def scenario(self, scenario: Scenario) -> Scenario:
-        return scenario.with_targets(self.targets)
-
-
 def simulated(
     run: Run, scenario: Scenario, seed: int, duration: float | None, arch: str
 ) -> tuple[Trace, Diverged | None]:
     """The record of a mission on a finely resolved sea, and what ended it before its time."""
     from usvauv import policies
-    from usvauv.cli import report
     from usvauv.env import World
     from usvauv.env.record.recorder import Diverged, record
     from usvauv.env.storage.memory import give_back
 
-    world = World(run.scenario(scenario), 1, seed, run.usv, fine_sea=True, arch=arch)
-    act = policies.acting(run.policy, world)
+    policy, usv, targets = run
+    world = World(scenario.with_targets(targets), 1, seed, usv, fine_sea=True, arch=arch)
+    act = policies.acting(policy, world)
     steps = max(1, round(duration / world.scenario.mission.step)) if duration else world.steps
-    with report.progress("simulating", steps) as advance:
+    with terminal.progress("simulating", steps) as advance:
         try:
-            return record(world, act, run.policy, steps=steps, surface=True, on_step=lambda _: advance(1)), None
+            return record(world, act, policy, steps=steps, surface=True, on_step=lambda _: advance(1)), None
         except Diverged as error:
             return error.trace, error
         finally:
@@ -191,8 +182,6 @@ def replay(
 
     `usvauv replay mission.nc --out mission.geojson`
     """
-    from usvauv.cli import report
-    from usvauv.cli.tables import counted
     from usvauv.env import Trace
     from usvauv.env.exchange import geojson
 
@@ -220,7 +209,7 @@ def replay(
         geojson.write(out, features)
         typer.echo(f"{counted(len(features), 'feature')}: {out.resolve()}")
         return
-    with report.progress("drawing", len(video.moments(recorded))) as advance:
+    with terminal.progress("drawing", len(video.moments(recorded))) as advance:
         summary = video.write(recorded, advance)
     typer.echo(f"{counted(summary.frames, 'frame')}: {summary.path.resolve()}")
     for line in filter(None, (summary.part, summary.remark)):
@@ -269,111 +258,35 @@ def live(
         stop.raise_if_asked()
 
 
-def export(
-    context: typer.Context,
-    source: Annotated[
-        str,
-        typer.Argument(
-            metavar="SOURCE", help="With --to a trace, a .nc file; else a trained policy by name, or a checkpoint."
-        ),
-    ],
-    scenario: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="[SCENARIO]",
-            help="Of a policy: shipped name or path of a TOML file. Default: as it was trained.",
-        ),
-    ] = None,
-    to: Annotated[
-        str | None,
-        typer.Option(metavar="FORMAT", help="Format of a trace: mcap, rrd, parquet or csv."),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            help="Of a trace: the file, or the folder of the tables, to write. Default: TRACE.mcap, TRACE.rrd, TRACE."
-        ),
-    ] = None,
-    episode: Annotated[
-        int | None, typer.Option(help="Of a trace of several: the episode in mcap and rrd, from 0. Default: 0.")
-    ] = None,
-    onnx: Annotated[
-        Path | None, typer.Option(help="Of a policy: the ONNX file to write. Default: POLICY.onnx.")
-    ] = None,
-    overrides: options.Overrides = None,
-    force: options.Force = False,
-    plugins: options.Plugins = None,
-) -> None:
-    """Write a recorded run for other tools, or a learned policy as ONNX.
-
-    **A trace** of `simulate --trace`, with `--to`: *mcap* is one episode as messages of ROS 2, for Foxglove, RViz
-    and PlotJuggler; *rrd* is one for the Rerun viewer; *parquet* and *csv* are a folder of tables, all episodes in
-    them, for pandas, R, DuckDB and spreadsheets. *mcap* and *parquet* need the extra `export`, *rrd* the extra
-    `rerun`.
-
-    **A policy**, without `--to`: the world's observation (N, K, O) in, its action (N, K, A) out, any N.
-    Everything between the two is inside. What each number is, and how the policy was trained, travels as metadata.
-    It runs in onnxruntime and needs nothing of usvauv. Writing it needs the extra `onnx`.
-
-    **Examples:**
-
-    `usvauv export mission.nc --to mcap`
-
-    `usvauv export missions.nc --to parquet --out tables`
-
-    `usvauv export sac-extreme --onnx boat.onnx`
-
-    `usvauv export runs/mine extreme --set auv.speed_max=2.0 --onnx slower.onnx`
-    """
-    if to is None:
-        for option, value in (("--out", out), ("--episode", episode)):
-            if value is not None:
-                raise UserError(f"{option} {value}: is for a trace, which needs --to; a policy is written by --onnx")
-        _export_policy(context, source, scenario, onnx, overrides or ())
-        return
-    for option, value in (("SCENARIO", scenario), ("--onnx", onnx), ("--set", (overrides or [None])[0])):
-        if value is not None:
-            raise UserError(f"{option} {value}: is for a policy; --to writes a trace")
-    _export_trace(context, Path(source), to, out, episode or 0)
-
-
-def _export_policy(
-    context: typer.Context, policy: str, scenario: str | None, onnx: Path | None, overrides: list[str] | tuple[()]
-) -> None:
-    from usvauv import policies
-    from usvauv.env import Scenario
-    from usvauv.env.world.observation import ObservationLayout
-    from usvauv.policies.export import export as write
-
-    if overrides and scenario is None:
-        raise UserError("--set: name the scenario whose fields it changes, after the policy")
-    setting = None if scenario is None else Scenario.load(scenario, overrides)
-    path = options.writable(
-        context, onnx or Path(f"{Path(policy).name.removesuffix('.safetensors')}.onnx"), "--onnx", (".onnx",)
-    )
-    player = policies.load_learned(policy, setting)
-    write(player, path)
-    auv, size = player.scenario.auv, ObservationLayout.of(player.scenario).size
-    shapes = f"observation (N, {auv.count}, {size}), action (N, {auv.count}, {auv.action_size})"
-    typer.echo(f"onnx: {path.resolve()}: {shapes}")
-
-
-def _export_trace(context: typer.Context, path: Path, to: str, out: Path | None, episode: int) -> None:
-    from usvauv.env import Trace
-    from usvauv.env.exchange import FOLDERS, WRITERS, export_trace
-
-    if to not in WRITERS:
-        raise UserError(f"--to {to!r}: {choices(to, WRITERS)}")
-    if to in FOLDERS:
-        target = out or Path(path.stem)
-    else:
-        target = options.writable(context, out or Path(f"{path.stem}.{to}"), "--out", (f".{to}",))
-    trace = Trace.load(path)
-    episodes = trace.power.shape[1]
-    if not 0 <= episode < episodes:
-        raise UserError(f"--episode {episode}: {path} has episodes 0 to {episodes - 1}")
-    if to in FOLDERS:
-        options.make_folder(target)
-        options.keep_others(context, target, "--out")
-    export_trace(trace, to, target, episode)
-    typer.echo(f"{to}: {target.resolve()}")
+def mission_summary(row: EpisodeMetrics, trace: Trace) -> None:
+    """Print the metrics of one mission in sentences."""
+    scenario, found = trace.scenario, row.of_task
+    heave = trace.boat_surface[:, 0, :, 0]
+    boats = "boats" if heave.shape[1] > 1 else "boat"
+    touched = f", {counted(row.grounded, 'step')} on the bed, {row.surfaced} at the surface"
+    lines = [
+        f"{row.scenario}, seed {row.seed}, policy {row.policy}, {boats} {row.usv}:"
+        f" {duration(float(trace.time[-1]))} of mission",
+        f"energy: {row.energy_wh:.1f} Wh; mean power of an AUV under way (EC) {row.ec:.0f} W",
+        f"position error: {row.position_error_rms:.2f} m rms, median {row.position_error_median:.2f} m,"
+        f" 95th percentile {row.position_error_p95:.2f} m",
+        f"fixes: usable in {100 * row.fix_availability:.1f} % of the time, longest gap {duration(row.outage_longest)}",
+        f"safety: {counted(row.collisions, 'step')} with two AUVs closer than {scenario.auv.collision_distance:g} m,"
+        f" {counted(row.border, 'move')} stopped at the border{touched if scenario.auv.dynamic else ''}",
+        f"sea: the {boats} heaved from {heave.min():+.2f} to {heave.max():+.2f} m".replace("-", "−"),
+        f"score: average reward per step (ARPS) {row.arps:.2f}",
+    ]
+    if scenario.task == "station-keeping":
+        lines.insert(1, f"stations: AUVs are off theirs by {row.target_distance:.2f} m on average")
+    if scenario.task == "data-collection":
+        before, cost = found["aoi_peak"], found["joule_per_mbit"]
+        lines[1:2] = [
+            f"data: {row.delivered_mbit:.1f} Mbit from {counted(row.services, 'service')} of nodes,"
+            f" {found['lost_mbit']:.1f} Mbit lost to full buffers"
+            f"{'' if math.isnan(cost) else f'; {cost:.0f} J/Mbit'}",
+            f"age of the data: {found['aoi_mean']:.0f} s on average"
+            f"{'' if math.isnan(before) else f', {before:.0f} s just before a service'}",
+            lines[1],
+        ]
+        lines[-1] += f", sum of data rates (SDR) {row.sdr:.2f} Mbit/s"
+    print("\n".join(terminal.wrapped(line if line is lines[0] else f"  {line}", 4) for line in lines))

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from usvauv.cli import terminal
 from usvauv.cli.commands import options
 from usvauv.kernels.errors import UserError
 from usvauv.kernels.interruption import Interrupted
@@ -87,7 +88,7 @@ def train(
     `torchrun --nproc-per-node 2 -m usvauv.cli train --out runs/second`
     """
     from usvauv import policies
-    from usvauv.cli import report, tables
+    from usvauv.cli.commands import training_table
     from usvauv.env import Scenario, World
     from usvauv.env.record.metrics import mean_figures
     from usvauv.env.storage.files import inside, locked
@@ -183,7 +184,7 @@ def train(
             trainer = policies.Seeds(trainers, running.threads if running.torch_on_host else 1)
         name, baseline = policies.default(first.world.scenario), {}
         if ranks.leads:
-            baseline = report.mean_of(baselines) | {"policy": name, "start": first.frame.start}
+            baseline = training_table.mean_of(baselines) | {"policy": name, "start": first.frame.start}
             if total <= config.before_learning:
                 typer.echo(
                     f"warning: --steps {total}: nothing will be learned: the first update comes after"
@@ -193,7 +194,7 @@ def train(
         title = first.world.scenario.name
         if together:
             title += f", seeds {', '.join(str(run.config.seed) for run in trainers)}"
-        shown = report.training(baseline, config.algorithm, title)
+        shown = training_table.training(baseline, config.algorithm, title)
         with shown if ranks.leads else nullcontext(lambda figures: None) as show:
             trainer.train(total, partial(_show, show, trainer))
         if ranks.leads:
@@ -203,10 +204,14 @@ def train(
                 typer.echo(f"stopped at {done} of {total} world-steps; go on with: --out {place} --resume{again}")
             bests = [max(run.history, key=lambda row: row["arps"]) for run in trainers]
             learned = all(best["updates"] > 0 for best in bests)
-            found = report.of_seeds([{"evaluation": best} for best in bests]) if together else {"evaluation": bests[0]}
+            found = (
+                training_table.of_seeds([{"evaluation": best} for best in bests])
+                if together
+                else {"evaluation": bests[0]}
+            )
             typer.echo(
-                tables.wrapped(
-                    f"best policy{'' if learned else ', the untrained one'}: {report.evaluation(found, name)},"
+                terminal.wrapped(
+                    f"best policy{'' if learned else ', the untrained one'}: {training_table.evaluation(found, name)},"
                     f" in {place / f'{FOLDER}*' if together else place}/best.safetensors",
                     2,
                 )
@@ -239,9 +244,10 @@ def _beside(worlds: World, baseline: Sequence[float], policy: LearnedPolicy) -> 
 
 def _show(show: Callable[[dict], None], trainer: Trainer | Seeds, figures: dict | list[dict]) -> None:
     """Show figures; stop and save when the reader of standard output has gone."""
-    from usvauv.cli import report
+
+    from usvauv.cli.commands import training_table
 
     try:
-        show(report.of_seeds(figures) if isinstance(figures, list) else figures)
+        show(training_table.of_seeds(figures) if isinstance(figures, list) else figures)
     except Interrupted as closed:
         trainer.interruption.ask(closed.signum)

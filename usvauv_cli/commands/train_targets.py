@@ -11,19 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from usvauv.cli.commands.options import (
-    Arch,
-    Force,
-    Overrides,
-    Plugins,
-    ScenarioName,
-    Seed,
-    Usv,
-    at_least,
-    check_regime,
-    preparing,
-    writable,
-)
+from usvauv.cli import terminal
+from usvauv.cli.commands import options
+from usvauv.cli.terminal import duration
 from usvauv.kernels.errors import UserError
 
 if TYPE_CHECKING:
@@ -34,20 +24,20 @@ BASELINES = ("tour", "rollout:40", "rollout:90")
 
 def train_targets(
     context: typer.Context,
-    scenario: ScenarioName = "survey",
+    scenario: options.ScenarioName = "survey",
     out: Annotated[Path, typer.Option(help="File of the learned rule, JSON.")] = Path("targets.json"),
     iterations: Annotated[int, typer.Option(help="Episodes of all worlds to learn from.")] = 100,
     worlds: Annotated[int, typer.Option(help="Worlds simulated in parallel.")] = 128,
-    seed: Seed = 0,
+    seed: options.Seed = 0,
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with OUT.json.partial, which the same command left when it stopped.")
     ] = False,
     policy: Annotated[str | None, typer.Option(help="Who steers; default: the scenario's best heuristic.")] = None,
-    usv: Usv = "centroid",
-    arch: Arch = "auto",
-    overrides: Overrides = None,
-    force: Force = False,
-    plugins: Plugins = None,
+    usv: options.Usv = "centroid",
+    arch: options.Arch = "auto",
+    overrides: options.Overrides = None,
+    force: options.Force = False,
+    plugins: options.Plugins = None,
 ) -> None:
     """Learn a target rule: which node an AUV heads for next, from what `nodes.information` lets it know.
 
@@ -70,16 +60,16 @@ def train_targets(
     from usvauv.policies.checkpoint import TRAINING, provenance, read
     from usvauv.policies.decisions import DecisionConfig, DecisionTrainer
 
-    at_least("--iterations", iterations, 1)
-    at_least("--worlds", worlds, 1)
-    writable(context, out, "--out", (".json",))
+    options.at_least("--iterations", iterations, 1)
+    options.at_least("--worlds", worlds, 1)
+    options.writable(context, out, "--out", (".json",))
     last = out.with_name(f"{out.name}.partial")
     if resume and not last.exists():
         raise UserError(f"{last}: is not there; without it there is nothing to resume")
     if last.exists() and not resume:
         raise UserError(f"{last}: is of an earlier run; take it up with --resume, or remove it")
     setting = Scenario.load(scenario, overrides or ())
-    check_regime(setting)
+    options.check_regime(setting)
     steering = policy or policies.default(setting)
     config = DecisionConfig(iterations=iterations, worlds=worlds, seed=seed)
     policies.check(steering, setting)
@@ -90,7 +80,7 @@ def train_targets(
         if difference := first_difference(kept.get("definition"), decides):
             raise UserError(f"{last}: is of another command: {difference}")
         begun = {**kept["about"], "steps": kept["iteration"]}
-    preparing(setting, arch)
+    options.preparing(setting, arch)
     trainer = DecisionTrainer(setting, steering, config, usv, arch=arch)
     if resume:
         trainer.resume(last)
@@ -103,12 +93,10 @@ def train_targets(
 
 def _learn(trainer: DecisionTrainer, evaluations: Iterable[Progress], out: Path) -> None:
     """Train, with a line for each evaluation beside baselines in the same worlds; Ctrl-C keeps the run."""
-    from usvauv.cli import tables
-    from usvauv.cli.tables import duration
 
     iterations, first = trainer.config.iterations, trainer.iteration
     against = ", ".join(f"{name} {trainer.evaluate_other(name):.1f}" for name in BASELINES)
-    typer.echo(tables.wrapped(f"in evaluation, Mbit: {against}", 2))
+    typer.echo(terminal.wrapped(f"in evaluation, Mbit: {against}", 2))
     begun = time.monotonic()
     for result in evaluations:
         left = (time.monotonic() - begun) * (iterations - result.iteration) / (result.iteration - first)
@@ -121,4 +109,4 @@ def _learn(trainer: DecisionTrainer, evaluations: Iterable[Progress], out: Path)
             f"stopped after {trainer.iteration} of {iterations} iterations; the same command with --resume goes on"
         )
     if math.isfinite(trainer.best):
-        typer.echo(tables.wrapped(f"best {trainer.best:.1f} Mbit ({against}) in {out}", 2))
+        typer.echo(terminal.wrapped(f"best {trainer.best:.1f} Mbit ({against}) in {out}", 2))

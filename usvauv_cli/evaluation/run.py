@@ -14,7 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from usvauv import policies as by_name
-from usvauv.cli.evaluation.comparison import Comparison, headline, sentences
+from usvauv.cli.evaluation.comparison import Comparison
+from usvauv.cli.evaluation.tables import headline, sentences
 from usvauv.env import plugins
 from usvauv.env.record import evaluation
 from usvauv.env.record.evaluation import MakePolicy, evaluate_batch
@@ -36,11 +37,7 @@ if TYPE_CHECKING:
 def combinations(
     scenario: Scenario, policies: Sequence[str], usv: Sequence[str | None], targets: Sequence[str | None]
 ) -> dict[Combination, Scenario]:
-    """Each policy with each boat strategy and target rule, and the scenario with that rule; None: the scenario's.
-
-    Raises:
-        ScenarioError: an unknown strategy or rule.
-    """
+    """Each policy with each boat strategy and target rule, and the scenario with that rule; None: the scenario's."""
     strategies = [StrategyChoice.parse(name, scenario).name for name in usv]
     settings = [scenario.with_targets(rule) for rule in targets]
     to_nodes = scenario.task_definition.targets == "nodes"
@@ -51,11 +48,7 @@ def combinations(
 
 
 def definition(scenario: Scenario, combinations: Iterable[Combination], seed: int, arch: str) -> dict[str, Any]:
-    """What tells an evaluation from another but for the number of episodes. Taichi runs from here on.
-
-    Raises:
-        PolicyError: a file of which the results are made cannot be read.
-    """
+    """What tells an evaluation from another but for the number of episodes. Taichi runs from here on."""
     policies, boats, rules = (list(dict.fromkeys(parts)) for parts in zip(*combinations, strict=True))
     decides = {
         "scenario": scenario.to_dict(),
@@ -77,20 +70,14 @@ def digests(policies: Iterable[str], others: Iterable[str]) -> list[tuple[Path, 
     Args:
         policies: names.
         others: names of boat strategies and target rules.
-
-    Raises:
-        PolicyError: one cannot be read.
     """
     learned = [Path(name.partition(":")[2]) for name in others if name.startswith("learned:")]
     of_policies = [path for policy in filter(None, policies) if (path := source(policy))]
-    return [(path, _digest(path)) for path in (*plugins.loaded(), *learned, *of_policies)]
-
-
-def _digest(path: Path) -> str:
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
+        files = (*plugins.loaded(), *learned, *of_policies)
+        return [(path, hashlib.sha256(path.read_bytes()).hexdigest()) for path in files]
     except OSError as error:
-        raise PolicyError(f"{path}: cannot be read: {error.strerror}") from None
+        raise PolicyError(f"{error.filename}: cannot be read: {error.strerror}") from None
 
 
 def first_difference(one: Any, other: Any, name: str = "") -> str:

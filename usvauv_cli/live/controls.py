@@ -57,15 +57,16 @@ class Controls:
         with gui.add_folder("Sea and sound"):
             self._sliders = {name: self._add_slider(gui, name) for name in session.values}
         with gui.add_folder("Decisions"):
-            self._choices = {
-                label: self._add_choice(gui, label, options, choose, meanwhile)
-                for label, options, choose, meanwhile in (
-                    ("Boat", session.strategies(), session.set_strategy, COMPILING),
-                    ("Targets", session.rules(), session.set_rule, COMPILING),
-                    ("AUVs", session.policies(), session.set_policy, ""),
-                )
-                if options
-            }
+            self._choices = {}
+            for label, options, choose, meanwhile in (
+                ("Boat", session.strategies(), session.set_strategy, COMPILING),
+                ("Targets", session.rules(), session.set_rule, COMPILING),
+                ("AUVs", session.policies(), session.set_policy, ""),
+            ):
+                if options:
+                    handle = gui.add_dropdown(label, tuple(options), initial_value=options[0])
+                    self._on_change(handle, label, choose, meanwhile)
+                    self._choices[label] = handle
         with gui.add_folder("Figures"):
             self._table = gui.add_html("")
         with gui.add_folder("What is shown", expand_by_default=False):
@@ -107,13 +108,6 @@ class Controls:
         assert bounds is not None, name
         handle = gui.add_slider(slider.label, *bounds, slider.step, session.values[name], hint=slider.hint)
         self._on_change(handle, name, partial(session.set, name))
-        return handle
-
-    def _add_choice(
-        self, gui: Any, label: str, options: list[str], choose: Callable[[str], None], meanwhile: str
-    ) -> Any:
-        handle = gui.add_dropdown(label, tuple(options), initial_value=options[0])
-        self._on_change(handle, label, choose, meanwhile)
         return handle
 
     def _add_plot(self, gui: Any) -> Any:

@@ -26,6 +26,7 @@ SYMBOL = 0.045  # length of a boat over the area's longer side
 ARROW = 0.075  # length of an arrow over the same side, where the current is the fastest that is shown
 FASTEST = 1.2  # m/s
 SLOWEST = 0.08  # m/s, below which there is no arrow
+FLAT: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}
 CIRCLE = np.linspace(0, 2 * math.pi, ELLIPSE + 1)
 
 
@@ -74,7 +75,9 @@ class Scene:
         self._colours = [np.array(rgb(style.auv_colour(k)), np.uint8) for k in range(scenario.auv.count)]
         self._shown: Any = None  # the snapshot whose nodes, flow and trails are drawn
         scene = server.scene
-        scene.set_background_image(_gradient())
+        share = np.linspace(0, 1, 256)[:, None, None] ** 1.5  # from dark above to light at the horizon
+        sky = (1 - share) * [14, 24, 38] + share * [60, 88, 112]
+        scene.set_background_image(np.broadcast_to(sky, (256, 16, 3)).astype(np.uint8))
         scene.configure_environment_map(None)
         scene.configure_default_lights(False)
         scene.add_light_hemisphere("/sky", sky_color=(200, 225, 255), ground_color=(70, 84, 96), intensity=0.9)
@@ -88,8 +91,7 @@ class Scene:
             color=(38, 132, 178),
             opacity=OPACITY,
             side="double",
-            cast_shadow=False,
-            receive_shadow=False,
+            **FLAT,
         )
         self._add_bed()
         self._add_vehicles()
@@ -120,26 +122,23 @@ class Scene:
             self._node_places(nodes),
             batched_colors=self._node_colours(nodes),
             lod="off",
-            cast_shadow=False,
-            receive_shadow=False,
+            **FLAT,
         )
 
     def _add_vehicles(self) -> None:
         scene, unit = self._server.scene, self._unit
-        plain: dict[str, Any] = {"subdivisions": 2, "cast_shadow": False, "receive_shadow": False}
+        ball = {"subdivisions": 2, **FLAT}
         self._auvs, self._labels, self._known = [], [], []
         for k, colour in enumerate(self._colours):
             name = f"/auv {k + 1}"
             self._auvs.append(self._add_body(name, auv_body(style.auv_colour(k))))
             self._labels.append(scene.add_label(f"{name} name", f"AUV {k + 1}", font_screen_scale=0.8))
-            self._known.append(
-                scene.add_icosphere(f"{name} estimate", 0.2 * unit, tuple(colour), opacity=0.55, **plain)
-            )
+            self._known.append(scene.add_icosphere(f"{name} estimate", 0.2 * unit, tuple(colour), opacity=0.55, **ball))
         self.boats, self._goals = [], []
         for b in range(self._session.scenario.boat.count):
             name = f"/boat {b + 1}"
             self.boats.append(self._add_body(name, BOAT_BODY))
-            self._goals.append(scene.add_icosphere(f"{name} goal", 0.175 * unit, (255, 210, 80), **plain))
+            self._goals.append(scene.add_icosphere(f"{name} goal", 0.175 * unit, (255, 210, 80), **ball))
         nothing = np.zeros((1, 2, 3), np.float32)
         black = np.zeros((1, 2, 3), np.uint8)
         self._lines = {
@@ -168,8 +167,7 @@ class Scene:
                     faces,
                     color=rgb(ink),
                     flat_shading=True,
-                    cast_shadow=False,
-                    receive_shadow=False,
+                    **FLAT,
                 )
             )
         return handles[0]
@@ -282,10 +280,3 @@ class Scene:
 def _path(points: np.ndarray) -> np.ndarray:
     """Segments (N − 1, 2, 3) from each point (N, 3) to the next."""
     return np.stack([points[:-1], points[1:]], axis=1)
-
-
-def _gradient() -> np.ndarray:
-    """A sky from dark above to light at the horizon, (rows, columns, 3) uint8."""
-    share = np.linspace(0, 1, 256)[:, None, None] ** 1.5
-    sky = (1 - share) * [14, 24, 38] + share * [60, 88, 112]
-    return np.broadcast_to(sky, (256, 16, 3)).astype(np.uint8)

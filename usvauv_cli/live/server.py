@@ -34,11 +34,7 @@ INTERVAL = 1 / 30  # s from one picture to the next, at best
 
 
 def listen(port: int) -> socket.socket:
-    """A socket that listens on a port of this machine alone; 0 takes a free one.
-
-    Raises:
-        UserError: no such port, or it cannot be had.
-    """
+    """A socket that listens on a port of this machine alone; 0 takes a free one."""
     if not 0 <= port <= MOST_PORT:
         raise UserError(f"--port {port}: must be from 0 (a free one) to {MOST_PORT}")
     try:
@@ -94,10 +90,6 @@ def _from_here(headers: Any) -> bool:
     return all(origin.lower() in (f"http://{hosts[0].lower()}", f"https://{hosts[0].lower()}") for origin in origins)
 
 
-def _ignore(loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-    """What a message of a tab asks for and viser cannot do is not done."""
-
-
 class _Guarded:
     """`websockets.asyncio.server.serve` on a given socket, with requests checked before anything else sees them."""
 
@@ -122,7 +114,8 @@ class _Guarded:
             return response
 
         def handled(connection: Any) -> Any:
-            asyncio.get_running_loop().set_exception_handler(_ignore)
+            # What a message of a tab asks for and viser cannot do is not done.
+            asyncio.get_running_loop().set_exception_handler(lambda loop, context: None)
             return handler(connection)
 
         self.used = True

@@ -34,23 +34,34 @@ Changes = dict[str, dict[str, float]]  # section → field → value
 
 @dataclass(frozen=True)
 class Slider:
-    """A number that a slider sets.
+    """A number that a slider sets: a field of the scenario, or a factor on several.
 
     Attributes:
         label: with the unit.
+        section, fields: of the scenario.
         bounds: the scenario as it was loaded → least and greatest value; None where it would change nothing.
         step: between two values.
-        value: that scenario → the value with which it begins.
-        changes: (that scenario, value) → what becomes of it.
         hint: what it does.
+        factor: the value multiplies the fields.
     """
 
     label: str
+    section: str
+    fields: tuple[str, ...]
     bounds: Callable[[Scenario], tuple[float, float] | None]
     step: float
-    value: Callable[[Scenario], float]
-    changes: Callable[[Scenario, float], Changes]
     hint: str
+    factor: bool = False
+
+    def value(self, scenario: Scenario) -> float:
+        """The value with which it begins in the scenario as it was loaded."""
+        value = 1.0 if self.factor else getattr(getattr(scenario, self.section), self.fields[0])
+        return 0.0 if value == "storm" else value
+
+    def changes(self, scenario: Scenario, value: float) -> Changes:
+        """What becomes of the scenario as it was loaded."""
+        section = getattr(scenario, self.section)
+        return {self.section: {name: value * (getattr(section, name) if self.factor else 1) for name in self.fields}}
 
 
 def _current_bounds(scenario: Scenario) -> tuple[float, float] | None:
@@ -73,61 +84,38 @@ def _long_bounds(scenario: Scenario) -> tuple[float, float] | None:
     return 0.0, math.floor(10 * min(10.0, scenario.area.depth / 8, max(2 * sea.irregular_rms, 1.0))) / 10
 
 
-def _ping_bounds(scenario: Scenario) -> tuple[float, float] | None:
-    return None if scenario.channel.schedule == "every-step" else (0.0, max(60.0, scenario.channel.interval))
-
-
 def _level_bounds(scenario: Scenario) -> tuple[float, float]:
     level = scenario.acoustics.source_level
     return max(100.0, level - 30.0), min(250.0, level + 15.0)
 
 
+def _ping_bounds(scenario: Scenario) -> tuple[float, float] | None:
+    return None if scenario.channel.schedule == "every-step" else (0.0, max(60.0, scenario.channel.interval))
+
+
+CIRCULATION, HEIGHT = ("circulation_min", "circulation_max"), ("significant_height",)
 SLIDERS: dict[str, Slider] = {
     "current": Slider(
-        "Current, ×",
-        _current_bounds,
-        0.05,
-        lambda scenario: 1.0,
-        lambda scenario, factor: {
-            "current": {
-                name: factor * getattr(scenario.current, name) for name in ("circulation_min", "circulation_max")
-            }
-        },
-        "Circulation of all vortices, times the scenario's",
+        "Current, ×", "current", CIRCULATION, _current_bounds, 0.05,
+        "Circulation of all vortices, times the scenario's", factor=True,
     ),
     "storm": Slider(
-        "Storm Hs, m",
-        _storm_bounds,
-        0.1,
-        lambda scenario: scenario.storm.significant_height,
-        lambda scenario, height: {"storm": {"significant_height": height}},
+        "Storm Hs, m", "storm", HEIGHT, _storm_bounds, 0.1,
         "Significant height of the short waves; wind noise and bubbles follow it where the scenario says so",
     ),
     "long_waves": Slider(
-        "Long waves, m rms",
-        _long_bounds,
-        0.1,
-        lambda scenario: 0.0 if scenario.sea.irregular_rms == "storm" else scenario.sea.irregular_rms,
-        lambda scenario, rms: {"sea": {"irregular_rms": rms}},
+        "Long waves, m rms", "sea", ("irregular_rms",), _long_bounds, 0.1,
         "Irregular long waves at the forced edge; they run in from there",
     ),
     "source_level": Slider(
-        "Source level, dB",
-        _level_bounds,
-        0.5,
-        lambda scenario: scenario.acoustics.source_level,
-        lambda scenario, level: {"acoustics": {"source_level": level}},
+        "Source level, dB", "acoustics", ("source_level",), _level_bounds, 0.5,
         "Level of the positioning signal, re 1 µPa at 1 m: how far AUVs are heard",
     ),
     "ping": Slider(
-        "Ping interval, s",
-        _ping_bounds,
-        0.5,
-        lambda scenario: scenario.channel.interval,
-        lambda scenario, interval: {"channel": {"interval": interval}},
+        "Ping interval, s", "channel", ("interval",), _ping_bounds, 0.5,
         "Least time from one exchange with the AUVs to the next",
     ),
-}
+}  # fmt: skip
 
 
 class Session:
@@ -295,11 +283,7 @@ class Session:
         return np.stack(np.meshgrid(x, y), axis=-1)
 
     def set(self, name: str, value: float) -> None:
-        """Set a slider by name; holds from the next step on.
-
-        Raises:
-            ScenarioError: the scenario cannot have this value.
-        """
+        """Set a slider by name; holds from the next step on. The scenario may refuse the value."""
         scenario, values = self.scenario, {**self.values, name: value}
         for which, number in values.items():
             scenario = changed(scenario, SLIDERS[which].changes(self._loaded, number))
@@ -324,19 +308,14 @@ class Session:
         return _choices(self.policy, policies.available(), lambda name: policies.check(name, self.scenario))
 
     def set_policy(self, name: str) -> None:
-        """Let another policy act from the next step on.
-
-        Raises:
-            PolicyError: it cannot be used here.
-        """
+        """Let another policy act from the next step on."""
         self._act = policies.acting(name, self.world)
         self.policy = name
 
     def set_strategy(self, name: str) -> None:
-        """Go on with another strategy of the boat, in a world that takes over the state; see `World.continue_from`.
+        """Go on with another strategy of the boat, in a world that takes over the state, see `World.continue_from`.
 
-        Raises:
-            ScenarioError: it cannot be used here; the mission goes on with the present one.
+        Where that refuses it, the mission goes on with the present one.
         """
         self._go_on_in({"boat": {"strategy": name}})
 
@@ -388,11 +367,7 @@ class Session:
 
 
 def changed(scenario: Scenario, changes: Mapping[str, Mapping[str, Any]]) -> Scenario:
-    """A scenario with other values, section → field → value.
-
-    Raises:
-        ScenarioError: it cannot have them.
-    """
+    """A scenario with other values, section → field → value."""
     data = scenario.to_dict()
     for section, fields in changes.items():
         data[section] |= fields

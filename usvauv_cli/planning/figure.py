@@ -55,14 +55,9 @@ def error_of(place: BoatPlace, objective: str) -> str:
     return f"{error} m" + (f", {place.located} of {count} AUVs" if place.located < count else "")
 
 
-def place_colour(i: int) -> str:
-    """Colour of compared place number `i`."""
-    return CATEGORICAL[i % len(CATEGORICAL)]
-
-
-def letter_of(i: int) -> str:
-    """Letter of compared place number `i`."""
-    return LETTERS[i % len(LETTERS)]
+def look(i: int) -> tuple[str, str]:
+    """Letter and colour of compared place number `i`."""
+    return LETTERS[i % len(LETTERS)], CATEGORICAL[i % len(CATEGORICAL)]
 
 
 @mpl.plain()
@@ -140,7 +135,7 @@ def draw_places(result: Plan, axes: mpl.Axes) -> float:
     shadow: list[mpl.AbstractPathEffect] = [mpl.withStroke(linewidth=3, foreground=OUTLINE)]
     for place, colour, dash in [
         (best, TEXT, "-"),
-        *((p, place_colour(i), (0, (4, 2))) for i, p in enumerate(others)),
+        *((p, look(i)[1], (0, (4, 2))) for i, p in enumerate(others)),
     ]:
         for auv, error in zip(result.auvs, place.errors, strict=True):
             if not error.located or error.major is None or error.minor is None or error.angle is None:
@@ -158,9 +153,10 @@ def draw_places(result: Plan, axes: mpl.Axes) -> float:
         label = axes.annotate(str(k + 1), (auv.x, auv.y), (6, 6), textcoords="offset points", zorder=6)
         label.set(color=colour, fontsize=11, fontweight="bold", path_effects=shadow)
     for i, place in enumerate(others):
-        axes.plot(place.x, place.y, "s", ms=13, mfc=place_colour(i), mew=1.2, zorder=7, **above)
-        letter = axes.annotate(letter_of(i), (place.x, place.y), ha="center", va="center_baseline", zorder=8)
-        letter.set(color=OUTLINE, fontsize=8, fontweight="bold")
+        letter, colour = look(i)
+        axes.plot(place.x, place.y, "s", ms=13, mfc=colour, mew=1.2, zorder=7, **above)
+        text = axes.annotate(letter, (place.x, place.y), ha="center", va="center_baseline", zorder=8)
+        text.set(color=OUTLINE, fontsize=8, fontweight="bold")
     axes.plot(centroid.x, centroid.y, "+", ms=12, mew=2, color=TEXT, path_effects=shadow, zorder=8)
     axes.plot(best.x, best.y, "*", ms=20, mfc=TEXT, mew=1.2, zorder=9, **above)
     return scale
@@ -186,8 +182,8 @@ def draw_legend(result: Plan, scale: float, figure: mpl.Figure, corner: tuple[fl
         (mark("+", TEXT, 9), f"centroid   {error_of(centroid, objective)}"),
     ]
     for i, place in enumerate(result.compare):
-        text = f"{letter_of(i)} ({place.x:g}, {place.y:g})   {error_of(place, objective)}"
-        entries.append((mark("s", place_colour(i), 9), text))
+        letter, colour = look(i)
+        entries.append((mark("s", colour, 9), f"{letter} ({place.x:g}, {place.y:g})   {error_of(place, objective)}"))
     entries.append(heading("AUV: 1-σ from the optimum"))
     for k, (auv, error) in enumerate(zip(result.auvs, best.errors, strict=True)):
         size = f"{metres(error.major)} × {metres(error.minor)} m" if error.located else f"{error.good:.0%} good"
@@ -196,9 +192,9 @@ def draw_legend(result: Plan, scale: float, figure: mpl.Figure, corner: tuple[fl
     entries.append(heading(f"{SIGMAS}-σ ellipses, drawn × {scale:g}"))
     entries.append((line(TEXT, "-"), "from the optimum"))
     if result.compare:
-        letters = [letter_of(i) for i in range(len(result.compare))]
+        letters = [look(i)[0] for i in range(len(result.compare))]
         text = "from " + ", ".join(letters) + (", each in its colour" if len(letters) > 1 else "")
-        entries.append((line(place_colour(0), "--"), text))
+        entries.append((line(look(0)[1], "--"), text))
     if objective in LINES:
         entries.append(heading(LINES[objective]))
         entries.append((line(TEXT, "-", 0.7), "as a multiple of the best"))

@@ -87,11 +87,7 @@ class PositionEstimate(NamedTuple):
 
 
 def auvs_of_log(path: Path, scenario: Scenario, beacons: Sequence[str] = ()) -> tuple[list[PositionEstimate], Log]:
-    """The AUVs in a log, and the log.
-
-    Raises:
-        UserError: as `read_log`, or an AUV is not in the scenario's water.
-    """
+    """The AUVs in a log, which must be in the scenario's water, and the log, see `read_log`."""
     log = read_log(path, scenario, beacons)
     found, area = [estimate(each) for each in log.fixes], scenario.area
     for auv in found:
@@ -160,11 +156,7 @@ def _decoded(line: bytes) -> str:
 
 
 def _of_auvs(contents: Contents, beacons: Sequence[str]) -> dict[str, list[Fix]]:
-    """The fixes by name, without those of the ship and at the surface, or of the beacons picked; counts the others.
-
-    Raises:
-        UserError: none is left, one picked is not there, or more than a plan can have.
-    """
+    """The fixes by name, without those of the ship and at the surface, or of the beacons picked; counts the others."""
     if not contents.fixes:
         reasons = contents.warnings() or [f"expected CSV with a header ({NEEDED}) or a USBL system's sentences"]
         raise UserError(f"no fix in it: {'; '.join(reasons)}")

@@ -114,11 +114,7 @@ class DayClock:
 
 
 def number(text: str) -> float:
-    """A number in a log.
-
-    Raises:
-        ValueError: it is none, not finite or beyond all that is measured.
-    """
+    """A number in a log; ValueError where it is none, not finite or beyond all that is measured."""
     value = float(text)
     if not abs(value) < LARGEST:
         raise ValueError(text)
@@ -126,12 +122,7 @@ def number(text: str) -> float:
 
 
 def geographic(latitude: float, longitude: float) -> tuple[float, float]:
-    """A latitude and a longitude, degrees.
-
-    Raises:
-        BadLine: they are not on the Earth.
-        NoFix: both are 0, which receivers without a position write.
-    """
+    """A latitude and a longitude, degrees; `NoFix` where both are 0, which receivers without a position write."""
     if not (abs(latitude) <= 90 and abs(longitude) <= 360):
         raise BadLine(f"latitude {latitude:g}, longitude {longitude:g}: allowed are ±90 and ±360")
     if latitude == 0 == longitude:
@@ -196,11 +187,7 @@ def read_table(lines: Sequence[str]) -> Contents | None:
 
 
 def _cells(line: str, separator: str) -> list[str]:
-    """The fields of a line.
-
-    Raises:
-        BadLine: a field is longer than 131,072 characters.
-    """
+    """The fields of a line; `BadLine` where one is longer than 131,072 characters."""
     try:
         row = next(csv.reader([line.strip(" ")], delimiter=separator, skipinitialspace=True))
     except csv.Error as error:

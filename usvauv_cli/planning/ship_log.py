@@ -87,11 +87,7 @@ Sentence = Relative | Geographic | Boat | Heading
 
 
 def parse(line: str) -> Sentence | None:
-    """What a line says; None for other sentences.
-
-    Raises:
-        BadLine, NoFix: see there.
-    """
+    """What a line says; None for other sentences. Raises `BadLine` and `NoFix`, see there."""
     own = EVOLOGICS.search(line)
     if own:
         return _guarded(_evologics, own["body"].split(","))
@@ -314,7 +310,8 @@ class _Lines:
         times = np.array([boat.time for boat in boats])
         places = np.array([(boat.latitude, near(boat.longitude, boats[0].longitude)) for boat in boats])
         order = np.argsort(times, kind="stable")
-        way = Way("the boat's position", times[order], places[order], _metres(boats[0].latitude))
+        metres = DEGREE, DEGREE * math.cos(math.radians(boats[0].latitude))
+        way = Way("the boat's position", times[order], places[order], metres)
         if not self.headings:
             return way, None
         lines, angles = zip(*self.headings, strict=True)
@@ -378,7 +375,3 @@ def _relative(found: Sequence[Relative], way: Way | None, headings: Way | None, 
         Fix(fix.name, fix.time, fix.depth, (float(e), float(n)), (float(at[0]), float(at[1])), math.hypot(fix.x, fix.y))
         for fix, e, n, at in compress(zip(found, east, north, boats, strict=True), known)
     ]
-
-
-def _metres(latitude: float) -> tuple[float, float]:
-    return DEGREE, DEGREE * math.cos(math.radians(latitude))

@@ -10,6 +10,7 @@ import json
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
+from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -19,7 +20,7 @@ from usvauv.cli.reproduction.paper import Settings, best
 from usvauv.cli.sweep.engine import Engine
 from usvauv.cli.sweep.perform import perform_all
 from usvauv.cli.sweep.run import Piece, seconds
-from usvauv.cli.tables import counted, duration
+from usvauv.cli.terminal import counted, duration
 from usvauv.env.scenario import Scenario
 from usvauv.env.storage.files import atomic_write, inside, locked
 from usvauv.kernels.errors import UserError, choices
@@ -114,44 +115,34 @@ def reproduce(
 
 
 def conventions_section(settings: Settings) -> str:
-    """Every convention, and the settings of every method."""
+    """Every convention: the fields of scenarios that hold them, the paper's or demonstration's beside ours, and the
+    training settings of every method."""
+    ours, physical = settings.scenario(paper.CONDITIONS["ESC"]), settings.scenario(paper.PHYSICAL)
+    fields = [
+        [*((about, theirs) if i == 0 else ("", "")), f"`{field}`", _value(ours, field), _value(physical, field)]
+        for about, theirs, names in paper.CONVENTIONS
+        for i, field in enumerate(names)
+    ]
+    columns = [asdict(method.config) for method in settings.methods]
+    trained = [[f"`{name}`", *(_shown(of[name]) for of in columns)] for name in columns[0] if name != "seed"]
+    trained.append(["boat", *(f"`{method.usv}`" for method in settings.methods)])
+    changes = (", ".join(f"`{change}`" for change in method.learning) for method in settings.methods)
+    trained.append(["scenario while learning", *changes])
     parts = [
         "## Conventions",
         paper.EXPLAINED.strip(),
         "Fields of the scenarios that decide what the numbers are; `usvauv scenarios paper-extreme` prints all:",
-        scenario_table(settings),
+        paper.markdown_table(
+            ["", "paper (P) or demonstration (D)", "field", f"`{ours.name}`", f"`{physical.name}`"], fields
+        ),
         "Settings of the training runs:",
-        method_table(settings),
+        paper.markdown_table(["", *(method.title for method in settings.methods)], trained),
     ]
     return "\n\n".join(parts)
 
 
-def scenario_table(settings: Settings) -> str:
-    """Table of the conventions that are fields of a scenario: the paper's or demonstration's, and ours."""
-    ours, physical = settings.scenario(paper.CONDITIONS["ESC"]), settings.scenario(paper.PHYSICAL)
-    head = ["", "paper (P) or demonstration (D)", "field", f"`{ours.name}`", f"`{physical.name}`"]
-    rows = [
-        [*((about, theirs) if i == 0 else ("", "")), f"`{field}`", _value(ours, field), _value(physical, field)]
-        for about, theirs, fields in paper.CONVENTIONS
-        for i, field in enumerate(fields)
-    ]
-    return paper.markdown_table(head, rows)
-
-
-def method_table(settings: Settings) -> str:
-    """Table of the training settings of each method."""
-    columns = [asdict(method.config) for method in settings.methods]
-    rows = [[f"`{name}`", *(_shown(of[name]) for of in columns)] for name in columns[0] if name != "seed"]
-    rows.append(["boat", *(f"`{method.usv}`" for method in settings.methods)])
-    changes = (", ".join(f"`{change}`" for change in method.learning) for method in settings.methods)
-    return paper.markdown_table(
-        ["", *(method.title for method in settings.methods)], [*rows, ["scenario while learning", *changes]]
-    )
-
-
 def _value(scenario: Scenario, field: str) -> str:
-    section, _, name = field.partition(".")
-    return _shown(getattr(getattr(scenario, section), name))
+    return _shown(attrgetter(field)(scenario))
 
 
 def _shown(value: object) -> str:

@@ -24,7 +24,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
-from usvauv.cli import tables
+from usvauv.cli import terminal
 from usvauv.cli.sweep.engine import LOST, THREADS, Ended, Engine, Local, Task, conduct, remove_signs, reported, signs_in
 from usvauv.cli.sweep.run import FAILURE, Piece, perform
 from usvauv.cli.sweep.study import Resources
@@ -50,13 +50,10 @@ class OnRay:
     Args:
         address: "local" begins one on this machine, "auto" finds one, else where one is.
         jobs: tasks at a time on one that is begun here.
-        cores, memory, gpu: of a task: CPU cores, GB, share of a graphics card.
-
-    Raises:
-        UserError: Ray is missing, or there is no such cluster.
+        needs: of a task.
     """
 
-    def __init__(self, address: str, jobs: int, cores: int, memory: float, gpu: float) -> None:
+    def __init__(self, address: str, jobs: int, needs: Resources) -> None:
         try:
             import ray
             from ray.exceptions import RayError
@@ -65,7 +62,9 @@ class OnRay:
         for name, value in SETTINGS.items():
             os.environ.setdefault(name, value)
         handlers = {signum: signal.getsignal(signum) for signum in SIGNALS}
-        here: dict[str, Any] = {"num_cpus": jobs * cores, "include_dashboard": False} if address == "local" else {}
+        here: dict[str, Any] = (
+            {"num_cpus": jobs * needs.cores, "include_dashboard": False} if address == "local" else {}
+        )
         try:
             with deferred():  # between the processes that it starts and its knowing of them
                 ray.init(address, log_to_driver=False, logging_level=logging.ERROR, **here)
@@ -78,11 +77,12 @@ class OnRay:
             for signum, handler in handlers.items():  # Ray takes SIGTERM for itself
                 signal.signal(signum, handler)
         self._ray, self._error = ray, RayError
-        needed = {"CPU": cores, "GPU": gpu, "memory": memory * 1e9}
+        needed = {"CPU": needs.cores, "GPU": needs.gpu, "memory": needs.memory * 1e9}
         nodes = [node["Resources"] for node in ray.nodes() if node["Alive"]]
         if not any(all(node.get(name, 0) >= number for name, number in needed.items()) for node in nodes):
-            print(f"warning: no node of Ray has {cores} cores, {memory:g} GB and {gpu:g} GPU; runs wait for one")
-        resources = {"num_cpus": cores, "num_gpus": gpu, "memory": int(memory * 1e9)}
+            wanted = f"{needs.cores} cores, {needs.memory:g} GB and {needs.gpu:g} GPU"
+            print(f"warning: no node of Ray has {wanted}; runs wait for one")
+        resources = {"num_cpus": needs.cores, "num_gpus": needs.gpu, "memory": int(needs.memory * 1e9)}
         self._call = ray.remote(max_retries=2, **resources)(Task.__call__)
         self._running: dict[Any, str] = {}
 
@@ -121,16 +121,10 @@ class OnSlurm:
         folder: of what submitit keeps: scripts, and what jobs print.
         partition: of Slurm.
         jobs: that Slurm has at a time, running or waiting.
-        cores, memory, gpu: of a task: CPU cores, GB, graphics cards (rounded up).
-        hours: time limit.
-
-    Raises:
-        UserError: submitit or Slurm is missing.
+        needs: of a task; a share of a graphics card becomes a whole one.
     """
 
-    def __init__(
-        self, folder: Path, partition: str, jobs: int, cores: int, memory: float, gpu: float, hours: float
-    ) -> None:
+    def __init__(self, folder: Path, partition: str, jobs: int, needs: Resources) -> None:
         try:
             import submitit
             from submitit.core import utils
@@ -144,20 +138,19 @@ class OnSlurm:
             left.unlink()
         self._executor.update_parameters(
             name="usvauv",
-            cpus_per_task=cores,
-            mem_gb=math.ceil(memory),
-            gpus_per_node=math.ceil(gpu),
-            timeout_min=math.ceil(60 * hours),
+            cpus_per_task=needs.cores,
+            mem_gb=math.ceil(needs.memory),
+            gpus_per_node=math.ceil(needs.gpu),
+            timeout_min=math.ceil(60 * needs.hours),
             slurm_partition=partition,
             slurm_array_parallelism=jobs,
-            slurm_setup=[
-                f"export {THREADS}={cores} SRUN_CPUS_PER_TASK={cores}"
-            ],  # which srun does not take from sbatch
+            # The second is not passed on by sbatch to srun.
+            slurm_setup=[f"export {THREADS}={needs.cores} SRUN_CPUS_PER_TASK={needs.cores}"],
         )
         self._errors, self._partition, self._jobs = utils, partition, jobs
         self._waiting: deque[Task] = deque()
         self._running: dict[str, Any] = {}
-        self._ended: set[str] = set()  # of the running ones at the last question
+        self._gone: set[str] = set()  # of the running ones at the last question
         self._asked = time.monotonic()
 
     def submit(self, tasks: Sequence[Task]) -> None:
@@ -166,7 +159,7 @@ class OnSlurm:
     def wait(self, seconds: float) -> list[Ended]:
         self._begin()
         until = time.monotonic() + seconds
-        while not (results := [*self._results(), *self._lost()]) and time.monotonic() < until:
+        while not (results := self._ended()) and time.monotonic() < until:
             time.sleep(LOOK)
         return results
 
@@ -183,17 +176,16 @@ class OnSlurm:
             raise UserError(f"--slurm {self._partition}: {' '.join(str(error).split())}") from None
         self._running |= {task.name: job for task, job in zip(tasks, jobs, strict=True)}
 
-    def _results(self) -> list[Ended]:
-        return [self._result(name) for name, job in list(self._running.items()) if job.paths.result_pickle.exists()]
-
     def _result(self, name: str) -> Ended:
         try:
             return self._running.pop(name).result()
         except self._errors.FailedJobError as error:  # outside of the task, as where usvauv cannot be imported
             return Ended(name, "failed", in_words(error), str(error))
 
-    def _lost(self) -> list[Ended]:
-        """Those that Slurm no longer has and that left no result."""
+    def _ended(self) -> list[Ended]:
+        """Those that have a result, and those that Slurm no longer has and that left none."""
+        if ready := [name for name, job in self._running.items() if job.paths.result_pickle.exists()]:
+            return [self._result(name) for name in ready]
         if time.monotonic() - self._asked < ASK:
             return []
         self._asked = time.monotonic()
@@ -201,13 +193,10 @@ class OnSlurm:
         asked = subprocess.run(command, capture_output=True, text=True, check=False)
         if asked.returncode:  # its controller restarts
             return []
-        before, there = self._ended, set(asked.stdout.split())
-        self._ended = {name for name, job in self._running.items() if job.job_id not in there}
-        return [self._gone(name) for name in self._ended & before]
-
-    def _gone(self, name: str) -> Ended:
-        said = (self._running.pop(name).stderr() or "").strip()
-        return Ended(name, "lost", said.rpartition("\n")[2] or LOST, said)
+        before, there = self._gone, set(asked.stdout.split())
+        self._gone = {name for name, job in self._running.items() if job.job_id not in there}
+        said = {name: (self._running.pop(name).stderr() or "").strip() for name in self._gone & before}
+        return [Ended(name, "lost", text.rpartition("\n")[2] or LOST, text) for name, text in said.items()]
 
     def cancel(self, names: Sequence[str]) -> None:
         self._waiting = deque(task for task in self._waiting if task.name not in names)
@@ -220,22 +209,17 @@ class OnSlurm:
 
 
 def engine(resources: Resources, folder: Path, ray: str | None, slurm: str | None, jobs: int | None) -> Engine:
-    """The engine that options choose; `jobs` are by default as many as there are cores and memory for.
-
-    Raises:
-        UserError: options that exclude each other, or an engine that is not there.
-    """
+    """The engine that options choose; `jobs` are by default as many as there are cores and memory for."""
     if ray not in (None, "local") and jobs is not None:
         raise UserError(f"--jobs {jobs}: must go without --ray {ray}, whose resources decide")
     room = [runtime.available_cores() / resources.cores, memory.available() / (resources.memory * 1e9)]
     if resources.gpu:
         room.append(1 / resources.gpu)
     here = jobs or max(1, int(min(room)))
-    needs = resources.cores, resources.memory, resources.gpu
     if ray is not None:
-        return OnRay(ray, here, *needs)
+        return OnRay(ray, here, resources)
     if slurm is not None:
-        return OnSlurm(inside(folder, folder / "slurm"), slurm, jobs or MOST_JOBS, *needs, resources.hours)
+        return OnSlurm(inside(folder, folder / "slurm"), slurm, jobs or MOST_JOBS, resources)
     return Local(here, resources.cores)
 
 
@@ -250,11 +234,11 @@ def perform_all(
     left = {piece.key: piece for piece in pieces if not piece.finished(folder)}
     if not left:
         remove_signs(folder)  # of a killed command, whose runs went on elsewhere
-        print(f"nothing to do: {tables.counted(len(pieces), 'run')} done already")
+        print(f"nothing to do: {terminal.counted(len(pieces), 'run')} done already")
         return ""
     done = len(pieces) - len(left)
     print(
-        f"{len(left)} of {tables.counted(len(pieces), 'run')} to do" + (f", {done} done already" if done else ""),
+        f"{len(left)} of {terminal.counted(len(pieces), 'run')} to do" + (f", {done} done already" if done else ""),
         flush=True,
     )
     files = tuple(plugins.loaded())
@@ -288,7 +272,7 @@ def perform_all(
     if not board.failed:
         return ""
     where = folder / "runs"
-    failed = f"{board.failed} of {tables.counted(len(pieces), 'run')} failed"
+    failed = f"{board.failed} of {terminal.counted(len(pieces), 'run')} failed"
     return f"{failed}, see {where}/*/{FAILURE}; the same command tries them again"
 
 
@@ -331,8 +315,8 @@ class Board:
         how = f"failed: {result.words}" if bad else "done"
         line = f"{number}/{len(self._pieces)} {piece.method} in {piece.task}, seed {piece.seed}: {how}"
         left = self.bar.tasks[0].time_remaining
-        line += f", about {tables.duration(left, rough=True)} left" if left and self.unfinished else ""
-        self._console.print(tables.wrapped(f"{line} ({result.name})", 2), soft_wrap=True)
+        line += f", about {terminal.duration(left, rough=True)} left" if left and self.unfinished else ""
+        self._console.print(terminal.wrapped(f"{line} ({result.name})", 2), soft_wrap=True)
 
     def update(self, done: Mapping[str, float]) -> None:
         """Show how much work is done of runs."""

@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -20,16 +21,16 @@ from typing import Any
 import numpy as np
 
 from usvauv import policies
-from usvauv.cli import tables
+from usvauv.cli import terminal
 from usvauv.cli.sweep import summary
 from usvauv.cli.sweep.engine import Engine
 from usvauv.cli.sweep.perform import perform_all
 from usvauv.cli.sweep.run import FAILURE, Piece, seconds
 from usvauv.cli.sweep.study import Study
-from usvauv.cli.tables import counted
+from usvauv.cli.terminal import counted
 from usvauv.cli.web_report import document
 from usvauv.env.record.metrics import EpisodeMetrics
-from usvauv.env.render.plain_matplotlib import Axes, Figure, Line2D
+from usvauv.env.render.plain_matplotlib import Axes, Figure
 from usvauv.env.scenario import Scenario
 from usvauv.env.storage.files import atomic_write, inside, locked, writing
 from usvauv.env.storage.tables import write_rows
@@ -171,11 +172,11 @@ def _mean_curve(runs: list[dict[float, float]]) -> Curve:
 
 def _figures(
     study: Study, results: Mapping[str, Any], learning: Mapping[str, Mapping[str, Curve]]
-) -> list[tuple[str, Figure, str, str]]:
+) -> list[document.Drawn]:
     """The figures for which there are numbers, as `document.pictures` takes them."""
     score = study.evaluation.score
     methods = list(dict.fromkeys(method for task in results["tasks"].values() for method in task))[:METHODS]
-    short = tables.shortened(methods, LONGEST)
+    short = terminal.shortened(methods, LONGEST)
 
     def shown(of: Mapping[str, Any]) -> dict[str, Any]:
         return {method: about for method, about in of.items() if method in short}
@@ -183,25 +184,25 @@ def _figures(
     made = []
     if tasks := {task: shown(of) for task, of in islice(results["tasks"].items(), TASKS)}:
         about = "Mean over runs, with 95 % intervals of the bootstrap over runs."
-        made.append(("scores", draw_scores(tasks, short, score), "Scores", about))
+        made.append(("scores", partial(draw_scores, tasks, short, score), "Scores", about))
     if len(results["aggregates"]) > 1:
         pairs = [pair for pair in results["improvement"] if {pair["method"], pair["over"]} <= short.keys()][:PAIRS]
         made += [
             (
                 "aggregates",
-                draw_aggregates(shown(results["aggregates"]), short),
+                partial(draw_aggregates, shown(results["aggregates"]), short),
                 "Scores over all tasks",
                 "Scaled so that in each task the worst run is 0 and the best 1.",
             ),
             (
                 "profiles",
-                draw_profiles(shown(results["profiles"]), short),
+                partial(draw_profiles, shown(results["profiles"]), short),
                 "Performance profiles",
                 "The higher the line, the better; where lines cross, neither method is better throughout.",
             ),
             (
                 "improvement",
-                draw_improvement(pairs, short),
+                partial(draw_improvement, pairs, short),
                 "Probability of improvement",
                 "That a run of the one is better than one of the other on the same task. An interval that holds 0.5"
                 " tells nothing.",
@@ -210,80 +211,76 @@ def _figures(
     learned = {task: shown(of) for task, of in learning.items()}
     if learned := {task: of for task, of in islice(learned.items(), TASKS) if of}:
         about = "Mean over runs of the evaluations during the training, in worlds of their own, with 95 % intervals."
-        made.append(("learning", draw_learning(learned, short, score), "Learning", about))
+        made.append(("learning", partial(draw_learning, learned, short, score), "Learning", about))
     return made
 
 
 def draw_scores(tasks: Mapping[str, Mapping[str, Values]], methods: Mapping[str, str], score: str) -> Figure:
     """Mean score of each method, a plot for each task; `methods` has names in the order of their colours."""
-    with document.drawing("scores"):
-        heights = [ROW * len(of) + 0.42 for of in tasks.values()]
-        figure = document.new(sum(heights) + 0.25 + document.rows_of_legend(list(methods.values())))
-        plots = figure.subplots(len(tasks), 1, squeeze=False, height_ratios=heights).ravel()
-        for axes, (task, of_methods) in zip(plots, tasks.items(), strict=True):
-            _rows(axes, [(list(methods).index(method), value) for method, value in of_methods.items()])
-            axes.set_title(document.truncated(task, TITLE), loc="left", pad=3)
-        plots[-1].set_xlabel(score)
-        document.legend(figure, _points(methods.values()))
+    heights = [ROW * len(of) + 0.42 for of in tasks.values()]
+    figure = document.new(sum(heights) + 0.25 + document.rows_of_legend(list(methods.values())))
+    plots = figure.subplots(len(tasks), 1, squeeze=False, height_ratios=heights).ravel()
+    for axes, (task, of_methods) in zip(plots, tasks.items(), strict=True):
+        _rows(axes, [(list(methods).index(method), value) for method, value in of_methods.items()])
+        axes.set_title(document.truncated(task, TITLE), loc="left", pad=3)
+    plots[-1].set_xlabel(score)
+    document.legend(figure, document.points(methods.values()))
     return figure
 
 
 def draw_aggregates(of_methods: Mapping[str, Mapping[str, Values]], methods: Mapping[str, str]) -> Figure:
     """Interquartile mean, median and mean of scaled scores, side by side."""
-    with document.drawing("aggregates"):
-        figure = document.new(ROW * len(of_methods) + 0.65 + document.rows_of_legend(list(methods.values())))
-        plots = figure.subplots(1, len(NAMES), sharex=True)
-        for axes, (name, words) in zip(plots, NAMES.items(), strict=True):
-            _rows(axes, [(list(methods).index(method), of[name]) for method, of in of_methods.items()])
-            axes.set_title(words, loc="left", pad=3)
-            axes.set_xlim(-0.02, 1.02)
-        plots[1].set_xlabel("scaled score")
-        document.legend(figure, _points(methods.values()))
+    figure = document.new(ROW * len(of_methods) + 0.65 + document.rows_of_legend(list(methods.values())))
+    plots = figure.subplots(1, len(NAMES), sharex=True)
+    for axes, (name, words) in zip(plots, NAMES.items(), strict=True):
+        _rows(axes, [(list(methods).index(method), of[name]) for method, of in of_methods.items()])
+        axes.set_title(words, loc="left", pad=3)
+        axes.set_xlim(-0.02, 1.02)
+    plots[1].set_xlabel("scaled score")
+    document.legend(figure, document.points(methods.values()))
     return figure
 
 
 def draw_profiles(of_methods: Mapping[str, Sequence[Values]], methods: Mapping[str, str]) -> Figure:
     """Share of runs above a scaled score, with bands of 95 %."""
-    with document.drawing("profiles"):
-        figure = document.new(2.2 + document.rows_of_legend(list(methods.values())))
-        axes = figure.add_subplot()
-        for method, profile in of_methods.items():
-            _curve(axes, list(methods).index(method), [(point["above"], point) for point in profile])
-        axes.set(xlabel="scaled score τ", ylabel="share of runs above τ", xlim=(0, 1), ylim=(-0.02, 1.02))
-        document.style_axes(axes)
-        document.legend(figure, _lines(methods.values()))
+    figure = document.new(2.2 + document.rows_of_legend(list(methods.values())))
+    axes = figure.add_subplot()
+    for method, profile in of_methods.items():
+        _curve(axes, list(methods).index(method), [(point["above"], point) for point in profile])
+    axes.set(xlabel="scaled score τ", ylabel="share of runs above τ", xlim=(0, 1), ylim=(-0.02, 1.02))
+    document.style_axes(axes)
+    document.legend(figure, document.lines(methods.values()))
     return figure
 
 
 def draw_improvement(pairs: Sequence[Values], methods: Mapping[str, str]) -> Figure:
     """Probability that a run of one method is better than one of another, for each pair."""
-    with document.drawing("improvement"):
-        figure = document.new(0.32 * len(pairs) + 0.55)
-        axes = figure.add_subplot()
-        _rows(axes, [(list(methods).index(pair["method"]), pair) for pair in pairs])
-        names = [[document.truncated(methods[pair[which]], 24) for which in ("method", "over")] for pair in pairs]
-        axes.set_yticks(range(0, -len(pairs), -1), [f"{one}\nover {other}" for one, other in names])
-        axes.axvline(0.5, color=document.MUTED, lw=0.8, zorder=1)
-        axes.set(xlim=(-0.02, 1.02), xlabel="probability of improvement")
+    figure = document.new(0.32 * len(pairs) + 0.55)
+    axes = figure.add_subplot()
+    _rows(axes, [(list(methods).index(pair["method"]), pair) for pair in pairs])
+    names = [[document.truncated(methods[pair[which]], 24) for which in ("method", "over")] for pair in pairs]
+    axes.set_yticks(range(0, -len(pairs), -1), [f"{one}\nover {other}" for one, other in names])
+    axes.axvline(0.5, color=document.MUTED, lw=0.8, zorder=1)
+    axes.set(xlim=(-0.02, 1.02), xlabel="probability of improvement")
     return figure
 
 
 def draw_learning(tasks: Mapping[str, Mapping[str, Curve]], methods: Mapping[str, str], score: str) -> Figure:
     """Mean score of evaluations during the training, with bands of 95 % over seeds, a plot for each task."""
     drawn = {method for of_methods in tasks.values() for method in of_methods}
-    with document.drawing("learning"):
-        figure = document.new(1.75 * len(tasks) + 0.25 + document.rows_of_legend([methods[method] for method in drawn]))
-        plots = figure.subplots(len(tasks), 1, squeeze=False).ravel()
-        for axes, (task, of_methods) in zip(plots, tasks.items(), strict=True):
-            for method, curve in of_methods.items():
-                _curve(axes, list(methods).index(method), curve)
-            axes.set_title(document.truncated(task, TITLE), loc="left", pad=3)
-            axes.set_ylabel(score)
-            document.style_axes(axes)
-        plots[-1].set_xlabel("world-steps")
-        document.legend(
-            figure, [line for method, line in zip(methods, _lines(methods.values()), strict=True) if method in drawn]
-        )
+    figure = document.new(1.75 * len(tasks) + 0.25 + document.rows_of_legend([methods[method] for method in drawn]))
+    plots = figure.subplots(len(tasks), 1, squeeze=False).ravel()
+    for axes, (task, of_methods) in zip(plots, tasks.items(), strict=True):
+        for method, curve in of_methods.items():
+            _curve(axes, list(methods).index(method), curve)
+        axes.set_title(document.truncated(task, TITLE), loc="left", pad=3)
+        axes.set_ylabel(score)
+        document.style_axes(axes)
+    plots[-1].set_xlabel("world-steps")
+    document.legend(
+        figure,
+        [line for method, line in zip(methods, document.lines(methods.values()), strict=True) if method in drawn],
+    )
     return figure
 
 
@@ -321,15 +318,3 @@ def _curve(axes: Axes, i: int, curve: Curve) -> None:
     )
     axes.fill_between(at, low, high, color=document.colour(i), alpha=0.15, lw=0)
     axes.plot(at, value, color=document.colour(i), ls=document.dash(i))
-
-
-def _points(names: Iterable[str]) -> list[Line2D]:
-    looks = {"ls": "none", "ms": 4.5, "mec": document.INK, "mew": 0.6}
-    return [
-        Line2D([], [], marker=document.marker(i), color=document.colour(i), label=name, **looks)
-        for i, name in enumerate(names)
-    ]
-
-
-def _lines(names: Iterable[str]) -> list[Line2D]:
-    return [Line2D([], [], color=document.colour(i), ls=document.dash(i), label=name) for i, name in enumerate(names)]

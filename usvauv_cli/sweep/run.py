@@ -98,11 +98,7 @@ class Piece:
         return evaluated + (config["total"] + (config.get("evaluations", EVALUATIONS) + 1) * steps if config else 0)
 
     def place(self, folder: Path) -> Path:
-        """Folder of the run in that of a study.
-
-        Raises:
-            OutputError: a link leads out of the latter.
-        """
+        """Folder of the run in that of a study, out of which no link may lead."""
         path = folder / "runs" / self.key
         inside(folder, path)
         return path
@@ -123,11 +119,7 @@ def key_of(definition: Mapping[str, Any]) -> str:
 
 
 def perform(definition: Mapping[str, Any], evaluate: Evaluate, place: Path, signs: Signs) -> None:
-    """Do a run, or what is left of it; see `Piece`.
-
-    Raises:
-        Stopped: `signs` asked for it; the training is saved.
-    """
+    """Do a run, or what is left of it, see `Piece`; `Stopped`, with the training saved, where `signs` asks for it."""
 
     def step(world_steps: int) -> None:
         signs.advance(EVALUATION_STEP * world_steps / EVALUATION_EPISODES)

@@ -6,6 +6,7 @@ all of them.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import product
@@ -94,11 +95,7 @@ class Study:
 
 
 def read(path: Path) -> Study:
-    """A study from its TOML file.
-
-    Raises:
-        UserError: one line that names the file, the field, its value and what is allowed.
-    """
+    """A study from its TOML file; refusals name the file, the field, its value and what is allowed."""
     try:
         data = read_text(path, "TOML")
     except FileNotFoundError:
@@ -145,21 +142,14 @@ def _combinations(fields: Mapping[str, Any], source: str) -> Iterator[dict[str, 
         if several and not value:
             raise UserError(f"{source}: {name} = []: must have at least one entry")
         axes.append(value if several else [value])
-    count = 1
-    for axis in axes:
-        count *= len(axis)
-    if count > MOST_RUNS:
+    if (count := math.prod(map(len, axes))) > MOST_RUNS:
         raise UserError(f"{source}: {count} combinations: must be at most {MOST_RUNS}")
     for values in product(*axes):
         yield dict(zip(fields, values, strict=True))
 
 
 def define(run: StudyRun, evaluation: Evaluation, source: str) -> dict[str, Any]:
-    """The definition of a run, which is checked as far as it can be without a world; see `Piece`.
-
-    Raises:
-        UserError: `source` and what is wrong.
-    """
+    """The definition of a run, see `Piece`, checked as far as it can be without a world; refusals name `source`."""
     try:
         scenario = Scenario.load(run.scenario, run.set).with_targets(run.targets or None)
         usv = StrategyChoice.parse(run.usv or None, scenario).name

@@ -16,9 +16,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from usvauv.cli import tables
+from usvauv.cli import terminal
 from usvauv.cli.evaluation import comparison
-from usvauv.cli.evaluation.comparison import digits, sentence
+from usvauv.cli.evaluation.comparison import digits
+from usvauv.cli.evaluation.tables import sentence
 from usvauv.cli.sweep.study import Evaluation
 
 Scores = Sequence[np.ndarray]  # one array a task, (…, N) over its runs
@@ -207,33 +208,33 @@ def show(results: Mapping[str, Any]) -> None:
     if not results["tasks"]:
         return
     methods = list(dict.fromkeys(method for task in results["tasks"].values() for method in task))
-    short = tables.shortened([*methods, *results["tasks"]], LONGEST)
+    short = terminal.shortened([*methods, *results["tasks"]], LONGEST)
     score = results["score"]
-    print(tables.wrapped(f"{score}, mean over runs, with 95 % intervals of the bootstrap over runs:"))
+    print(terminal.wrapped(f"{score}, mean over runs, with 95 % intervals of the bootstrap over runs:"))
     rows = [
         [short[task], short[method], str(about["runs"]), in_words(about)]
         for task, of_methods in results["tasks"].items()
         for method, about in of_methods.items()
     ]
-    tables.print_table(["task", "method", "runs", score], rows, 2)
+    terminal.print_table(["task", "method", "runs", score], rows, 2)
     for less in results["differences"]:
-        print(tables.wrapped(less["sentence"], 2))
+        print(terminal.wrapped(less["sentence"], 2))
     if len(results["aggregates"]) > 1:
-        print("\n" + tables.wrapped("Scores scaled so that in each task the worst run is 0 and the best 1:"))
+        print("\n" + terminal.wrapped("Scores scaled so that in each task the worst run is 0 and the best 1:"))
         rows = [[short[m], *map(in_words, figures_of.values())] for m, figures_of in results["aggregates"].items()]
-        tables.print_table(["method", "IQM", "median", "mean"], rows)
-        print("\n" + tables.wrapped("Share of runs above a scaled score (performance profile):"))
+        terminal.print_table(["method", "IQM", "median", "mean"], rows)
+        print("\n" + terminal.wrapped("Share of runs above a scaled score (performance profile):"))
         rows = [
             [short[m], *(f"{_at(profile, level)['value']:.0%}" for level in SHOWN)]
             for m, profile in results["profiles"].items()
         ]
-        tables.print_table(["method", *(f"> {level:g}" for level in SHOWN)], rows)
-        print("\n" + tables.wrapped("Probability that a run is better than one of another method:"))
+        terminal.print_table(["method", *(f"> {level:g}" for level in SHOWN)], rows)
+        print("\n" + terminal.wrapped("Probability that a run is better than one of another method:"))
         rows = [[short[pair["method"]], short[pair["over"]], in_words(pair)] for pair in results["improvement"]]
-        tables.print_table(["method", "over", "probability"], rows, 2)
+        terminal.print_table(["method", "over", "probability"], rows, 2)
     for name, brief in short.items():
         if name != brief:
-            print(tables.wrapped(f"{brief} = {name}", 2))
+            print(terminal.wrapped(f"{brief} = {name}", 2))
 
 
 def _at(profile: Sequence[Mapping[str, Any]], level: float) -> Mapping[str, Any]:

@@ -12,8 +12,9 @@ import json
 import math
 import platform
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from html import escape
 from importlib import metadata, resources
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -104,18 +105,10 @@ def drawing(name: str) -> Iterator[None]:
         yield
 
 
-def save_pdf(figure: Figure, name: str, folder: Path) -> None:
-    """Write FOLDER/NAME.pdf, with its fonts and without a date."""
-    with drawing(name), atomic_write(folder / f"{name}.pdf") as partial:
-        figure.savefig(partial, format="pdf", transparent=True, metadata={"CreationDate": None})
-
-
 def svg(figure: Figure, name: str, title: str, about: str) -> str:
     """The figure as an element of a page: colours as variables, ids that begin with its name, title and description."""
     text = io.StringIO()
-    with drawing(name):
-        nothing = dict.fromkeys(("Date", "Creator", "Format", "Type"))
-        figure.savefig(text, format="svg", transparent=True, metadata=nothing)
+    figure.savefig(text, format="svg", transparent=True, metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
     drawn = text.getvalue()
     drawn = drawn[drawn.index("<svg") :]
     drawn = re.sub(r'(\bid="|url\(#|href="#)', rf"\g<1>{name}-", drawn)
@@ -129,7 +122,7 @@ def svg(figure: Figure, name: str, title: str, about: str) -> str:
     head = (
         f'<svg {size[0]} role="img" aria-labelledby="{name}-title {name}-about" '
         'xmlns:xlink="http://www.w3.org/1999/xlink">'
-        f'<title id="{name}-title">{escape(title)}</title><desc id="{name}-about">{escape(about)}</desc>'
+        f'<title id="{name}-title">{escape(title, False)}</title><desc id="{name}-about">{escape(about, False)}</desc>'
     )
     return head + drawn[drawn.index(">") + 1 :].strip()
 
@@ -138,11 +131,6 @@ def _share(found: re.Match[str]) -> str:
     """A group of marks with their common style."""
     start, marks, style = found.groups()
     return f'{start} style="{style}">' + marks.replace(f' style="{style}"', "").replace("\n", "")
-
-
-def escape(text: str) -> str:
-    """Text as text of XML."""
-    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
 
 
 def truncated(name: str, most: int) -> str:
@@ -163,17 +151,31 @@ def style_axes(axes: Axes, grid: bool = True) -> None:
     axes.tick_params(which="both", colors=MUTED, length=2, width=0.6)
 
 
+def points(names: Iterable[str], size: float = 4.5) -> list[Line2D]:
+    """Marks of combinations for a legend."""
+    looks = {"ls": "none", "ms": size, "mec": INK, "mew": 0.6}
+    return [Line2D([], [], marker=marker(i), color=colour(i), label=name, **looks) for i, name in enumerate(names)]
+
+
+def lines(names: Iterable[str]) -> list[Line2D]:
+    """Lines of combinations for a legend."""
+    return [Line2D([], [], color=colour(i), ls=dash(i), label=name) for i, name in enumerate(names)]
+
+
+def _columns(names: Sequence[str]) -> int:
+    """Columns of a legend: a row for two short names or one long one."""
+    return max(1, min(len(names), 62 // (max(map(len, names)) + 8)))
+
+
 def legend(figure: Figure, handles: Sequence[Line2D]) -> None:
-    """A legend below the plots, a row for two short names or one long one."""
-    longest = max(len(str(handle.get_label())) for handle in handles)
-    columns = max(1, min(len(handles), 62 // (longest + 8)))
+    """A legend below the plots."""
+    columns = _columns([str(handle.get_label()) for handle in handles])
     figure.legend(handles=handles, loc="outside lower center", ncols=columns, frameon=False)
 
 
 def rows_of_legend(names: Sequence[str]) -> float:
     """Inches that a legend of names takes."""
-    columns = max(1, min(len(names), 62 // (max(map(len, names)) + 8)))
-    return 0.16 * math.ceil(len(names) / columns) + 0.05
+    return 0.16 * math.ceil(len(names) / _columns(names)) + 0.05
 
 
 class Picture(NamedTuple):
@@ -185,14 +187,19 @@ class Picture(NamedTuple):
     caption: str
 
 
-def pictures(folder: Path, made: Sequence[tuple[str, Figure, str, str]]) -> list[Picture]:
-    """Figures for the page in a folder: name, figure, title, caption; their PDFs are written there."""
-    for name, figure, *_ in made:
-        save_pdf(figure, name, folder)
-    return [
-        Picture(name, title, Markup(svg(figure, name, title, caption)), caption)
-        for name, figure, title, caption in made
-    ]
+Drawn = tuple[str, Callable[[], Figure], str, str]  # name of a figure, what draws it, title, caption
+
+
+def pictures(folder: Path, wanted: Iterable[Drawn]) -> list[Picture]:
+    """Figures for the page in a folder; each is written there as NAME.pdf too, with its fonts and without a date."""
+    made = []
+    for name, draw, title, caption in wanted:
+        with drawing(name):
+            figure = draw()
+            with atomic_write(folder / f"{name}.pdf") as partial:
+                figure.savefig(partial, format="pdf", transparent=True, metadata={"CreationDate": None})
+            made.append(Picture(name, title, Markup(svg(figure, name, title, caption)), caption))
+    return made
 
 
 def write(folder: Path, template: str, title: str, file: Mapping[str, str], arch: str, **fields: Any) -> Path:
@@ -243,8 +250,10 @@ def _template(name: str) -> Template:
 
 
 def style() -> Markup:
-    """The style of all pages."""
-    return Markup(_variables() + text("web_report/style.css"))
+    """The style of all pages; colours are variables, which have other values where the page is dark."""
+    light, dark = (";".join(f"--{role}:{code}" for role, code in colours.items()) for colours in (LIGHT, DARK))
+    variables = f":root{{{light}}}\n@media screen and (prefers-color-scheme:dark){{:root{{{dark}}}}}\n"
+    return Markup(variables + text("web_report/style.css"))
 
 
 def json_for_script(data: Any) -> Markup:
@@ -255,12 +264,6 @@ def json_for_script(data: Any) -> Markup:
 def text(name: str) -> str:
     """A file of this package."""
     return resources.files("usvauv.cli").joinpath(name).read_text(encoding="utf-8")
-
-
-def _variables() -> str:
-    """Colours of the light and of the dark page."""
-    light, dark = (";".join(f"--{role}:{code}" for role, code in colours.items()) for colours in (LIGHT, DARK))
-    return f":root{{{light}}}\n@media screen and (prefers-color-scheme:dark){{:root{{{dark}}}}}\n"
 
 
 def _made(arch: str) -> dict[str, str]:

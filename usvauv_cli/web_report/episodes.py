@@ -80,8 +80,7 @@ class Recordings(dict[Combination, Recording]):
 
     def add(self, trace: Trace, first: int) -> None:
         """Take what is shown of the trace of worlds from number `first` on."""
-        rule = trace.scenario.nodes.target_rule if collects_data(trace.scenario) else ""
-        combination = Combination(trace.policy, trace.usv, rule)
+        combination = combination_of(trace)
         if combination not in self:
             if len(self) == self.shown:
                 return
@@ -106,6 +105,12 @@ def front_episodes(combinations: int) -> int:
 def collects_data(scenario: Scenario) -> bool:
     """Whether AUVs go to nodes, which have data."""
     return scenario.task_definition.targets == "nodes"
+
+
+def combination_of(trace: Trace) -> Combination:
+    """What acted in a mission."""
+    rule = trace.scenario.nodes.target_rule if collects_data(trace.scenario) else ""
+    return Combination(trace.policy, trace.usv, rule)
 
 
 def thinned(trace: Trace, episodes: int) -> Episode:

@@ -5,8 +5,9 @@ that play in a cell of a notebook.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,32 +15,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from markupsafe import Markup
 
-from usvauv.cli import tables
-from usvauv.cli.evaluation.comparison import Comparison, dependence, headline, labels, sentences, words
+from usvauv.cli.evaluation.comparison import Comparison, words
+from usvauv.cli.evaluation.tables import column_tables, dependence, headline, labels, sentences
 from usvauv.cli.web_report import document
-from usvauv.cli.web_report.document import (
-    AGES,
-    COLUMN,
-    INK,
-    MUTED,
-    NODE,
-    SEA,
-    colour,
-    dash,
-    drawing,
-    legend,
-    marker,
-    new,
-    rows_of_legend,
-    style_axes,
-    truncated,
-)
+from usvauv.cli.web_report.document import AGES, COLUMN, INK, MUTED, NODE, SEA, colour, dash, marker
 from usvauv.cli.web_report.episodes import (
     ERRORS,
     PERIODS,
     Recording,
     Recordings,
     collects_data,
+    combination_of,
     error_quantiles,
     front_episodes,
     player_data,
@@ -104,7 +90,9 @@ def write(
         reference=" · ".join(filter(None, comparison.reference)),
         tables=_tables(comparison, scenario),
         pictures=document.pictures(folder, _figures(comparison, scenario, recordings)),
-        player=document.json_for_script(_player(scenario, recordings)),
+        player=document.json_for_script(
+            player_data(scenario, labels(list(recordings)), [each.episode for each in recordings.values()])
+        ),
         shown=next(iter(recordings.values())).episode,
         omitted=len(several) - len(recordings),
     )
@@ -121,7 +109,7 @@ def _tables(comparison: Comparison, scenario: Scenario) -> list[dict[str, Any]]:
                 for which in comparison.combinations
             ],
         }
-        for title, found in tables.column_tables(scenario, comparison.of_task).items()
+        for title, found in column_tables(scenario, comparison.of_task).items()
         if found
     ]
 
@@ -136,7 +124,7 @@ def _cell(comparison: Comparison, which: Combination, name: str) -> Cell:
     )
 
 
-def _figures(comparison: Comparison, scenario: Scenario, recordings: Recordings) -> list[tuple[str, Figure, str, str]]:
+def _figures(comparison: Comparison, scenario: Scenario, recordings: Recordings) -> list[document.Drawn]:
     """The figures that the task has, as `document.pictures` takes them."""
     names = labels(comparison.combinations)[: len(recordings)]
     recorded, steps = list(recordings.values()), scenario.mission.steps
@@ -146,7 +134,7 @@ def _figures(comparison: Comparison, scenario: Scenario, recordings: Recordings)
     made = [
         (
             "errors",
-            errors(names, recorded, steps * scenario.mission.step),
+            partial(errors, names, recorded, steps * scenario.mission.step),
             "Errors of positions and fixes",
             "Left: of the boat's estimates of the AUVs' positions, at each step; right: of usable fixes. Of all"
             " episodes. Above: the median in each hundredth of the mission, and for the first combination a band that"
@@ -154,7 +142,7 @@ def _figures(comparison: Comparison, scenario: Scenario, recordings: Recordings)
         ),
         (
             "trajectories",
-            trajectories(names, recorded, scenario),
+            partial(trajectories, names, recorded, scenario),
             "Tracks of AUVs and boat",
             f"The first episode, world 0, the same for all{thinned}.",
         ),
@@ -163,22 +151,17 @@ def _figures(comparison: Comparison, scenario: Scenario, recordings: Recordings)
         return made
     of_data = (
         "front",
-        front(names, comparison),
+        partial(front, names, comparison),
         "Data and energy",
         f"Small and faint: episodes{some}; large: their means with 95 % intervals. Better is further up and left.",
     )
     of_ages = (
         "ages",
-        ages(names, recorded, scenario),
+        partial(ages, names, recorded, scenario),
         "Age of data by node",
         "Mean age of the data of each node over the first episode; older data are drawn larger and stronger.",
     )
     return [of_data, *made, of_ages]
-
-
-def _player(scenario: Scenario, recordings: Recordings) -> dict[str, Any]:
-    names = labels(list(recordings))
-    return player_data(scenario, names, [recording.episode for recording in recordings.values()])
 
 
 @dataclass(frozen=True)
@@ -194,7 +177,7 @@ class Player:
     def _repr_html_(self) -> str:
         scenario = self.traces[0].scenario
         episodes = [thinned(trace, SHARE * len(self.traces)) for trace in self.traces]
-        names = labels([Combination(each.policy, each.usv, _rule(each)) for each in self.traces])
+        names = labels([combination_of(each) for each in self.traces])
         player = document.json_for_script(player_data(scenario, names, episodes))
         page = document.filled(
             "web_report/cell.html",
@@ -223,44 +206,23 @@ def play(*traces: Trace) -> Player:
     return Player(traces)
 
 
-def _rule(trace: Trace) -> str:
-    return trace.scenario.nodes.target_rule if collects_data(trace.scenario) else ""
-
-
-class Kind(NamedTuple):
-    """A kind of error: its title, and its counts in a recording."""
-
-    title: str
-    counts: Callable[[Recording], np.ndarray]
-
-
-KINDS = (Kind("positions", lambda each: each.positions), Kind("fixes", lambda each: each.fixes))
-
-
 def front(names: Sequence[str], comparison: Comparison) -> Figure:
     """Data over energy: the episodes of `points` of each combination faint, means with their intervals."""
-    with drawing("front"):
-        figure = new(2.5 + rows_of_legend(names))
-        axes = figure.add_subplot()
-        handles = []
-        for i, (name, which) in enumerate(zip(names, comparison.combinations, strict=False)):
-            energy, data = (comparison.score(which, column) for column in ("energy_wh", "delivered_mbit"))
-            axes.plot(
-                *zip(*comparison.points[which], strict=True), marker(i), color=colour(i), ms=2.6, alpha=0.35, mew=0
-            )
-            if energy.n > 1:
-                axes.errorbar(
-                    energy.mean, data.mean, data.half, energy.half, fmt="none", color=colour(i), elinewidth=1.2,
-                    capsize=2, zorder=5 + i,
-                )  # fmt: skip
-            size = 8 - 3 * i / len(names)  # equal means lie upon each other
-            axes.plot(energy.mean, data.mean, marker(i), color=colour(i), ms=size, mec=INK, mew=0.6, zorder=5 + i)
-            handles.append(
-                Line2D([], [], ls="none", marker=marker(i), color=colour(i), ms=5, mec=INK, mew=0.6, label=name)
-            )
-        axes.set(xlabel="energy of all AUVs, Wh", ylabel="data collected, Mbit")
-        style_axes(axes)
-        legend(figure, handles)
+    figure = document.new(2.5 + document.rows_of_legend(names))
+    axes = figure.add_subplot()
+    for i, which in enumerate(comparison.combinations[: len(names)]):
+        energy, data = (comparison.score(which, column) for column in ("energy_wh", "delivered_mbit"))
+        axes.plot(*zip(*comparison.points[which], strict=True), marker(i), color=colour(i), ms=2.6, alpha=0.35, mew=0)
+        if energy.n > 1:
+            axes.errorbar(
+                energy.mean, data.mean, data.half, energy.half, fmt="none", color=colour(i), elinewidth=1.2,
+                capsize=2, zorder=5 + i,
+            )  # fmt: skip
+        size = 8 - 3 * i / len(names)  # equal means lie upon each other
+        axes.plot(energy.mean, data.mean, marker(i), color=colour(i), ms=size, mec=INK, mew=0.6, zorder=5 + i)
+    axes.set(xlabel="energy of all AUVs, Wh", ylabel="data collected, Mbit")
+    document.style_axes(axes)
+    document.legend(figure, document.points(names, 5))
     return figure
 
 
@@ -268,34 +230,33 @@ def errors(names: Sequence[str], recordings: Sequence[Recording], duration: floa
     """Errors of positions beside those of fixes: over time, the median and of the first combination what holds 90 %,
     and their distribution.
     """
-    with drawing("errors"):
-        figure = new(3.6 + rows_of_legend(names))
-        plots = figure.subplots(2, 2, sharex="row", sharey="row")
-        time = (np.arange(PERIODS) + 0.5) / PERIODS * duration
-        reach = []
-        for column, kind in enumerate(KINDS):
-            over_time, whole = plots[:, column]
-            over_time.set_title(kind.title, loc="left", pad=3)
-            for i, recording in enumerate(recordings):
-                counts = kind.counts(recording)
-                low, median, high = error_quantiles(counts, (0.05, 0.5, 0.95))
-                if i == 0:
-                    over_time.fill_between(time, low, high, color=colour(0), alpha=0.18, lw=0)
-                over_time.plot(time, median, color=colour(i), ls=dash(i))
-                count = counts.sum(axis=0)
-                if count.any():
-                    whole.plot(ERRORS[1:], np.cumsum(count) / count.sum(), color=colour(i), ls=dash(i))
-                    reach += list(error_quantiles(count, (0.0005, 0.9995)))
-            over_time.set(xlabel="time, s", xlim=(0, duration), yscale="log")
-            whole.set(xlabel="error, m", ylim=(0, 1.02), xscale="log", xlim=(min(reach), max(reach) * 1.06))
-            for axis in (over_time.yaxis, whole.xaxis):
-                axis.set_major_formatter(WrittenOut())
-                axis.set_minor_formatter(WrittenOut())
-        plots[0, 0].set_ylabel("error, m")
-        plots[1, 0].set_ylabel("share below it")
-        for axes in plots.ravel():
-            style_axes(axes)
-        legend(figure, [Line2D([], [], color=colour(i), ls=dash(i), label=name) for i, name in enumerate(names)])
+    figure = document.new(3.6 + document.rows_of_legend(names))
+    plots = figure.subplots(2, 2, sharex="row", sharey="row")
+    time = (np.arange(PERIODS) + 0.5) / PERIODS * duration
+    reach = []
+    for column, kind in enumerate(("positions", "fixes")):
+        over_time, whole = plots[:, column]
+        over_time.set_title(kind, loc="left", pad=3)
+        for i, recording in enumerate(recordings):
+            counts = getattr(recording, kind)
+            low, median, high = error_quantiles(counts, (0.05, 0.5, 0.95))
+            if i == 0:
+                over_time.fill_between(time, low, high, color=colour(0), alpha=0.18, lw=0)
+            over_time.plot(time, median, color=colour(i), ls=dash(i))
+            count = counts.sum(axis=0)
+            if count.any():
+                whole.plot(ERRORS[1:], np.cumsum(count) / count.sum(), color=colour(i), ls=dash(i))
+                reach += list(error_quantiles(count, (0.0005, 0.9995)))
+        over_time.set(xlabel="time, s", xlim=(0, duration), yscale="log")
+        whole.set(xlabel="error, m", ylim=(0, 1.02), xscale="log", xlim=(min(reach), max(reach) * 1.06))
+        for axis in (over_time.yaxis, whole.xaxis):
+            axis.set_major_formatter(WrittenOut())
+            axis.set_minor_formatter(WrittenOut())
+    plots[0, 0].set_ylabel("error, m")
+    plots[1, 0].set_ylabel("share below it")
+    for axes in plots.ravel():
+        document.style_axes(axes)
+    document.legend(figure, document.lines(names))
     return figure
 
 
@@ -309,14 +270,14 @@ def maps(names: Sequence[str], scenario: Scenario, below: float) -> tuple[Figure
     width, length = scenario.area.width, scenario.area.length
     side = min((COLUMN - 0.5) / columns - 0.1, 2.9)
     height = rows * (min(max(side * length / width, 0.4), 2 * side) + 0.22) + 0.42 + below
-    figure = new(height)
+    figure = document.new(height)
     frame = Site(scenario).frame
     across, along = ("longitude", "latitude") if frame else ("x (east), m", "y (north), m")
     plots = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     for i, (axes, name) in enumerate(zip(plots, names, strict=False)):
         axes.set_facecolor(SEA)
         axes.set(xlim=(0, width), ylim=(0, length), aspect="equal")
-        axes.set_title(truncated(name, 46 // columns), loc="left", pad=3)
+        axes.set_title(document.truncated(name, 46 // columns), loc="left", pad=3)
         if frame:
             draw_graticule(axes, frame, width, length, 2 if columns > 1 else 3)
         else:
@@ -327,7 +288,7 @@ def maps(names: Sequence[str], scenario: Scenario, below: float) -> tuple[Figure
             axes.tick_params(labelbottom=True)
         if i % columns == 0:
             axes.set_ylabel(along)
-        style_axes(axes, grid=False)
+        document.style_axes(axes, grid=False)
     for axes in plots[len(names) :]:
         axes.set_visible(False)
     return figure, list(plots[: len(names)])
@@ -335,46 +296,44 @@ def maps(names: Sequence[str], scenario: Scenario, below: float) -> tuple[Figure
 
 def trajectories(names: Sequence[str], recordings: Sequence[Recording], scenario: Scenario) -> Figure:
     """Ways of AUVs and boats in world 0, a map for each combination."""
-    with drawing("trajectories"):
-        auvs = recordings[0].episode.auvs
-        ways = [Line2D([], [], color=colour(k), ls=dash(k), lw=1, label=f"AUV {k + 1}") for k in range(auvs)]
-        ways.append(Line2D([], [], color=INK, lw=0.9, alpha=0.7, label="boat"))
-        points = (("o", "none", "start"), ("s", INK, "end"))
-        ways += [Line2D([], [], ls="none", marker=m, ms=4, mec=INK, mfc=f, label=name) for m, f, name in points]
-        place = "node" if collects_data(scenario) else "station"
-        ways.append(Line2D([], [], ls="none", marker="^", ms=3.5, color=NODE, label=place))
-        figure, plots = maps(names, scenario, rows_of_legend([str(way.get_label()) for way in ways]))
-        for axes, recording in zip(plots, recordings, strict=True):
-            episode = recording.episode
-            axes.plot(*episode.node.T, "^", ms=2.4, color=NODE, mew=0)
-            for k, track in reversed(list(enumerate(episode.tracks))):
-                boat = k >= auvs
-                look = INK if boat else colour(k)
-                axes.plot(*track.T, color=look, lw=0.8, alpha=0.7 if boat else 1, ls="-" if boat else dash(k))
-                axes.plot(*track[0], "o", ms=4, mfc="none", mec=look, mew=0.9, clip_on=False, zorder=5)
-                axes.plot(*track[-1], "s", ms=3.6, color=look, clip_on=False, zorder=5)
-        legend(figure, ways)
+    auvs = recordings[0].episode.auvs
+    ways = [Line2D([], [], color=colour(k), ls=dash(k), lw=1, label=f"AUV {k + 1}") for k in range(auvs)]
+    ways.append(Line2D([], [], color=INK, lw=0.9, alpha=0.7, label="boat"))
+    points = (("o", "none", "start"), ("s", INK, "end"))
+    ways += [Line2D([], [], ls="none", marker=m, ms=4, mec=INK, mfc=f, label=name) for m, f, name in points]
+    place = "node" if collects_data(scenario) else "station"
+    ways.append(Line2D([], [], ls="none", marker="^", ms=3.5, color=NODE, label=place))
+    figure, plots = maps(names, scenario, document.rows_of_legend([str(way.get_label()) for way in ways]))
+    for axes, recording in zip(plots, recordings, strict=True):
+        episode = recording.episode
+        axes.plot(*episode.node.T, "^", ms=2.4, color=NODE, mew=0)
+        for k, track in reversed(list(enumerate(episode.tracks))):
+            boat = k >= auvs
+            look = INK if boat else colour(k)
+            axes.plot(*track.T, color=look, lw=0.8, alpha=0.7 if boat else 1, ls="-" if boat else dash(k))
+            axes.plot(*track[0], "o", ms=4, mfc="none", mec=look, mew=0.9, clip_on=False, zorder=5)
+            axes.plot(*track[-1], "s", ms=3.6, color=look, clip_on=False, zorder=5)
+    document.legend(figure, ways)
     return figure
 
 
 def ages(names: Sequence[str], recordings: Sequence[Recording], scenario: Scenario) -> Figure:
     """Mean age of the data of each node in world 0, older ones larger and stronger, a map for each combination."""
-    with drawing("ages"):
-        edges = age_edges(np.concatenate([recording.episode.age for recording in recordings]))
-        sizes = np.linspace(2.6, 7.5, len(AGES))
-        digits = max(0, -math.floor(math.log10(edges[1] - edges[0])))
-        labels = [f"{low:.{digits}f}–{high:.{digits}f} s" for low, high in pairwise(edges)]
-        marks = [
-            Line2D([], [], ls="none", marker="o", ms=sizes[i], color=AGES[i], mec=MUTED, mew=0.4, label=label)
-            for i, label in enumerate(labels)
-        ]
-        figure, plots = maps(names, scenario, rows_of_legend(labels))
-        for axes, recording in zip(plots, recordings, strict=True):
-            old = np.clip(np.searchsorted(edges, recording.episode.age) - 1, 0, len(AGES) - 1)
-            for i in range(len(AGES)):
-                there = recording.episode.node[old == i]
-                axes.plot(*there.T, "o", ms=sizes[i], color=AGES[i], mec=MUTED, mew=0.4, zorder=3 + i)
-        legend(figure, marks)
+    edges = age_edges(np.concatenate([recording.episode.age for recording in recordings]))
+    sizes = np.linspace(2.6, 7.5, len(AGES))
+    digits = max(0, -math.floor(math.log10(edges[1] - edges[0])))
+    labels = [f"{low:.{digits}f}–{high:.{digits}f} s" for low, high in pairwise(edges)]
+    marks = [
+        Line2D([], [], ls="none", marker="o", ms=sizes[i], color=AGES[i], mec=MUTED, mew=0.4, label=label)
+        for i, label in enumerate(labels)
+    ]
+    figure, plots = maps(names, scenario, document.rows_of_legend(labels))
+    for axes, recording in zip(plots, recordings, strict=True):
+        old = np.clip(np.searchsorted(edges, recording.episode.age) - 1, 0, len(AGES) - 1)
+        for i in range(len(AGES)):
+            there = recording.episode.node[old == i]
+            axes.plot(*there.T, "o", ms=sizes[i], color=AGES[i], mec=MUTED, mew=0.4, zorder=3 + i)
+    document.legend(figure, marks)
     return figure
 
 

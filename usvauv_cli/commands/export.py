@@ -1,0 +1,121 @@
+"""`usvauv export`: traces for other programs, and learned policies as ONNX."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from usvauv.cli.commands import options
+from usvauv.kernels.errors import UserError, choices
+
+
+def export(
+    context: typer.Context,
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="SOURCE", help="With --to a trace, a .nc file; else a trained policy by name, or a checkpoint."
+        ),
+    ],
+    scenario: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[SCENARIO]",
+            help="Of a policy: shipped name or path of a TOML file. Default: as it was trained.",
+        ),
+    ] = None,
+    to: Annotated[
+        str | None,
+        typer.Option(metavar="FORMAT", help="Format of a trace: mcap, rrd, parquet or csv."),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Of a trace: the file, or the folder of the tables, to write. Default: TRACE.mcap, TRACE.rrd, TRACE."
+        ),
+    ] = None,
+    episode: Annotated[
+        int | None, typer.Option(help="Of a trace of several: the episode in mcap and rrd, from 0. Default: 0.")
+    ] = None,
+    onnx: Annotated[
+        Path | None, typer.Option(help="Of a policy: the ONNX file to write. Default: POLICY.onnx.")
+    ] = None,
+    overrides: options.Overrides = None,
+    force: options.Force = False,
+    plugins: options.Plugins = None,
+) -> None:
+    """Write a recorded run for other tools, or a learned policy as ONNX.
+
+    **A trace** of `simulate --trace`, with `--to`: *mcap* is one episode as messages of ROS 2, for Foxglove, RViz
+    and PlotJuggler; *rrd* is one for the Rerun viewer; *parquet* and *csv* are a folder of tables, all episodes in
+    them, for pandas, R, DuckDB and spreadsheets. *mcap* and *parquet* need the extra `export`, *rrd* the extra
+    `rerun`.
+
+    **A policy**, without `--to`: the world's observation (N, K, O) in, its action (N, K, A) out, any N.
+    Everything between the two is inside. What each number is, and how the policy was trained, travels as metadata.
+    It runs in onnxruntime and needs nothing of usvauv. Writing it needs the extra `onnx`.
+
+    **Examples:**
+
+    `usvauv export mission.nc --to mcap`
+
+    `usvauv export missions.nc --to parquet --out tables`
+
+    `usvauv export sac-extreme --onnx boat.onnx`
+
+    `usvauv export runs/mine extreme --set auv.speed_max=2.0 --onnx slower.onnx`
+    """
+    if to is None:
+        for option, value in (("--out", out), ("--episode", episode)):
+            if value is not None:
+                raise UserError(f"{option} {value}: is for a trace, which needs --to; a policy is written by --onnx")
+        _export_policy(context, source, scenario, onnx, overrides or ())
+        return
+    for option, value in (("SCENARIO", scenario), ("--onnx", onnx), ("--set", (overrides or [None])[0])):
+        if value is not None:
+            raise UserError(f"{option} {value}: is for a policy; --to writes a trace")
+    _export_trace(context, Path(source), to, out, episode or 0)
+
+
+def _export_policy(
+    context: typer.Context, policy: str, scenario: str | None, onnx: Path | None, overrides: list[str] | tuple[()]
+) -> None:
+    from usvauv import policies
+    from usvauv.env import Scenario
+    from usvauv.env.world.observation import ObservationLayout
+    from usvauv.policies.export import export as write
+
+    if overrides and scenario is None:
+        raise UserError("--set: name the scenario whose fields it changes, after the policy")
+    setting = None if scenario is None else Scenario.load(scenario, overrides)
+    path = options.writable(
+        context, onnx or Path(f"{Path(policy).name.removesuffix('.safetensors')}.onnx"), "--onnx", (".onnx",)
+    )
+    player = policies.load_learned(policy, setting)
+    write(player, path)
+    auv, size = player.scenario.auv, ObservationLayout.of(player.scenario).size
+    shapes = f"observation (N, {auv.count}, {size}), action (N, {auv.count}, {auv.action_size})"
+    typer.echo(f"onnx: {path.resolve()}: {shapes}")
+
+
+def _export_trace(context: typer.Context, path: Path, to: str, out: Path | None, episode: int) -> None:
+    from usvauv.env import Trace
+    from usvauv.env.exchange import FOLDERS, WRITERS, export_trace
+
+    if to not in WRITERS:
+        raise UserError(f"--to {to!r}: {choices(to, WRITERS)}")
+    if to in FOLDERS:
+        target = out or Path(path.stem)
+    else:
+        target = options.writable(context, out or Path(f"{path.stem}.{to}"), "--out", (f".{to}",))
+    trace = Trace.load(path)
+    episodes = trace.power.shape[1]
+    if not 0 <= episode < episodes:
+        raise UserError(f"--episode {episode}: {path} has episodes 0 to {episodes - 1}")
+    if to in FOLDERS:
+        options.make_folder(target)
+        options.keep_others(context, target, "--out")
+    export_trace(trace, to, target, episode)
+    typer.echo(f"{to}: {target.resolve()}")

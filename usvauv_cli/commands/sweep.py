@@ -1,0 +1,133 @@
+"""`usvauv sweep` and `reproduce`: many runs, each done once."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from usvauv.cli.commands import options
+from usvauv.cli.terminal import duration
+from usvauv.kernels.errors import UserError
+
+Ray = Annotated[
+    str | None,
+    typer.Option(
+        metavar="local|auto|ADDRESS", help="Run on Ray: started here (local), found (auto), or at an address."
+    ),
+]
+Slurm = Annotated[
+    str | None, typer.Option(metavar="PARTITION", help="Run under Slurm, in that partition (or several: a,b).")
+]
+Jobs = Annotated[
+    int | None, typer.Option(help="Runs at a time; default as many as there are cores and memory for (Slurm: 1000).")
+]
+
+
+def sweep(
+    study: Annotated[Path, typer.Argument(metavar="STUDY.toml", help="File that names the runs.")],
+    out: Annotated[Path | None, typer.Option(help="Folder of everything; default studies/STUDY.")] = None,
+    ray: Ray = None,
+    slurm: Slurm = None,
+    jobs: Jobs = None,
+    plugins: options.Plugins = None,
+) -> None:
+    """Train and evaluate what a study file names; write a CSV row per episode and a summary with intervals.
+
+    What is done is kept in the folder and not done again, whatever the engine. Ctrl-C ends it cleanly; the same command
+    goes on. A run that fails is shown with its last line; the others go on, and the exit code is 2.
+
+    **Examples:**
+
+    `usvauv sweep examples/study.toml`
+
+    `usvauv sweep examples/study.toml --out first --jobs 2`
+
+    `usvauv sweep examples/study.toml --ray auto`
+
+    `usvauv sweep examples/study.toml --slurm batch --jobs 100`
+    """
+    from usvauv.cli.sweep import results
+    from usvauv.cli.sweep.perform import engine
+    from usvauv.cli.sweep.study import read
+    from usvauv.env import Scenario
+
+    _check(ray, slurm, jobs)
+    wanted = read(study)
+    different = {json.dumps(run.definition["scenario"]): run.definition["scenario"] for run in wanted.runs}
+    options.check_regime(*(Scenario.from_dict(scenario) for scenario in different.values()))
+    folder = out or Path("studies") / study.stem
+    options.make_folder(folder)
+    try:
+        results.sweep(wanted, folder, lambda: engine(wanted.resources, folder, ray, slurm, jobs))
+    except KeyboardInterrupt:
+        typer.echo(f"what is done is kept in {folder}; the same command goes on")
+        raise
+
+
+def reproduce(
+    target: Annotated[str | None, typer.Argument(metavar="[TARGET]", help="What to make; without it, a list.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of everything; the same one goes on.")] = None,
+    quick: Annotated[bool, typer.Option("--quick", help="A small version, in minutes.")] = False,
+    ray: Ray = None,
+    slurm: Slurm = None,
+    jobs: Jobs = None,
+    plugins: options.Plugins = None,
+) -> None:
+    """Make the paper's table and figures again: train, evaluate, and write a page with the paper's numbers beside ours.
+
+    Without a target: list them, with about how long each takes. A page comes with CSV, PNG and PDF, and names every
+    convention. `collaboration` is not of the paper: it compares boat strategies where they decide the mission.
+
+    What is done is kept in the folder and not done again. Ctrl-C ends it cleanly; the same command goes on.
+
+    **Examples:**
+
+    `usvauv reproduce`
+
+    `usvauv reproduce all --quick --out quick`
+
+    `usvauv reproduce table2 --out full`
+    """
+    from usvauv.cli.commands.inspect import show
+    from usvauv.cli.reproduction.page import listed, reproduce
+    from usvauv.cli.reproduction.paper import FULL, QUICK
+    from usvauv.cli.sweep.perform import engine
+    from usvauv.cli.sweep.study import Resources
+    from usvauv.kernels import runtime
+
+    _check(ray, slurm, jobs)
+    if target is None:
+        both = zip(listed(FULL), listed(QUICK), strict=True)
+        rows = [
+            (
+                name,
+                f"{about[0].upper()}{about[1:]}; about {duration(full)} on two cores, {duration(quick)} with --quick.",
+            )
+            for (name, about, full), (_, _, quick) in both
+        ]
+        show("Targets of `usvauv reproduce TARGET --out FOLDER`:", rows)
+        return
+    if out is None:
+        raise UserError("--out: needed, the folder of the results")
+    options.make_folder(out)
+    given = [*(["--quick"] if quick else []), *(f"--plugin {file}" for file in plugins or ())]
+    command = " ".join(["usvauv reproduce", target, *given, "--out DIR"])
+    resources = Resources(cores=max(1, runtime.available_cores() // jobs) if jobs else 1)
+    try:
+        page = reproduce(
+            target, QUICK if quick else FULL, out, lambda: engine(resources, out, ray, slurm, jobs), resources.cores,
+            command,
+        )  # fmt: skip
+    except KeyboardInterrupt:
+        typer.echo(f"what is done is kept in {out}; the same command goes on")
+        raise
+    typer.echo(f"page: {page.resolve()}")
+
+
+def _check(ray: str | None, slurm: str | None, jobs: int | None) -> None:
+    options.at_least("--jobs", 1 if jobs is None else jobs, 1)
+    if ray is not None and slurm is not None:
+        raise UserError("--ray, --slurm: must not both be given")

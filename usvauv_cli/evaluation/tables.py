@@ -1,0 +1,259 @@
+"""What a comparison says: the figures of merit as columns of tables, printed tables, and sentences."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from typing import NamedTuple
+
+from usvauv.cli import terminal
+from usvauv.cli.evaluation.comparison import Comparison, Estimate, words
+from usvauv.cli.terminal import counted
+from usvauv.env.scenario import Scenario
+from usvauv.env.storage.tables import Combination
+
+# Those shown by default, by task, between ARPS and those of positions; of a plugin's task, all of its own.
+BY_TASK = {"data-collection": ("delivered_mbit", "ec"), "station-keeping": ("target_distance", "ec")}
+LONGEST_NAME = {1: 30, 2: 24, 3: 16}  # by the number of columns with names
+
+HEADLINES = {"data-collection": "delivered_mbit", "station-keeping": "target_distance"}  # by task; of others ARPS
+PHRASES = {
+    "arps": ("reward per step", "{one} earns {by} {way} reward per step than {other}", "more", "less"),
+    "delivered_mbit": ("data", "{one} brings in {by} Mbit {way} than {other}", "more", "less"),
+    "energy_wh": ("energy", "{one} uses {by} Wh {way} than {other}", "more", "less"),
+    "target_distance": (
+        "distance to stations",
+        "{one} keeps {by} m {way} its stations than {other}",
+        "farther from",
+        "nearer to",
+    ),
+}  # of a figure: what it is, a sentence, and the words for a positive and for a negative difference
+
+
+class Column(NamedTuple):
+    """A figure of merit.
+
+    Attributes:
+        name: of its column in the CSV.
+        heading: name and unit.
+        digits: after the point, in the terminal.
+        about: what it is.
+        better: "more", "less" or neither.
+    """
+
+    name: str
+    heading: str
+    digits: int
+    about: str
+    better: str = ""
+
+
+WORK = (
+    Column("arps", "ARPS", 2, "reward per step, summed over the AUVs", "more"),
+    Column("energy_wh", "energy, Wh", 1, "energy of all AUVs", "less"),
+    Column("ec", "EC, W", 1, "mean power of an AUV without its time of hovering", "less"),
+    Column("collisions", "collisions", 2, "steps of two AUVs closer than the collision distance", "less"),
+    Column("border", "refused moves", 2, "moves refused at the border of the area", "less"),
+)
+OF_VEHICLES = (
+    Column("surfaced", "at surface", 2, "steps of an AUV in which it touched the surface", "less"),
+    Column("grounded", "on bed", 2, "steps of an AUV in which it touched the bed", "less"),
+)
+OF_STATIONS = (Column("target_distance", "off station, m", 2, "mean distance of the AUVs to their targets", "less"),)
+OF_NODES = (
+    Column("delivered_mbit", "data, Mbit", 1, "data collected from the nodes", "more"),
+    Column("services", "services", 1, "completed services of nodes", "more"),
+    Column("sdr", "SDR, Mbit/s", 2, "sum over the services of their data rates", "more"),
+)
+OF_TASK = {
+    column.name: column
+    for column in (
+        Column("lost_mbit", "lost, Mbit", 1, "data that full buffers lost", "less"),
+        Column("aoi_mean", "age, s", 0, "age of the data, mean over nodes and time", "less"),
+        Column("aoi_peak", "peak age, s", 0, "age just before a service, mean over services", "less"),
+        Column("aoi_largest", "largest age, s", 0, "largest age of any node at any time", "less"),
+        Column("jain", "Jain's index", 3, "how even data come in from the nodes: 1 if all bring the same", "more"),
+        Column("joule_per_mbit", "J/Mbit", 0, "energy over data collected", "less"),
+    )
+}
+POSITIONS = (
+    Column("position_error_median", "median, m", 2, "error of the boat's estimates of the AUVs' positions", "less"),
+    Column("position_error_rms", "rms, m", 2, "the same, root mean square", "less"),
+    Column("position_error_p95", "95 %, m", 2, "the same, 95th percentile", "less"),
+    Column("own_error_rms", "own rms, m", 2, "error of where an AUV takes itself to be", "less"),
+    Column("fix_error_rms", "fix rms, m", 2, "error of a fix, against where its signal left the AUV", "less"),
+    Column("fix_availability", "fixes", 2, "share of steps and AUVs with a usable fix", "more"),
+    Column("fix_wrapped", "wrapped", 3, "share of usable fixes that are wrong by whole turns of a phase", "less"),
+    Column("fix_dropped", "dropped", 3, "share of detected fixes that the receiver does not use", "less"),
+    Column("outage_longest", "outage, s", 0, "longest time of an AUV without a usable fix", "less"),
+)
+COLUMNS = {
+    column.name: column for column in (*WORK, *OF_VEHICLES, *OF_STATIONS, *OF_NODES, *OF_TASK.values(), *POSITIONS)
+}
+
+
+def column_tables(scenario: Scenario, of_task: Collection[str]) -> dict[str, list[Column]]:
+    """Columns of each table by its title; `of_task` are the names of the task's own figures."""
+    nodes, vehicles = scenario.task_definition.targets == "nodes", OF_VEHICLES if scenario.auv.dynamic else ()
+    own = [OF_TASK.get(name, Column(name, name, 2, "a figure of a plugin")) for name in of_task]
+    return {
+        "Work": [*WORK[:1], *(OF_NODES if nodes else OF_STATIONS), *WORK[1:], *vehicles],
+        "Age, losses and cost of data" if nodes else "Of the task": own,
+        "Positions and fixes": list(POSITIONS),
+    }
+
+
+def metrics_tables(comparison: Comparison, scenario: Scenario, seed: int, wide: bool, score: str | None = None) -> None:
+    """Print mean ± standard deviation over the episodes of each policy, boat strategy and target rule, differences to
+    the reference in the same worlds with their intervals, and a sentence on the headline of each.
+
+    Args:
+        comparison: of the episodes.
+        scenario, seed: what was run.
+        score: figure of the sentence, by default `headline`.
+        wide: all figures in three tables of any width, instead of those that matter most in one that fits.
+    """
+    first, count = comparison.combinations[0], comparison.episodes
+    parts = column_tables(scenario, comparison.of_task)
+    about = f"{scenario.name}, seed {seed}, {counted(count, 'episode')}"
+    several = comparison.combinations
+    varied = ["policy", *(name for name in ("usv", "targets") if len({getattr(which, name) for which in several}) > 1)]
+    about += "".join(f", {name} {getattr(first, name)}" for name in ("usv", "targets") if name not in varied)
+    shown_as = ": mean ± standard deviation" if count > 1 else ""
+    print(terminal.wrapped(f"{about.removesuffix(', targets ')}{shown_as}"))
+    if not wide:
+        middle = BY_TASK.get(scenario.task, comparison.of_task)
+        everything = {column.name: column for part in parts.values() for column in part}
+        names = ("arps", *middle, "position_error_rms", "fix_availability")
+        parts = {"": [everything[name] for name in names]}
+    limit = terminal.UNLIMITED if wide else 0
+    for shown in filter(None, parts.values()):
+        print()
+        _table(comparison, varied, shown, limit)
+    score = score or headline(scenario)
+    if len(several) > 1:
+        name = labels(several)[several.index(comparison.reference)]
+        print("\n" + terminal.wrapped(f"less {name} in the same world: mean ± half of its 95 % interval"))
+        for shown in filter(None, parts.values()):
+            print()
+            _table(comparison, varied, shown, limit, less=True)
+        print()
+        for said in sentences(comparison, score):
+            print(terminal.wrapped(said, 2))
+    if said := dependence(comparison, score):
+        print("\n" + terminal.wrapped(said))
+    if not wide:
+        print("\nrms: error of the AUVs' estimated positions; fixes: share of steps with one")
+        print("all figures: --wide")
+
+
+def _table(
+    comparison: Comparison, varied: Sequence[str], shown: Sequence[Column], limit: int, less: bool = False
+) -> None:
+    """One table, of means or of differences (`less`), then the names that were shortened."""
+    cells: list[list[str]] = []
+    for which in comparison.combinations:
+        if less and which == comparison.reference:
+            continue
+        spreads = []
+        for name, _, digits, *_ in shown:
+            (mean, _, n), deviation = comparison.score(which, name), comparison.deviation(which, name)
+            spread = "–" if math.isnan(mean) else f"{mean:.{digits}f}{f' ± {deviation:.{digits}f}' if n > 1 else ''}"
+            spreads.append(words(comparison.difference(which, name), sign=True) if less else spread)
+        cells.append([*(getattr(which, name) for name in varied), *spreads])
+    long = [] if limit else [name for row in cells for name in row[: len(varied)]]
+    short = terminal.shortened(long, LONGEST_NAME[len(varied)])
+    headings = [*varied, *(column.heading.replace(",", "") for column in shown)]
+    brief_cells = [[short.get(cell, cell) for cell in row] for row in cells]
+    terminal.print_table(headings, brief_cells, len(varied), limit)
+    for name, brief in short.items():
+        if name != brief and not less:
+            print(terminal.wrapped(f"{brief} = {name}", 2))
+
+
+def intervals(comparison: Comparison, name: str) -> list[str]:
+    """A figure of each combination so far, and its difference to the reference, with 95 % intervals, as lines."""
+    names = labels(comparison.combinations)
+    short = terminal.shortened(names, LONGEST_NAME[1])
+    lines = [f"{name}, mean of {counted(comparison.episodes, 'episode')} with 95 % interval:"]
+    for which, label in zip(comparison.combinations, names, strict=True):
+        line = f"  {short[label]}: {words(comparison.score(which, name))}"
+        if which != comparison.reference:
+            line += f", difference {words(comparison.difference(which, name), sign=True)}"
+        lines.append(line)
+    if said := dependence(comparison, name):
+        lines.append(said)
+    return lines
+
+
+def labels(combinations: Sequence[Combination]) -> list[str]:
+    """Short names: of each combination the parts that differ among all, the policy if nothing does."""
+    differ = [len(set(parts)) > 1 for parts in zip(*combinations, strict=True)]
+    differ[0] |= not any(differ)
+    return [" · ".join(p for p, shown in zip(parts, differ, strict=True) if shown and p) for parts in combinations]
+
+
+def headline(scenario: Scenario) -> str:
+    """The figure by which combinations are compared first: the data brought in, or the distance to the stations."""
+    return HEADLINES.get(scenario.task, "arps")
+
+
+def sentence(less: Estimate, one: str, other: str, name: str) -> str:
+    """A difference as a sentence: "belief brings in 30 ± 9 Mbit more than fim".
+
+    Args:
+        less: the figure of `one` less that of `other` in the same worlds, with its interval. Where that holds 0 there
+            is no difference beyond chance.
+        one, other: what is compared.
+        name: of the figure, a column of the CSV.
+    """
+    what, phrase, *ways = PHRASES.get(name) or _plain(name)
+    if not less.n:
+        return f"{what}: no world has it for both {one} and {other}"
+    if less.mean == 0 and less.half == 0:
+        return f"{what}: {one} and {other} are equal in every world"
+    if abs(less.mean) <= less.half:
+        unit = COLUMNS[name].heading.partition(", ")[2] if name in COLUMNS else ""
+        return (
+            f"{what}: no difference beyond chance between {one} and {other} ({words(less, sign=True)} {unit}".rstrip()
+            + ")"
+        )
+    said = phrase.format(one=one, other=other, by=words(less._replace(mean=abs(less.mean))), way=ways[less.mean < 0])
+    if math.isnan(less.half):
+        said += f" ({'one world' if less.n == 1 else 'fewer than two seas'}: no interval)"
+    return said if less.half != 0 else f"{said} in every world"
+
+
+def _plain(name: str) -> tuple[str, str, str, str]:
+    """The words of a figure that has none of its own; those of positions have headings that mean nothing alone."""
+    column = COLUMNS.get(name)
+    what, _, unit = column.heading.partition(", ") if column else (name, "", "")
+    if column in POSITIONS:
+        what = name.replace("_", " ")
+    return (
+        what,
+        f"{what} is {{by}}{f' {unit}' if unit else ''} {{way}} with {{one}} than with {{other}}",
+        "higher",
+        "lower",
+    )
+
+
+def sentences(comparison: Comparison, name: str) -> list[str]:
+    """A sentence on a figure of each combination but the reference."""
+    short = dict(zip(comparison.combinations, labels(comparison.combinations), strict=True))
+    return [
+        sentence(comparison.difference(which, name), short[which], short[comparison.reference], name)
+        for which in comparison.combinations
+        if which != comparison.reference
+    ]
+
+
+def dependence(comparison: Comparison, name: str) -> str:
+    """What it means for a figure that episodes share seas; empty where they do not."""
+    effective = comparison.effective(name)
+    if comparison.seas == 1 < comparison.episodes:
+        return f"no intervals: all {comparison.episodes} episodes are on one sea, which says nothing of other seas"
+    if not 0 < comparison.seas < comparison.episodes or effective > 0.95 * comparison.episodes:
+        return ""
+    shared = f"{comparison.episodes} episodes take turns on {counted(comparison.seas, 'sea')}"
+    return f"{shared}: the mean of {name} is as certain as from {effective:.0f} episodes with a sea each"

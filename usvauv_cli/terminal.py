@@ -1,0 +1,172 @@
+"""What commands print in the terminal: text and tables as wide as it is, progress of long work, and numbers in words.
+
+Text and tables are as wide as the terminal, or 80 columns where the output goes to a file or a pipe.
+"""
+
+from __future__ import annotations
+
+import sys
+import textwrap
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+
+WIDTH = 80
+UNLIMITED = 100_000
+SHOW_AFTER = 2.0  # seconds of work; shorter work shows nothing
+LINE_EVERY = 10.0  # seconds between lines where the output is not a terminal
+
+
+def width() -> int:
+    """Columns of the terminal that is standard output; `WIDTH` where it is none."""
+    from rich.console import Console  # here, as it takes long to import
+
+    console = Console()
+    return console.width if console.is_terminal else WIDTH
+
+
+def wrapped(text: str, indent: int = 0) -> str:
+    """Text in lines that fit, broken at spaces alone; those after the first are indented."""
+    lines = textwrap.wrap(text, width(), subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False)
+    return "\n".join(lines)
+
+
+def shortened(names: Iterable[str], longest: int) -> dict[str, str]:
+    """Name → the name without its middle where it is longer than `longest` ≥ 8; different names stay different."""
+    short: dict[str, str] = {}
+    for name in dict.fromkeys(names):
+        brief, tail = name, longest - longest // 3 - 1
+        if len(name) > longest:
+            brief = f"{name[: longest // 3]}…{name[-tail:]}"
+        for number in range(2, len(short) + 2):
+            if brief not in short.values():
+                break
+            brief = f"{number}…{name[-(longest - len(str(number)) - 1) :]}"
+        short[name] = brief
+    return short
+
+
+def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]], names: int = 1, limit: int = 0) -> None:
+    """Print a table, in as many parts below each other as it takes to fit. No cell is cut.
+
+    Args:
+        headings: of the columns.
+        rows: cells.
+        names: number of leading columns that hold names; they are aligned left and repeated in each part.
+        limit: columns of text; by default `width()`.
+    """
+    from rich import box
+    from rich.console import Console
+    from rich.measure import Measurement
+    from rich.table import Table
+
+    limit = limit or width()
+    console = Console(width=UNLIMITED, markup=False, emoji=False)
+
+    def part(places: Sequence[int]) -> Table:
+        table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
+        shown = [*range(names), *places]
+        for place in shown:
+            table.add_column(headings[place], justify="left" if place < names else "right", no_wrap=True)
+        for row in rows:
+            table.add_row(*(row[place] for place in shown))
+        return table
+
+    left = list(range(names, len(headings)))
+    while left:
+        fitting = len(left)
+        while fitting > 1 and Measurement.get(console, console.options, part(left[:fitting])).maximum > limit:
+            fitting -= 1
+        console.print(part(left[:fitting]))
+        left = left[fitting:]
+        if left:
+            console.print()
+
+
+@contextmanager
+def progress(description: str, total: int) -> Iterator[Callable[..., None]]:
+    """Show the progress of long work and the time left; the function it gives takes the number of units just done,
+    and lines that say how things stand, which replace those before.
+
+    A terminal gets a bar that is removed at the end, below the lines; a file or pipe gets a line every `LINE_EVERY`
+    seconds, and below it the lines if they are new; work shorter than `SHOW_AFTER` shows nothing. All of it goes to
+    standard error.
+    """
+    from rich.console import Console, Group
+    from rich.live import Live
+    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.text import Text
+
+    console = Console(file=sys.stderr)
+    begun = time.monotonic()
+    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+    task = bar.add_task(description, total=total)
+    done, shown, first, started = 0, begun + SHOW_AFTER - LINE_EVERY, 0, 0.0
+    said: list[str] = []
+    new = False
+    live = Live(
+        get_renderable=lambda: Group(*(Text(line) for line in said), bar.get_renderable()),
+        console=console,
+        transient=True,
+    )
+
+    def advance(units: int, lines: Sequence[str] | None = None) -> None:
+        nonlocal done, shown, first, started, new
+        if lines is not None:
+            said[:], new = lines, True
+        done += units
+        now = time.monotonic()
+        if not first:  # the time until the first unit includes compilation
+            first, started = done, now
+        bar.update(task, advance=units)
+        if now - begun < SHOW_AFTER:
+            return
+        if console.is_terminal:
+            live.start()
+        elif now - shown >= LINE_EVERY and first < done < total:
+            shown = now
+            left = (now - started) * (total - done) / (done - first)
+            print(f"{description}: {done / total:.0%}, {duration(left, rough=True)} left", file=sys.stderr, flush=True)
+            if new:
+                print(*said, sep="\n", file=sys.stderr, flush=True)
+                new = False
+
+    try:
+        yield advance
+    finally:
+        live.stop()
+
+
+def duration(seconds: float, rough: bool = False) -> str:
+    """A time in the units that fit: "7.5 s", "30 s", "16 min 40 s", "2 h 5 min".
+
+    Args:
+        seconds: the time.
+        rough: it is an estimate, of 1 s at least: "17 min".
+    """
+    if rough:
+        seconds = max(seconds if seconds < 120 else 60 * round(seconds / 60), 1)
+    elif seconds < 10:
+        return f"{seconds:.3g} s"
+    whole = round(seconds)
+    if whole >= 5400:
+        parts = (whole // 3600, "h"), (whole // 60 % 60, "min")
+    elif whole >= (120 if rough else 60):
+        parts = (whole // 60, "min"), (whole % 60, "s")
+    else:
+        parts = ((whole, "s"),)
+    return " ".join(f"{number} {unit}" for number, unit in parts if number)
+
+
+def size(count: float) -> str:
+    """Bytes to three digits, in one unit."""
+    for unit, length in (("GB", 1e9), ("MB", 1e6)):
+        if count >= 0.95 * length:
+            return f"{count / length:.3g} {unit}"
+    return f"{max(count / 1e3, 1):.0f} kB"
+
+
+def counted(number: int, noun: str) -> str:
+    """A number of things: "1 step", "0 steps", "12,000 steps"."""
+    return f"{number:,} {noun if number == 1 else f'{noun}s'}"
