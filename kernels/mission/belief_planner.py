@@ -39,7 +39,9 @@ PATIENCE = 150.0  # s that the boat looks for an AUV before it plans anew
 SURE = 0.8  # probability from which on a rollout takes an AUV to be heard
 LEARNED = 0.1  # share of the foreseen speed that each reply renews
 SLOWEST = 1e-3  # m/s, of a foreseen AUV
+BISECTIONS = 8  # of the hearing range, from the area's diagonal on
 MARGIN = 0.03  # share by which another goal's loss must be below that of going to the least certain AUV
+NO_LIMIT = 3e38  # m⁴
 NO_AUV = -1  # the index of a goal that is no AUV
 STRAYING = 0.3  # standard deviation per axis of an AUV's velocity from the one foreseen, over the reference speed
 
@@ -148,7 +150,9 @@ def advanced(worlds: ti.template(), w, way: Way, time, lost: ti.i32) -> Way:
     node = ti.static(worlds.node)
     left = time
     for _ in range(8):
-        if left > 0.0 and way.hovers > 0.0:
+        if left <= 0.0:
+            break
+        if way.hovers > 0.0:
             spent = ti.min(way.hovers, left)
             if ti.static(worlds.program.passing):
                 way.place = approached(worlds, w, way, spent)
@@ -156,7 +160,7 @@ def advanced(worlds: ti.template(), w, way: Way, time, lost: ti.i32) -> Way:
             left -= spent
             if way.hovers <= 0.0:
                 way.node = worlds.program.target_rule.foreseen(worlds, w, way.node)
-        elif left > 0.0:
+        else:
             there = vec2(node[w, way.node, NodeColumn.x], node[w, way.node, NodeColumn.y])
             distance = (there - way.place).norm()
             if ti.static(worlds.program.passing):
@@ -238,11 +242,31 @@ def begin(worlds: ti.template(), w, k):
 
 
 @func
-def expected_loss(worlds: ti.template(), w, boat, first: ti.i32, where: vec2) -> ti.f32:
+def hearing_range(worlds: ti.template(), k, z, farthest) -> ti.f32:
+    """Horizontal distance, m, beyond which a rollout takes AUV k not to be heard; at most `farthest`.
+
+    By bisection of the probability for a boat that lies still and a place that is known, which is then the largest and
+    falls with the distance. The end of the last interval that is too far is returned.
+    """
+    near = 0.0
+    far = farthest
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (near + far)
+        if reception.expected_reply(worlds, k, vec3(middle, 0.0, z), 0.0, 0.0)[0] >= SURE:
+            near = middle
+        else:
+            far = middle
+    return far
+
+
+@func
+def expected_loss(worlds: ti.template(), w, boat, first: ti.i32, where: vec2, ranges: each_auv, limit) -> ti.f32:
     """Mean squared variance of the own positions of the AUVs that a boat serves, per axis (m⁴), over the horizon.
 
     Args:
         first: the AUV that the boat visits first, or NO_AUV: it goes to `where`, m.
+        ranges: `hearing_range` of each AUV, m.
+        limit: loss (m⁴) from which on it does not matter: the rollout ends once its sum, which only grows, is above.
     """
     p = ti.static(worlds.p)
     count = worlds.estimate.shape[1]
@@ -273,10 +297,13 @@ def expected_loss(worlds: ti.template(), w, boat, first: ti.i32, where: vec2) ->
     goal = where
     visited = first
     total = 0.0
+    terms = STEPS * boat_motion.num_served(worlds, w, boat)
     heading = 0.0
     if ti.static(worlds.program.otter):
         heading = boat_motion.boat_heading(worlds, w, boat)
     for _ in range(STEPS):
+        if total > limit * terms:
+            break
         if visited != NO_AUV:
             goal = vec2(x[visited], y[visited])
         way = goal - here
@@ -309,14 +336,16 @@ def expected_loss(worlds: ti.template(), w, boat, first: ti.i32, where: vec2) ->
                 if ti.static(worlds.program.vehicle):
                     z = reception.height(worlds, w, boat, k)
                 offset = vec3(after.place[0] - here[0], after.place[1] - here[1], z)
-                effort = ti.min(distance / reach, 1.0)
                 elapsed[k] += INTERVAL
-                found = reception.expected_reply(worlds, k, offset, effort, s[0] + straying(worlds, elapsed[k]))
-                if found[0] >= SURE:
-                    s = fixed(s, found[1])
-                    elapsed[k] = 0.0
-                    if k == visited:
-                        reached = True
+                if offset.xy.norm_sqr() <= ranges[k] * ranges[k]:
+                    effort = ti.min(distance / reach, 1.0)
+                    spread = s[0] + straying(worlds, elapsed[k])
+                    found = reception.expected_reply(worlds, k, offset, effort, spread)
+                    if found[0] >= SURE:
+                        s = fixed(s, found[1])
+                        elapsed[k] = 0.0
+                        if k == visited:
+                            reached = True
                 a[k] = s[0]
                 b[k] = s[1]
                 c[k] = s[2]
@@ -325,7 +354,7 @@ def expected_loss(worlds: ti.template(), w, boat, first: ti.i32, where: vec2) ->
                     least = k
         if reached:
             visited = least
-    return total / (STEPS * boat_motion.num_served(worlds, w, boat))
+    return total / terms
 
 
 @func
@@ -352,28 +381,28 @@ def plan(worlds: ti.template(), w, b) -> vec2:
     """The goal of boat b with the least expected loss, or the least certain AUV where that is hardly more, m."""
     count = worlds.estimate.shape[1]
     middle = vec2(0.0, 0.0)
+    ranges = each_auv(0.0)
     for k in range(count):
         if boat_motion.serves(worlds, w, b, k):
+            ranges[k] = hearing_range(worlds, k, reception.height(worlds, w, b, k), worlds.p[Parameter.diagonal])
             middle += foreseen_place(worlds, w, k) / boat_motion.num_served(worlds, w, b)
     usual = least_certain(worlds, w, b)
     last = vec2(worlds.boat[w, b, BoatColumn.goal_x], worlds.boat[w, b, BoatColumn.goal_y])
-    best = last
-    chosen = NO_AUV
-    least = 1e30
+    best = foreseen_place(worlds, w, usual)
+    chosen = usual
+    least = (1.0 - MARGIN) * expected_loss(worlds, w, b, usual, best, ranges, NO_LIMIT)
     for candidate in range(count + 2):
         first = NO_AUV
         goal = last
-        mine = True
+        other = candidate != usual
         if candidate < count:
-            mine = boat_motion.serves(worlds, w, b, candidate)
+            other = other and boat_motion.serves(worlds, w, b, candidate)
             first = candidate
             goal = foreseen_place(worlds, w, candidate)
         elif candidate == count:
             goal = middle
-        if mine:
-            loss = expected_loss(worlds, w, b, first, goal)
-            if candidate == usual:
-                loss *= 1.0 - MARGIN
+        if other:
+            loss = expected_loss(worlds, w, b, first, goal, ranges, least)
             if loss < least:
                 least = loss
                 best = goal
