@@ -23,8 +23,7 @@ from matplotlib.ticker import EngFormatter
 from benchmarks.machine import best_time, command_line, describe, parse
 from benchmarks.worlds import measure_memory, rates
 from usvauv.env import Scenario, World
-from usvauv.env.render.figures import write_pair
-from usvauv.env.render.style import Ground
+from usvauv.env.render.style import Ground, write_pair
 from usvauv.kernels import runtime
 from usvauv.kernels.flow import vortex
 

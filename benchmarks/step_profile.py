@@ -23,8 +23,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.machine import command_line, describe
 from usvauv.env import Scenario, World
-from usvauv.env.render.figures import write_pair
-from usvauv.env.render.style import Ground
+from usvauv.env.render.style import Ground, write_pair
 from usvauv.kernels import runtime
 
 BATCHES = (1, 64, 4096)

@@ -21,7 +21,7 @@ def test_no_import_leads_upwards():
 
 @pytest.mark.parametrize(
     ("library", "place", "parts"),
-    [("taichi", "usvauv.kernels", 2), ("matplotlib", "usvauv.env.render.plain_matplotlib", 4)],
+    [("taichi", "usvauv.kernels", 2), ("matplotlib", "usvauv.env.render.style", 4)],
 )
 def test_one_place_alone_imports(library, place, parts):
     importers = {
@@ -35,8 +35,7 @@ def test_one_place_alone_imports(library, place, parts):
 
 def test_what_reads_no_netcdf_and_draws_nothing_loads_no_library_for_it():
     code = (
-        "import sys, usvauv.policies, usvauv.env, usvauv.env.render.video, "
-        "usvauv.cli.evaluation.tables, usvauv.cli.sweep.run;"
+        "import sys, usvauv.policies, usvauv.env, usvauv.cli.evaluation.tables, usvauv.cli.sweep.run;"
         "print({'xarray', 'h5py', 'matplotlib'} & {*sys.modules})"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)

@@ -22,8 +22,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from usvauv.env.render.figures import write_pair
-from usvauv.env.render.style import Ground
+from usvauv.env.render.style import Ground, write_pair
 from usvauv.env.scenario import Scenario
 from usvauv.env.scenario.sea import Storm
 from usvauv.env.sea.storm import build_storm

@@ -22,8 +22,7 @@ from benchmarks.studies.table import figure, head, interval, line
 from usvauv import policies
 from usvauv.cli.evaluation import comparison
 from usvauv.env import evaluate
-from usvauv.env.render.figures import write_pair
-from usvauv.env.render.style import MARKERS, Ground, looks
+from usvauv.env.render.style import MARKERS, Ground, looks, write_pair
 
 SCENARIO = "extreme"
 CURVES = {

@@ -18,7 +18,7 @@ import pytest
 from usvauv import policies
 from usvauv.env import Trace, plugins
 from usvauv.env.record.metrics import COLUMNS
-from usvauv.env.render import plain_matplotlib
+from usvauv.env.render import style
 from usvauv.env.storage.files import locked
 
 COMMAND = [sys.executable, "-c", "from usvauv.cli.app import main; main()"]
@@ -167,7 +167,7 @@ print(settings["text.usetex"], *[backend] * (settings._get("backend") == backend
 """
         environment = {**os.environ, "MPLBACKEND": backend}
         done = subprocess.run(
-            [sys.executable, "-c", code, plain_matplotlib.__file__],
+            [sys.executable, "-c", code, style.__file__],
             env=environment,
             capture_output=True,
             text=True,

@@ -11,10 +11,9 @@ import torch
 from tests.usvauv_env.made_traces import synthetic_trace
 from usvauv.env import Scenario, Trace, World
 from usvauv.env.record.recorder import record
-from usvauv.env.render.between import Sea, Series, Vehicle
 from usvauv.env.render.frames import MissionFrames, frames_of
 from usvauv.env.render.layout import Layout, Rectangle
-from usvauv.env.render.mission import RunningMetrics
+from usvauv.env.render.mission import Playback, Sea, Series, Vehicle
 from usvauv.env.render.perspective import PerspectiveView
 from usvauv.env.render.style import DARK
 from usvauv.kernels.errors import UserError
@@ -107,10 +106,10 @@ class TestFollowing:
     BOX = Rectangle(10, 20, 600, 300)
 
     def test_the_vehicle_is_in_the_middle_of_the_view(self, trace):
-        running, layout = RunningMetrics.of(trace), Layout.fit(640, 360, trace.scenario.area)
+        play, layout = Playback(trace), Layout.fit(640, 360, trace.scenario.area)
         for name, depth in (("usv", 0.0), ("auv:2", -trace.scenario.auv.depth)):
             vehicle = Vehicle.parse(name, trace.scenario)
-            view = PerspectiveView(trace, running, self.BOX, layout, vehicle)
+            view = PerspectiveView(play, self.BOX, layout, vehicle)
             for t in (0.0, 4.3):
                 place = np.append(vehicle.way(trace).at(t) - 100.0, depth * view.scene.depths)
                 np.testing.assert_allclose(view.camera(t).pixel(place), (300, 150), atol=1e-9)

@@ -13,11 +13,9 @@ from tests.usvauv_env.made_traces import keeping_station, paint, synthetic_trace
 from usvauv.env import Scenario
 from usvauv.env.record.metrics import episode_metrics
 from usvauv.env.render import style
-from usvauv.env.render.arrangement import Sheet
-from usvauv.env.render.comparison import ComparisonFrames
-from usvauv.env.render.frames import frames_of
-from usvauv.env.render.map import error_axes
-from usvauv.env.render.mission import RunningMetrics, figures
+from usvauv.env.render.frames import ComparisonFrames, frames_of
+from usvauv.env.render.layout import Sheet
+from usvauv.env.render.mission import Playback, error_axes
 from usvauv.env.render.sea import elevation_limit
 from usvauv.env.render.style import CATEGORICAL, CATEGORICAL_ON_WHITE, web
 from usvauv.env.scenario.sea import Area
@@ -110,10 +108,10 @@ class TestMap:
 class TestPanel:
     def test_figures_equal_the_metrics(self):
         trace = synthetic_trace(steps=90, worlds=2)
-        running = RunningMetrics.of(trace)
+        play = Playback(trace)
         for t in (0, 40, 89):
             until = slice(0, t + 1)
-            said = {name: f"{value:{form}}" for name, value, form in figures(trace, running, t)}
+            said = {name: f"{value:{form}}" for name, value, form in play.figures(t)}
             assert said["SDR, Mbit/s"] == f"{trace.service_rate[until, 0].sum():.2f}"
             assert said["services"] == str((trace.service_rate[until, 0] > 0).sum())
             assert said["delivered, Mbit"] == f"{trace.delivered[until, 0].sum():.1f}"

@@ -275,7 +275,7 @@ def checked_video(context: typer.Context, out: Path) -> Video:
 
 def check_follow(video: Video, *scenarios: Scenario) -> None:
     """Refuse a vehicle to go along with that a scenario has not."""
-    from usvauv.env.render.between import Vehicle
+    from usvauv.env.render.mission import Vehicle
 
     try:
         for scenario in scenarios if video.follow else ():

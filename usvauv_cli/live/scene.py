@@ -15,7 +15,7 @@ from usvauv.cli.live.history import History, Moment
 from usvauv.cli.live.session import Session
 from usvauv.env.exchange.poses import afloat, turn
 from usvauv.env.render import style
-from usvauv.env.render.map import error_axes
+from usvauv.env.render.mission import error_axes
 from usvauv.env.render.scene import BOAT_BODY, Body, auv_body, tube
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn
 

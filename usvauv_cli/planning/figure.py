@@ -8,10 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from usvauv.env.planning.plan import OBJECTIVE_NAMES, BoatPlace, Landscape, Plan
-from usvauv.env.render import plain_matplotlib as mpl
 from usvauv.env.render import style
-from usvauv.env.render.figures import SEA_COLOURS, save_figure, style_axes
-from usvauv.env.render.style import CATEGORICAL, ON_DARK, web
+from usvauv.env.render.style import CATEGORICAL, ON_DARK, SEA_COLOURS, save_figure, style_axes, web
 
 TEXT, MUTED, OUTLINE = ON_DARK.text, ON_DARK.muted, web(style.OUTLINE)
 SIGMAS = 2
@@ -60,7 +58,7 @@ def look(i: int) -> tuple[str, str]:
     return LETTERS[i % len(LETTERS)], CATEGORICAL[i % len(CATEGORICAL)]
 
 
-@mpl.plain()
+@style.plain()
 def draw(result: Plan, landscape: Landscape, path: Path) -> None:
     """Draw the result of a plan and save it, the format by the file's suffix."""
     width, length = result.area["width"], result.area["length"]
@@ -70,7 +68,7 @@ def draw(result: Plan, landscape: Landscape, path: Path) -> None:
     rows = 8 + len(result.auvs) + len(result.compare)
     below = max(along, 0.21 * rows) - along
     width_in, height_in = across + 5.2, along + below + 1.75
-    figure = mpl.Figure(figsize=(width_in, height_in), facecolor=ON_DARK.background)
+    figure = style.Figure(figsize=(width_in, height_in), facecolor=ON_DARK.background)
 
     def at(x: float, y: float) -> tuple[float, float]:
         return x / width_in, y / height_in
@@ -91,7 +89,7 @@ def draw(result: Plan, landscape: Landscape, path: Path) -> None:
     save_figure(figure, path)
 
 
-def draw_landscape(result: Plan, landscape: Landscape, axes: mpl.Axes, bar: mpl.Axes) -> None:
+def draw_landscape(result: Plan, landscape: Landscape, axes: style.Axes, bar: style.Axes) -> None:
     """Draw ln of the objective as filled contours, and lines where the error is a given multiple of the best.
 
     Objective A has the unit m⁻²: the error is proportional to its power −1/2. Determinants have it once for
@@ -111,11 +109,11 @@ def draw_landscape(result: Plan, landscape: Landscape, axes: mpl.Axes, bar: mpl.
         lines = axes.contour(x, y, value, levels=drawn, colors=TEXT, linewidths=0.7, linestyles="solid", alpha=0.65)
         labels = axes.clabel(lines, fmt={level: f"×{factor:g}" for level, factor in levels.items()}, fontsize=8)
         for label in labels:
-            label.set(color=TEXT, path_effects=[mpl.withStroke(linewidth=2, foreground=OUTLINE)])
+            label.set(color=TEXT, path_effects=[style.withStroke(linewidth=2, foreground=OUTLINE)])
     axes.set(xlim=(0, x[-1]), ylim=(0, y[-1]), aspect="equal")
-    shades = mpl.ScalarMappable(mpl.Normalize(low, high), SEA_COLOURS)
+    shades = style.ScalarMappable(style.Normalize(low, high), SEA_COLOURS)
     ticks = max(1, round(7 * min(1.0, y[-1] / x[-1])))
-    scale = axes.figure.colorbar(shades, cax=bar, ticks=mpl.MaxNLocator(ticks))
+    scale = axes.figure.colorbar(shades, cax=bar, ticks=style.MaxNLocator(ticks))
     scale.outline.set_visible(False)
     bar.set_title(OBJECTIVE_NAMES[result.objective], color=MUTED, fontsize=9.5, loc="left", pad=8)
     style_axes(axes, tick_pad=9)
@@ -124,7 +122,7 @@ def draw_landscape(result: Plan, landscape: Landscape, axes: mpl.Axes, bar: mpl.
     axes.set_ylabel("y (north), m", fontsize=10)
 
 
-def draw_places(result: Plan, axes: mpl.Axes) -> float:
+def draw_places(result: Plan, axes: style.Axes) -> float:
     """Draw AUVs, error ellipses of those located from the optimum and from each compared place, and the places.
 
     Returns:
@@ -132,7 +130,7 @@ def draw_places(result: Plan, axes: mpl.Axes) -> float:
     """
     best, others, centroid = result.optimum, result.compare, result.centroid
     scale = magnification(result)
-    shadow: list[mpl.AbstractPathEffect] = [mpl.withStroke(linewidth=3, foreground=OUTLINE)]
+    shadow: list[style.AbstractPathEffect] = [style.withStroke(linewidth=3, foreground=OUTLINE)]
     for place, colour, dash in [
         (best, TEXT, "-"),
         *((p, look(i)[1], (0, (4, 2))) for i, p in enumerate(others)),
@@ -141,7 +139,7 @@ def draw_places(result: Plan, axes: mpl.Axes) -> float:
             if not error.located or error.major is None or error.minor is None or error.angle is None:
                 continue
             size = [2 * SIGMAS * scale * axis for axis in (error.major, error.minor)]
-            ellipse = mpl.Ellipse((auv.x, auv.y), *size, angle=math.degrees(error.angle), fill=False)
+            ellipse = style.Ellipse((auv.x, auv.y), *size, angle=math.degrees(error.angle), fill=False)
             ellipse.set(edgecolor=colour, linestyle=dash, linewidth=1.5, zorder=4)
             if place is best:
                 ellipse.set_path_effects(shadow)
@@ -162,17 +160,17 @@ def draw_places(result: Plan, axes: mpl.Axes) -> float:
     return scale
 
 
-def draw_legend(result: Plan, scale: float, figure: mpl.Figure, corner: tuple[float, float]) -> None:
+def draw_legend(result: Plan, scale: float, figure: style.Figure, corner: tuple[float, float]) -> None:
     """Draw the legend: places with their error, AUVs with their error from the optimum, lines."""
 
-    def mark(marker: str, colour: str, size: float) -> mpl.Line2D:
+    def mark(marker: str, colour: str, size: float) -> style.Line2D:
         edge = (TEXT, 2) if marker == "+" else (OUTLINE, 1)
-        return mpl.Line2D([], [], marker=marker, ls="none", ms=size, mfc=colour, mec=edge[0], mew=edge[1])
+        return style.Line2D([], [], marker=marker, ls="none", ms=size, mfc=colour, mec=edge[0], mew=edge[1])
 
-    def line(colour: str, style: str, width: float = 1.5) -> mpl.Line2D:
-        return mpl.Line2D([], [], color=colour, ls=style, lw=width)
+    def line(colour: str, dashes: str, width: float = 1.5) -> style.Line2D:
+        return style.Line2D([], [], color=colour, ls=dashes, lw=width)
 
-    def heading(text: str) -> tuple[mpl.Line2D, str]:
+    def heading(text: str) -> tuple[style.Line2D, str]:
         return line("none", "none"), text
 
     best, centroid, objective = result.optimum, result.centroid, result.objective

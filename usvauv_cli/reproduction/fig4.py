@@ -16,9 +16,7 @@ from usvauv.cli.sweep.run import Piece
 from usvauv.env import Trace, World
 from usvauv.env.record.metrics import episode_metrics
 from usvauv.env.record.recorder import record
-from usvauv.env.render.figures import log_ticks, write_pair
-from usvauv.env.render.plain_matplotlib import Axes, Figure, Line2D, withStroke
-from usvauv.env.render.style import OUTLINE, Ground, looks, web
+from usvauv.env.render.style import OUTLINE, Axes, Figure, Ground, Line2D, log_ticks, looks, web, withStroke, write_pair
 from usvauv.env.storage.tables import read_rows, write_rows
 from usvauv.kernels import runtime
 from usvauv.kernels.flow import vortex

@@ -14,9 +14,7 @@ from usvauv import policies
 from usvauv.cli.reproduction import paper
 from usvauv.cli.reproduction.paper import HEURISTICS, Settings, heuristic, learned, markdown_table, rounded, spread
 from usvauv.cli.sweep.run import Piece
-from usvauv.env.render.figures import write_pair
-from usvauv.env.render.plain_matplotlib import Figure, Line2D
-from usvauv.env.render.style import Ground, looks
+from usvauv.env.render.style import Figure, Ground, Line2D, looks, write_pair
 from usvauv.env.storage.tables import write_rows
 from usvauv.kernels.mission.motion import travelling_power
 

@@ -22,8 +22,7 @@ from usvauv.env import Scenario, World
 from usvauv.env.planning.fix_errors import best_variance, median_of_normals
 from usvauv.env.record.metrics import episode_metrics, position_error
 from usvauv.env.record.recorder import record
-from usvauv.env.render.plain_matplotlib import Figure
-from usvauv.env.render.style import Ground
+from usvauv.env.render.style import Figure, Ground
 from usvauv.env.storage.tables import write_rows
 from usvauv.env.world.boat_strategies import StrategyChoice
 from usvauv.policies import TrainingConfig, checkpoint

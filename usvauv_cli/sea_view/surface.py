@@ -9,8 +9,7 @@ import cv2
 import numpy as np
 
 from usvauv.env.render import style
-from usvauv.env.render.layout import MapView
-from usvauv.env.render.sea import SeaSurface
+from usvauv.env.render.sea import MapView, SeaSurface
 from usvauv.env.sea.simulation import SeaSimulation
 from usvauv.env.sea.storm import wave_systems
 from usvauv.env.site.site import Site

@@ -11,20 +11,10 @@ import numpy as np
 
 from usvauv.cli.sea_view.surface import LONG_WAVES, LevelSurface, Section, land, thumbnail, weather
 from usvauv.env.render import shapes, style
-from usvauv.env.render.layout import (
-    Head,
-    Layout,
-    MapView,
-    Rectangle,
-    draw_card,
-    nice,
-    nice_above,
-    within_margins,
-    write_heading,
-)
+from usvauv.env.render.layout import Head, Layout, Rectangle, draw_card, nice, nice_above, within_margins, write_heading
 from usvauv.env.render.map import draw_map_axes
 from usvauv.env.render.plots import LivePlot, SectionPlot
-from usvauv.env.render.sea import CurrentStreaks, SeaSurface
+from usvauv.env.render.sea import CurrentStreaks, MapView, SeaSurface
 from usvauv.env.render.shapes import Overlay
 from usvauv.env.render.style import write
 from usvauv.env.render.video import even, expected_bytes, one_drawing_thread, video_file

@@ -9,7 +9,7 @@ import numpy as np
 
 from usvauv.cli.web_report.document import INK, LINE
 from usvauv.env.render.layout import nice, nice_above
-from usvauv.env.render.plain_matplotlib import Axes
+from usvauv.env.render.style import Axes
 from usvauv.env.site.place import LocalFrame
 
 STEPS = (1, 2, 4, 5, 10)  # none is more than twice the one before, so that two lines wanted are one at least

@@ -33,8 +33,7 @@ from usvauv.cli.web_report.episodes import (
 )
 from usvauv.cli.web_report.graticule import draw_graticule
 from usvauv.env.record.trace import Trace
-from usvauv.env.render.figures import WrittenOut
-from usvauv.env.render.plain_matplotlib import Axes, Figure, Line2D, MaxNLocator
+from usvauv.env.render.style import Axes, Figure, Line2D, MaxNLocator, WrittenOut
 from usvauv.env.scenario import Scenario
 from usvauv.env.site.site import Site
 from usvauv.env.storage.tables import Combination

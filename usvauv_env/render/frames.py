@@ -2,46 +2,79 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Protocol
+from dataclasses import replace
+from typing import NamedTuple, Protocol
 
 import cv2
 import numpy as np
 
 from usvauv.env.record.trace import Trace
 from usvauv.env.render import shapes, style
-from usvauv.env.render.arrangement import Sheet
-from usvauv.env.render.between import Series, Vehicle, step_of
-from usvauv.env.render.comparison import ComparisonFrames
 from usvauv.env.render.layout import (
     AXES,
-    SMALLEST_LETTERS,
     Head,
     Layout,
     Rectangle,
+    Sheet,
     draw_card,
     fitting,
     within_margins,
     write_heading,
 )
-from usvauv.env.render.legend import draw_legend
-from usvauv.env.render.map import MissionMap, draw_map_axes, view_note
-from usvauv.env.render.mission import RunningMetrics, figures
+from usvauv.env.render.map import MissionMap, draw_legend, draw_map_axes, view_note
+from usvauv.env.render.mission import Playback, Series, Vehicle, step_of
 from usvauv.env.render.perspective import PerspectiveView
-from usvauv.env.render.plots import DepthSection, FixInsets, RecordedPlot
-from usvauv.env.render.style import Theme, text_width, write
-from usvauv.env.site.site import Site
+from usvauv.env.render.plots import DepthSection, FixInsets, RecordedPlot, RewardBars
+from usvauv.env.render.sea import elevation_limit
+from usvauv.env.render.style import Colour, Theme, shorten, text_width, write
+from usvauv.env.scenario.sea import Area
 from usvauv.kernels.errors import UserError
 
 VIEWS = ("map", "sea", "both")
 
 
-class Frames(Protocol):
-    """Draws frames in order of time."""
+class Part(Protocol):
+    """A part of a frame that is drawn anew each time."""
+
+    def draw(self, picture: np.ndarray, t: float) -> None:
+        """Draw a moment."""
+        ...
+
+
+class Frames(ABC):
+    """Draws frames in order of time: still parts once, plots step by step, the others on each frame.
+
+    Attributes:
+        layout: of the frame, with its boxes.
+    """
+
+    layout: Layout
+
+    def __init__(self, size: tuple[int, int], theme: Theme, time: np.ndarray) -> None:
+        self._time = Series(time)
+        self._still = np.full((size[1], size[0], 3), theme.background, np.uint8)
+        self._picture = np.empty_like(self._still)
+        self._parts: list[Part] = []
+        self._plots: list[RecordedPlot] = []
 
     def frame(self, t: float) -> np.ndarray:
         """Picture (height, width, 3) BGR of a moment, in steps from the first; overwritten by the next."""
-        ...
+        time = float(self._time.at(t))
+        for plot in self._plots:
+            plot.show_until(time)
+        np.copyto(self._picture, self._still)
+        for part in self._parts:
+            part.draw(self._picture, t)
+        self._draw_figures(self._picture, t, time)
+        for plot in self._plots:
+            plot.draw_cursor(self._picture, time)
+        return self._picture
+
+    @abstractmethod
+    def _draw_figures(self, picture: np.ndarray, t: float, time: float) -> None:
+        """Write the time in s and the figures of a moment."""
 
 
 def frames_of(
@@ -83,16 +116,11 @@ def title_of(trace: Trace) -> tuple[str, str]:
     return f"Scenario “{trace.scenario.name}”", f"policy {trace.policy} · boat {trace.usv} · seed {trace.seed}"
 
 
-TERMS = 5  # of the reward that are shown at most, the largest
-
-
-class MissionFrames:
+class MissionFrames(Frames):
     """One mission: a map, a perspective or both, with figures, plots and a legend as there is room for.
 
-    Still parts are drawn once on the picture `_still`, plots step by step, the rest on each frame.
-
     Attributes:
-        layout: of the frame, with its boxes. map: of a view that has one.
+        map: of a view that has one.
     """
 
     map: MissionMap
@@ -107,138 +135,60 @@ class MissionFrames:
         pace: float = 1.0,
         follow: Vehicle | None = None,
     ) -> None:
-        self._trace, self._running, self._time = trace, RunningMetrics.of(trace, pace), Series(trace.time)
-        scenario, names = trace.scenario, [name for name, _, _ in figures(trace, self._running, 0)]
+        super().__init__(size, theme, trace.time)
+        self._play = play = Playback(trace, pace)
+        scenario, names = trace.scenario, [name for name, _, _ in play.figures(0)]
         sheet = Sheet.of(size, scenario.area, names)
-        boxes = sheet.boxes(view, trace.auv_depth.size > 0)
+        boxes, still = sheet.boxes(view, trace.auv_depth.size > 0), self._still
         left = max(0, boxes["map"].left - round(AXES[0] * sheet.unit)) if "map" in boxes else 0
         self.layout = layout = Layout(*size, sheet.unit, boxes, theme, left)
-        self._still = still = np.full((size[1], size[0], 3), theme.background, np.uint8)
-        self._picture = np.empty_like(still)
         for name in boxes.keys() & {"reward", "fixes", "errors", "section", "depth"}:
             draw_card(still, boxes[name], layout)
-        self._parts: list[Part] = []
         if "map" in boxes:
-            self.map = MissionMap(trace, self._running, layout, follow=follow)
+            self.map = MissionMap(play, layout, follow=follow)
             draw_map_axes(still, self.map, layout, view_note(trace))
             self._parts.append(self.map)
         if "perspective" in boxes:
-            self._parts.append(PerspectiveView(trace, self._running, boxes["perspective"], layout, follow))
+            self._parts.append(PerspectiveView(play, boxes["perspective"], layout, follow))
         if "fixes" in boxes:
-            self._parts.append(self._insets(boxes["fixes"]))
+            self._parts.append(FixInsets(still, play, boxes["fixes"], layout, self.map.view))
         if "section" in boxes:
-            self._parts.append(DepthSection(still, trace, self._running, boxes["section"], layout))
+            self._parts.append(DepthSection(still, play, boxes["section"], layout))
         if "reward" in boxes:
-            self._parts.append(RewardBars(still, trace, self._running, boxes["reward"], layout))
+            self._parts.append(RewardBars(still, play, boxes["reward"], layout))
         if "legend" in boxes:
             foresees = not np.array_equal(trace.foreseen_position, trace.estimate)
             draw_legend(still, boxes["legend"], layout, scenario, foresees, "map" in boxes)
-        duration = max(float(trace.time[-1]), scenario.mission.step)
-        self._plots: list[RecordedPlot] = []
         if "errors" in boxes:
-            self._plots.append(error_plot(still, trace, self._running, boxes["errors"], layout, duration))
+            self._plots.append(error_plot(still, play, boxes["errors"], layout))
         if "depth" in boxes:
-            self._plots.append(depth_plot(still, trace, boxes["depth"], layout, duration))
+            self._plots.append(depth_plot(still, play, boxes["depth"], layout))
         seen = max(
             (boxes[name] for name in boxes.keys() & {"map", "perspective"}), key=lambda box: box.width * box.height
         )
         if follow and follow.kind == "auv" and trace.auv_fins.size:
-            self._parts.append(Instruments(trace, follow.index, seen, layout))
+            self._parts.append(Instruments(play, follow.index, seen, layout))
         end, words = float(trace.time[-1]), title_of(trace)
         self._head = Head(still, boxes["title"], boxes.get("tiles"), layout, words, names, end, speed_up)
 
-    def _insets(self, box: Rectangle) -> FixInsets:
-        layout, view = self.layout, self.map.view
-        room = within_margins(box, layout.unit, top=30, sides=8, bottom=2)
-        insets = FixInsets(self._trace, self._running, layout, room, view)
-        scale = insets.magnification
-        shown = f"{scale:.0f} × magnified" if scale >= 1 else f"{1 / scale:.0f} × smaller than on the map"
-        write_heading(
-            self._still, layout, box, "Fixes around the true position", f"{shown}, inner ring {insets.ring:g} m"
-        )
-        insets.draw_still(self._still)
-        return insets
-
-    def frame(self, t: float) -> np.ndarray:
-        time = float(self._time.at(t))
-        for plot in self._plots:
-            plot.show_until(time)
-        np.copyto(self._picture, self._still)
-        for part in self._parts:
-            part.draw(self._picture, t)
-        values = [f"{value:{form}}" for _, value, form in figures(self._trace, self._running, t)]
-        self._head.draw(self._picture, time, (t + 1) / len(self._trace.time), values)
-        for plot in self._plots:
-            plot.draw_cursor(self._picture, time)
-        return self._picture
-
-
-class Part(Protocol):
-    """A part of a frame that is drawn anew each time."""
-
-    def draw(self, picture: np.ndarray, t: float) -> None:
-        """Draw a moment."""
-        ...
-
-
-class RewardBars:
-    """The largest terms of the reward side by side, means of the last 30 s, each with a bar from the middle."""
-
-    TITLE = "reward a step,", "last 30 s"
-
-    def __init__(
-        self, still: np.ndarray, trace: Trace, running: RunningMetrics, box: Rectangle, layout: Layout
-    ) -> None:
-        self._layout, self._row, unit, muted = layout, box.top, layout.unit, layout.theme.muted
-        size = np.abs(running.reward).max(axis=0)
-        largest = [term for term in np.argsort(-size)[:TERMS].tolist() if size[term] > 0] or [0]
-        start = box.left + max(text_width(words, 11 * unit) for words in self.TITLE) + 26 * unit
-        # As many of them, from the largest one on, as are legible side by side.
-        forms = [f"{trace.reward_names[term]} +00.00" for term in largest]
-        widths = [text_width(form, SMALLEST_LETTERS) + 10 * unit for form in forms]
-        fitting_ones = (n for n in range(1, len(widths) + 1) if n * max(widths[:n]) <= box.right - start)
-        terms = sorted(largest[: max(fitting_ones, default=1)])
-        self._values = running.reward[:, terms]
-        self._scale = max(float(np.quantile(np.abs(self._values), 0.98)), 1e-9)
-        across = (box.right - start) / len(terms)
-        self._left, self._room = [start + place * across for place in range(len(terms))], across - 10 * unit
-        names, row = [trace.reward_names[term] for term in terms], box.top + 30 * unit
-        self._size = min(fitting(f"{name} +00.00", 11 * unit, self._room) for name in names)
-        for line, words in enumerate(self.TITLE):
-            write(still, words, (box.left + 10 * unit, box.top + (18 + 15 * line) * unit), 11 * unit, muted)
-        for left, name in zip(self._left, names, strict=True):
-            write(still, name, (left, box.top + 18 * unit), self._size, muted)
-            ends = np.array([(left, row), (left + self._room, row)])
-            shapes.stroke(still, ends, layout.theme.line, layout.px(2))
-
-    def draw(self, picture: np.ndarray, t: float) -> None:
-        """Draw a moment."""
-        layout, unit, room = self._layout, self._layout.unit, self._room
-        for left, value in zip(self._left, self._values[step_of(t)].tolist(), strict=True):
-            number, row = f"{value:+.2f}".replace("-", "−"), self._row + 30 * unit
-            position = left + room, self._row + 18 * unit
-            write(picture, number, position, self._size, layout.theme.text, anchor="right")
-            middle, length = left + room / 2, room / 2 * min(max(value / self._scale, -1.0), 1.0)
-            ink = style.GAUGE[0] if value > 0 else style.GAUGE[2]
-            shapes.stroke(picture, np.array([(middle, row), (middle + length, row)]), ink, layout.px(4))
+    def _draw_figures(self, picture: np.ndarray, t: float, time: float) -> None:
+        values = [f"{value:{form}}" for _, value, form in self._play.figures(t)]
+        self._head.draw(picture, time, (t + 1) / len(self._play.trace.time), values)
 
 
 class Instruments:
     """What an AUV's instruments say, in the upper left corner of a view that follows it."""
 
-    def __init__(self, trace: Trace, auv: int, view: Rectangle, layout: Layout) -> None:
+    def __init__(self, play: Playback, auv: int, view: Rectangle, layout: Layout) -> None:
+        trace = play.trace
         heading, pitch, _ = np.degrees(trace.attitude[:, 0, auv]).T
         rudder, stern, propeller = trace.auv_fins[:, 0, auv].astype(float).T
-        depth = trace.depth[:, 0, auv]
+        depth, bed = trace.depth[:, 0, auv], play.bed[:, auv]
         self._readings = {
             "heading": (Series(90.0 - heading), "03.0f", "°"),
             "pitch": (Series(pitch), "+.1f", "°"),
             "depth": (Series(depth), ".1f", " m"),
-            "altitude": (
-                Series(Site.recorded(trace.scenario).depth_at(trace.auv_position[:, 0, auv]) - depth),
-                ".1f",
-                " m",
-            ),
+            "altitude": (Series(bed - depth), ".1f", " m"),
             "speed": (Series(np.hypot(*trace.auv_velocity[:, 0, auv].T)), ".2f", " m/s"),
             "rudder": (Series(np.degrees(rudder)), "+.1f", "°"),
             "stern plane": (Series(np.degrees(stern)), "+.1f", "°"),
@@ -262,13 +212,19 @@ class Instruments:
             write(picture, words, (box.right - 8 * unit, line), 11 * unit, style.DARK.text, bold=True, anchor="right")
 
 
-def depth_plot(still: np.ndarray, trace: Trace, box: Rectangle, layout: Layout, duration: float) -> RecordedPlot:
+def duration(trace: Trace) -> float:
+    """Length of the time axis of plots, s."""
+    return max(float(trace.time[-1]), trace.scenario.mission.step)
+
+
+def depth_plot(still: np.ndarray, play: Playback, box: Rectangle, layout: Layout) -> RecordedPlot:
     """Plot of the AUVs' depths, each in its colour, over the bed below it."""
-    depth, bed = trace.depth[:, 0], Site.recorded(trace.scenario).depth_at(trace.auv_position[:, 0])
+    trace = play.trace
+    depth, bed = trace.depth[:, 0], play.bed
     room = within_margins(box, layout.unit, top=28, sides=18, bottom=20, left=42)
     lowest, highest = max(float(bed.max()), float(depth.max())), float(depth.min())
     margin = 0.15 * (lowest - highest)
-    plot = RecordedPlot(still, room, lowest + margin, max(highest - margin, 0.0), duration, layout)
+    plot = RecordedPlot(still, room, lowest + margin, max(highest - margin, 0.0), duration(trace), layout)
     write_heading(still, layout, box, "Depth, m", "dashed: the bed below")
     for auv in range(depth.shape[1]):
         plot.curve(trace.time, bed[:, auv], style.mix(layout.theme.card, layout.theme.auv(auv), 0.6), 5 * layout.unit)
@@ -277,15 +233,13 @@ def depth_plot(still: np.ndarray, trace: Trace, box: Rectangle, layout: Layout, 
     return plot
 
 
-def error_plot(
-    still: np.ndarray, trace: Trace, running: RunningMetrics, box: Rectangle, layout: Layout, duration: float
-) -> RecordedPlot:
+def error_plot(still: np.ndarray, play: Playback, box: Rectangle, layout: Layout) -> RecordedPlot:
     """Plot of the errors of the boat's estimates, each AUV in its colour."""
-    unit, theme, error = layout.unit, layout.theme, running.position_error
+    trace, unit, theme, error = play.trace, layout.unit, layout.theme, play.position_error
     low, high = np.quantile(error, (0.03, 0.998))
     low = max(float(low), 1e-9)
     room = within_margins(box, unit, top=28, sides=18, bottom=20, left=42)
-    plot = RecordedPlot(still, room, low, max(float(high), 1.5 * low), duration, layout, log=True)
+    plot = RecordedPlot(still, room, low, max(float(high), 1.5 * low), duration(trace), layout, log=True)
     scenario = trace.scenario
     filtered = scenario.tracker.enabled or scenario.navigation.sensor != "none"
     of, dots = ("estimates", "step") if filtered else ("fixes", "fix")
@@ -293,6 +247,222 @@ def error_plot(
     for auv in range(error.shape[1]):
         plot.dots(trace.time, error[:, auv], style.mix(theme.card, theme.auv(auv), 0.45))
     for auv in range(error.shape[1]):
-        plot.curve(trace.time, running.error_median[:, auv], theme.auv(auv))
+        plot.curve(trace.time, play.error_median[:, auv], theme.auv(auv))
     plot.finish()
     return plot
+
+
+LOWEST = 1e-3  # m, of the error plot
+DASH = 5.0  # pixels of the design, of the second one's curves
+LOW = 130.0  # height in pixels of the design of plots that have no lines for a legend
+SAMPLE = 26.0  # pixels of the design, length of a line in the legend
+
+
+class Entry(NamedTuple):
+    """An entry of the legend: words, colour, and length of the dashes of its curves in pixels of the design."""
+
+    words: str
+    colour: Colour
+    dash: float
+
+
+def entries(first: Trace, second: Trace, theme: Theme) -> tuple[Entry, Entry]:
+    """The legend of curves: a solid line for the first mission, dashes, which may lie on it, for the second one."""
+    one, other = differences(first, second)
+    return Entry(one, theme.runs[0], 0.0), Entry(other, theme.runs[1], DASH)
+
+
+def difference(value: float, other: float, form: str) -> str:
+    """How much more a value is than another one, both as a format writes them; "same" where it writes them alike."""
+    more = float(f"{value:{form}}") - float(f"{other:{form}}")
+    return f"{more:+{form}}".replace("-", "−") if more else "same"
+
+
+class ComparisonFrames(Frames):
+    """Two traces side by side, up to the end of the shorter one: both maps have one scale of lengths and of colours.
+
+    Attributes:
+        maps: of both.
+    """
+
+    def __init__(
+        self,
+        first: Trace,
+        second: Trace,
+        size: tuple[int, int],
+        theme: Theme,
+        speed_up: float,
+        pace: float = 1.0,
+        follow: Vehicle | None = None,
+    ) -> None:
+        check_comparable(first, second)
+        super().__init__(size, theme, first.time)
+        traces = first, second
+        self._plays = [Playback(trace, pace) for trace in traces]
+        self._entries = entries(first, second, theme)
+        self._end = float(first.time[min(len(trace.time) for trace in traces) - 1])
+        self._errors = [np.sqrt(np.square(play.error_median).mean(axis=1)) for play in self._plays]
+        self._names = [name for name, _, _ in self._figures(0, 0)]
+        sides = [(trace.scenario.area.width, trace.scenario.area.length) for trace in traces]
+        width, length = map(max, *sides)
+        area = first.scenario.area.model_copy(update={"width": width, "length": length})
+        sheet = Sheet.of(size, area, self._names)
+        boxes = sheet.compared()
+        self.layout = layout = Layout(*size, sheet.unit, boxes, theme)
+        limit = max(elevation_limit(trace.surface) for trace in traces)
+        self.maps = [self._map(side, boxes[name], limit, area, follow) for side, name in enumerate(("first", "second"))]
+        self._parts += self.maps
+        self._head = Head(self._still, boxes["title"], None, layout, common(first, second), [], self._end, speed_up)
+        for name in boxes.keys() & {"table", "yield", "errors"}:
+            draw_card(self._still, boxes[name], layout)
+        self._rows = self._table_rows(boxes["table"])
+        if "yield" in boxes:
+            self._plots += self._plot_yield(boxes["yield"]), self._plot_errors(boxes["errors"])
+
+    def _map(self, side: int, box: Rectangle, limit: float, largest: Area, follow: Vehicle | None) -> MissionMap:
+        """A map with its name; of the larger area it fills the box."""
+        play, entry, layout = self._plays[side], self._entries[side], self.layout
+        area, unit = play.trace.scenario.area, layout.unit
+        across, up = round(box.width * area.width / largest.width), round(box.height * area.length / largest.length)
+        box = Rectangle(box.left + (box.width - across) // 2, box.bottom - up, across, up)
+        layout = replace(layout, boxes={"map": box}, left=max(0, box.left - round(AXES[0] * unit)))
+        shown = MissionMap(play, layout, limit, follow)
+        draw_map_axes(self._still, shown, layout, "")
+        self._sample(entry, box.left, box.top - 33 * unit)
+        left, room = box.left + (SAMPLE + 8) * unit, box.width - (SAMPLE + 8 - AXES[1]) * unit
+        size = max(fitting(entry.words, 14 * unit, room, bold=True), 11 * unit)
+        words = shorten(entry.words, size, room, bold=True)
+        write(self._still, words, (left, box.top - 28 * unit), size, entry.colour, bold=True)
+        return shown
+
+    def _sample(self, entry: Entry, left: float, row: float) -> None:
+        """A piece of a curve as the legend shows it."""
+        unit = self.layout.unit
+        ends = np.array([(left, row), (left + SAMPLE * unit, row)])
+        pieces = shapes.dashes(ends[0], ends[1], entry.dash * unit) if entry.dash else [ends]
+        for piece in pieces:
+            shapes.stroke(self._still, piece, entry.colour, self.layout.px(2.2))
+
+    def _table_rows(self, box: Rectangle) -> list[tuple[float, float, float]]:
+        """Write the names of the figures; for each the left end, the right end and the baseline of its values."""
+        unit = self.layout.unit
+        down = min((box.height - 8 * unit) / len(self._names), 72 * unit)
+        top = box.top + (box.height - len(self._names) * down) / 2
+        left, right = box.left + 10 * unit, box.right - 10 * unit
+        rows = []
+        for place, name in enumerate(self._names):
+            line = top + (place + 0.5) * down
+            write(self._still, name, (left, line - 7 * unit), 11 * unit, self.layout.theme.muted)
+            rows.append((left, right, line + 15 * unit))
+        return rows
+
+    def _draw_figures(self, picture: np.ndarray, t: float, time: float) -> None:
+        """Values of both missions in their colours, and how much more the second one has."""
+        self._head.draw(picture, time, time / self._end, [])
+        unit, theme = self.layout.unit, self.layout.theme
+        one, other = self._figures(0, t), self._figures(1, t)
+        for (left, right, line), (_, value, form), (_, second, _) in zip(self._rows, one, other, strict=True):
+            across = 0.36 * (right - left)
+            for place, (number, entry) in enumerate(zip((value, second), self._entries, strict=True)):
+                words = f"{number:{form}}".replace("-", "−")
+                size = fitting(words, 18 * unit, across - 8 * unit, bold=True)
+                write(picture, words, (left + place * across, line), size, entry.colour, bold=True)
+            write(picture, difference(second, value, form), (right, line), 12 * unit, theme.muted, anchor="right")
+
+    def _figures(self, side: int, t: float) -> list[tuple[str, float, str]]:
+        """Those of a mission, and its position error as it is plotted."""
+        error = "position error, m", float(self._errors[side][step_of(t)]), ".2f"
+        return [*self._plays[side].figures(t), error]
+
+    def _plot_yield(self, box: Rectangle) -> RecordedPlot:
+        """What both have brought in so far, or how far both are off station."""
+        stations = self._plays[0].stations
+        series = [play.off_target if stations else play.delivered for play in self._plays]
+        title = "Distance of the AUVs to their stations, m" if stations else "Data delivered, Mbit"
+        return self._plot(box, title, series, 0.0, 1.05 * max(float(values.max()) for values in series) or 1.0)
+
+    def _plot_errors(self, box: Rectangle) -> RecordedPlot:
+        """Errors of the boat's estimates, rms over AUVs, median of 30 s each."""
+        series = self._errors
+        high = 1.1 * max(float(values.max()) for values in series)
+        low = max(min(float(np.quantile(values, 0.02)) for values in series), LOWEST)
+        return self._plot(box, "Position error, m", series, low, max(high, 1.5 * low), log=True)
+
+    def _plot(
+        self, box: Rectangle, title: str, series: list[np.ndarray], low: float, high: float, log: bool = False
+    ) -> RecordedPlot:
+        layout = self.layout
+        lines = self._write_legend(box, title, series)
+        room = within_margins(box, layout.unit, top=28 + 15 * lines, sides=18, bottom=20, left=42)
+        plot = RecordedPlot(self._still, room, low, high, self._end, layout, log=log)
+        for play, values, entry in zip(self._plays, series, self._entries, strict=True):
+            plot.curve(play.trace.time, values, entry.colour, entry.dash * layout.unit)
+        plot.finish()
+        return plot
+
+    def _write_legend(self, box: Rectangle, title: str, series: list[np.ndarray]) -> int:
+        """Title and legend of a plot; returns the number of lines that the legend takes below the title.
+
+        A low plot has the names above the maps alone.
+        """
+        layout, unit = self.layout, self.layout.unit
+        shown = min(map(len, series))
+        same = np.array_equal(series[0][:shown], series[1][:shown])
+        words, room = [entry.words for entry in self._entries], box.width - 20 * unit
+        widths = [(SAMPLE + 6) * unit + text_width(each, 11 * unit) for each in words]
+        heading = title + ": the same" if same else title
+        beside = text_width(heading, 12 * unit, bold=True) + sum(widths) + 34 * unit <= room
+        below = not beside and box.height >= LOW * unit
+        write_heading(self._still, layout, box, title if below else heading)
+        if same and below:
+            words[1] += ", the same"
+        if not (beside or below):
+            return 0
+        left = box.right - 10 * unit - sum(widths) - 16 * unit if beside else box.left + 10 * unit
+        for place, (entry, text, width) in enumerate(zip(self._entries, words, widths, strict=True)):
+            line = box.top + (18 if beside else 34 + 15 * place) * unit
+            self._sample(entry, left, line - 4 * unit)
+            text = shorten(text, 11 * unit, room - (SAMPLE + 6) * unit)
+            write(self._still, text, (left + (SAMPLE + 6) * unit, line), 11 * unit, layout.theme.text)
+            left += (width + 16 * unit) if beside else 0
+        return 0 if beside else 2
+
+
+def _named(trace: Trace) -> dict[str, str]:
+    """What tells runs apart."""
+    return {
+        "policy": trace.policy,
+        "boat": trace.usv,
+        "targets": trace.scenario.nodes.target_rule,
+        "seed": str(trace.seed),
+        "scenario": trace.scenario.name,
+    }
+
+
+def differences(first: Trace, second: Trace) -> tuple[str, str]:
+    """What each of two runs has that the other has not, in a few words."""
+    one, other = _named(first), _named(second)
+    differ = [name for name in one if one[name] != other[name]] or ["policy"]
+    first_words, second_words = (" · ".join(f"{name} {which[name]}" for name in differ) for which in (one, other))
+    return first_words, second_words
+
+
+def common(first: Trace, second: Trace) -> tuple[str, str]:
+    """Both lines of the title: what two runs have in common."""
+    one, other = _named(first), _named(second)
+    shared = [f"{name} {one[name]}" for name in ("policy", "boat", "seed") if one[name] == other[name]]
+    same = one["scenario"] == other["scenario"]
+    return f"Scenario “{one['scenario']}”" if same else "Two scenarios", " · ".join(shared)
+
+
+def check_comparable(first: Trace, second: Trace) -> None:
+    """Refuse two traces that cannot be shown in step.
+
+    Raises:
+        UserError: another mission step or another task.
+    """
+    one, other = first.scenario, second.scenario
+    if one.mission.step != other.mission.step:
+        raise UserError(f"mission steps of {one.mission.step:g} s and {other.mission.step:g} s cannot be compared")
+    if one.task != other.task:
+        raise UserError(f"tasks {one.task} and {other.task} cannot be compared")

@@ -1,4 +1,4 @@
-"""Layout of a frame: its rectangles and the unit of its letters; title, tiles, cards and bars of panels."""
+"""Layout of a frame: where its parts stand, in a frame of any shape; the unit of its letters; title, tiles, cards."""
 
 from __future__ import annotations
 
@@ -39,6 +39,18 @@ class Rectangle(NamedTuple):
 SMALLEST_LETTERS = 8.8  # size in pixels below which letters are not legible
 LEAST_UNIT = SMALLEST_LETTERS / 11  # the design's smallest letters are of 11 pixels
 AXES = (46.0, 14.0, 36.0, 34.0)  # at the left, at the right, above and below a map, pixels of the design
+MARGIN, GAP = 10.0, 7.0
+LEAST_COLUMN = 280.0  # width of a column with a map
+LEAST_PANEL = 250.0  # width of a panel beside a map that has the title and the figures above it
+LEAST_PLOT_WIDTH = 200.0
+HIGHEST_BOX = 0.95  # height over width from which on a perspective shows the water no larger
+TABLE = 220.0, 260.0  # least width and height of the figures of two missions
+NAME, LEAST_PLOT = 18.0, 84.0  # heights of the line above a map of two, and of their plots
+LEAST = {"title": 56.0, "errors": 90.0, "fixes": 110.0, "reward": 44.0, "section": 80.0}  # heights of cards
+SHARES = {"fixes": 0.42, "errors": 0.33, "section": 0.25}  # of the height that is left
+PLOTS = "yield", "errors"  # of two missions
+IMPORTANCE = ("title", "tiles", "errors", "fixes", "legend", "reward", "section")
+BELOW = ("tiles", "reward", "fixes", "errors", "section", "legend")  # of the title, from the top to the bottom
 
 
 @dataclass(frozen=True)
@@ -111,45 +123,223 @@ def tile_columns(names: Sequence[str], width: float, unit: float) -> int:
     return -(-len(names) // -(-len(names) // most))
 
 
-class MapView:
-    """Metres of the area (x east, y north) to pixels of the frame.
+class Room(NamedTuple):
+    """A rectangle; y runs down."""
 
-    Args:
-        area: the whole area. rectangle: that shows it. zoom: ≥ 1, shows a part of it that is so many times smaller.
+    left: float
+    top: float
+    width: float
+    height: float
+
+    @property
+    def right(self) -> float:
+        return self.left + self.width
+
+    @property
+    def bottom(self) -> float:
+        return self.top + self.height
+
+    def pixels(self, unit: float) -> Rectangle:
+        """In pixels of a frame with `unit` of them to one of the design."""
+        left, top = round(self.left * unit), round(self.top * unit)
+        return Rectangle(left, top, round(self.right * unit) - left, round(self.bottom * unit) - top)
+
+    def over(self, height: float) -> tuple[Room, Room]:
+        """The upper part, of a height, and what is below it."""
+        upper = self._replace(height=height)
+        return upper, self._replace(top=upper.bottom + GAP, height=self.height - height - GAP)
+
+    def beside(self, width: float) -> tuple[Room, Room]:
+        """The left part, of a width, and what is at the right of it."""
+        left = self._replace(width=width)
+        return left, self._replace(left=left.right + GAP, width=self.width - width - GAP)
+
+
+Rooms = dict[str, Room]
+
+
+class Sheet(NamedTuple):
+    """Divides a frame.
 
     Attributes:
-        bounds: south-western and north-eastern corner of what is shown, (2, 2) m.
+        frame: within its margins. unit: pixels of the frame to one of the design. area: of the map.
+        names: of the figures in tiles.
     """
 
-    def __init__(self, area: Area, rectangle: Rectangle, zoom: float = 1.0) -> None:
-        self.rectangle, self.zoom = rectangle, zoom
-        self.per_metre = zoom * rectangle.width / area.width
-        self._sides = np.array([area.width, area.length])
-        self._scale = zoom * np.array([rectangle.width, -rectangle.height]) / self._sides
-        self.look(0.5 * self._sides)
+    frame: Room
+    unit: float
+    area: Area
+    names: Sequence[str]
 
-    def look(self, place: np.ndarray) -> None:
-        """Show what is around a place (2,), m, as far as it is within the area."""
-        shown = self._sides / self.zoom
-        corner = np.clip(place - 0.5 * shown, 0.0, self._sides - shown)
-        self.bounds = np.stack([corner, corner + shown])
-        # Pixel centres are whole numbers, so the left edge of the first pixel is at −½.
-        self._origin = np.array([self.rectangle.left - 0.5, self.rectangle.bottom - 0.5]) - corner * self._scale
+    @classmethod
+    def of(cls, size: tuple[int, int], area: Area, names: Sequence[str]) -> Sheet:
+        """For a frame of a width and height in pixels."""
+        unit = design_unit(*size)
+        width, height = (side / unit - 2 * MARGIN for side in size)
+        return cls(Room(MARGIN, MARGIN, width, height), unit, area, names)
 
-    def grid(self, pixels: int = 160) -> tuple[np.ndarray, np.ndarray]:
-        """Middles x (X,) and y (Y,) of cells that cover what is shown, at most `pixels` on a side, m."""
-        low, high = self.bounds
-        counts = np.maximum(np.round((high - low) / (high - low).max() * pixels).astype(int), 2)
-        x, y = (a + (np.arange(n) + 0.5) * (b - a) / n for a, b, n in zip(low, high, counts, strict=True))
-        return x, y
+    def boxes(self, view: str, dives: bool) -> dict[str, Rectangle]:
+        """The boxes of a view in pixels of the frame, by name; around a map those that make it about the largest.
 
-    def pixel(self, position: np.ndarray) -> np.ndarray:
-        """Pixels (..., 2) of positions (..., 2) in metres."""
-        return self._origin + np.asarray(position, float) * self._scale
+        Where AUVs have `dives`, their depths stand beside the section.
+        """
+        if view == "map":
+            beside, column, above = self._beside(), self._in_column(), self._above()
+            if column["map"].width > 0.9 * beside["map"].width and column["map"].bottom < self.frame.bottom:
+                beside = column
+            rooms = max(beside, above, key=lambda rooms: rooms["map"].width)
+        else:
+            rooms = self._both() if view == "both" else self._sea()
+        if dives and "section" in rooms and (half := (rooms["section"].width - GAP) / 2) >= LEAST_PLOT_WIDTH:
+            rooms["section"], rooms["depth"] = rooms["section"].beside(half)
+        return {name: room.pixels(self.unit) for name, room in rooms.items()}
 
-    def vector(self, metres: np.ndarray) -> np.ndarray:
-        """Pixels (..., 2) of displacements (..., 2) in metres."""
-        return np.asarray(metres, float) * self._scale
+    def least(self, name: str, width: float) -> float:
+        """Height that a card of a width needs; infinite where it would not be legible."""
+        if name == "tiles":
+            return 8.0 + 46.0 * math.ceil(len(self.names) / tile_columns(self.names, width * self.unit, self.unit))
+        if name == "legend":
+            return 146.0 if width >= 520.0 else 262.0 if width >= 280.0 else math.inf
+        if name in ("reward", "errors", "section") and width < LEAST_PLOT_WIDTH:
+            return math.inf
+        return LEAST[name]
+
+    def cards(self, room: Room, wanted: Sequence[str]) -> Rooms:
+        """The most important ones of the wanted cards, as many as there is room for, from the top to the bottom."""
+        need, left = {name: self.least(name, room.width) for name in wanted}, room.height + GAP + 1e-6
+        kept: set[str] = set()
+        for name in sorted(wanted, key=IMPORTANCE.index):
+            if need[name] + GAP <= left:
+                left -= need[name] + GAP
+                kept.add(name)
+        shared, rooms, rest = sum(SHARES[name] for name in kept & SHARES.keys()), {}, room
+        for name in (name for name in wanted if name in kept):
+            more = left * SHARES[name] / shared if name in SHARES else 0.0
+            rooms[name], rest = rest.over(need[name] + more)
+        return rooms
+
+    def map_in(self, room: Room) -> Room:
+        """The largest map, true to scale, that has room with its axes, in the middle of a room."""
+        left, right, top, bottom = AXES
+        width, height = room.width - left - right, room.height - top - bottom
+        scale = fitting_scale(width, height, self.area)
+        across, up = max(scale * self.area.width, 10.0), max(scale * self.area.length, 10.0)
+        return Room(
+            room.left + left + max(width - across, 0.0) / 2, room.top + top + max(height - up, 0.0) / 2, across, up
+        )
+
+    def map_with_axes(self, width: float, height: float) -> tuple[float, float]:
+        """Width and height of the largest map with its axes."""
+        found = self.map_in(Room(0.0, 0.0, width, height))
+        return found.width + AXES[0] + AXES[1], found.height + AXES[2] + AXES[3]
+
+    def _beside(self) -> Rooms:
+        """The map at the left, everything else at the right, or the legend below the map if there is room."""
+        frame = self.frame._replace(left=0.0, width=self.frame.right)
+        widest = 0.5625 * (frame.width + MARGIN)
+        column, panel = frame.beside(min(max(self.map_with_axes(widest, frame.height)[0], LEAST_COLUMN), widest))
+        legend = self.least("legend", column.width - MARGIN)
+        if self.map_with_axes(widest, frame.height)[1] + GAP + legend <= frame.height:
+            place, below = column.over(frame.height - legend - GAP)
+            below = below._replace(left=MARGIN, width=below.width - MARGIN)
+            return {**self.cards(panel, ("title", *BELOW[:-1])), "legend": below, "map": self.map_in(place)}
+        return {**self.cards(panel, ("title", *BELOW)), "map": self.map_in(column)}
+
+    def _in_column(self) -> Rooms:
+        """Title, figures, map and what else there is room for at the left, a narrow panel at the right."""
+        width = self.frame.width - GAP - LEAST_PANEL
+        for _ in range(2):  # the narrower the column, the more rows of figures
+            tiles = self.least("tiles", width)
+            room = self.frame.height - LEAST["title"] - tiles - 2 * GAP
+            found = [self.map_with_axes(width, room - below) for below in (146.0 + GAP, 0.0)]
+            across, up = found[0] if found[0][0] >= 520.0 else found[1]
+            width = min(max(across, LEAST_COLUMN), width)
+        column, panel = self.frame.beside(width)
+        title, rest = column.over(LEAST["title"])
+        figures, rest = rest.over(tiles)
+        place, rest = rest.over(up)
+        rooms = {"title": title, "tiles": figures, "map": self.map_in(place), **self.cards(rest, ("errors", "legend"))}
+        return rooms | self.cards(panel, [name for name in BELOW if name not in rooms])
+
+    def _above(self) -> Rooms:
+        """Title, map, and everything else below it."""
+        title, rest = self.frame.over(LEAST["title"])
+        wanted = ("tiles", "errors", "fixes", "legend") if rest.width >= 520.0 else ("tiles", "errors", "fixes")
+        below = sum(self.least(name, rest.width) + GAP for name in wanted if self.least(name, rest.width) < math.inf)
+        place, panel = rest.over(self.map_with_axes(rest.width, rest.height - below)[1])
+        return {"title": title, "map": self.map_in(place), **self.cards(panel, BELOW)}
+
+    def _both(self) -> Rooms:
+        """The perspective in the right half of the frame, in the lower half of a square or upright one."""
+        if self.frame.height > 0.85 * self.frame.width:
+            title, rest = self.frame.over(LEAST["title"])
+            narrowest = self.frame.width / (5.0 if self.frame.height > self.frame.width else 2.5)
+            across, up = self.map_with_axes(rest.width - narrowest - GAP, 0.52 * self.frame.height - title.height - GAP)
+            upper, perspective = rest.over(up)
+            place, side = upper.beside(across)
+            cards = self.cards(side, ("tiles", "errors"))
+            cards = cards if "errors" in cards else {"tiles": side}
+            return {"title": title, "map": self.map_in(place), "perspective": perspective, **cards}
+        width = 0.5 * self.frame.width - GAP
+        low = self.frame.height < 600.0
+        for _ in range(2):  # the narrower the column, the more rows of figures
+            head = LEAST["title"] + GAP + (54.0 if low else self.least("tiles", width)) + GAP
+            below = 0.0 if low else LEAST["errors"] + GAP
+            across, up = self.map_with_axes(width, self.frame.height - head - below)
+            width = min(max(across, 1.3 * LEAST_COLUMN), width)
+        column, perspective = self.frame.beside(width)
+        title, rest = column.over(LEAST["title"])
+        tiles, rest = rest.over(head - title.height - 2 * GAP)
+        place, rest = rest.over(up)
+        rooms = {"title": title, "tiles": tiles, "map": self.map_in(place), "perspective": perspective}
+        return {**rooms, **self.cards(rest, ("errors", "legend"))}
+
+    def _sea(self) -> Rooms:
+        """The perspective between title and figures; in an upright frame also the errors and the legend."""
+        title, rest = self.frame.over(LEAST["title"])
+        room = rest.height - self.least("tiles", rest.width) - GAP
+        perspective, below = rest.over(min(room, HIGHEST_BOX * rest.width))
+        return {"title": title, "perspective": perspective, **self.cards(below, ("tiles", "errors", "legend"))}
+
+    def compared(self) -> dict[str, Rectangle]:
+        """The boxes of two missions beside each other: "first" and "second" of the maps, the largest there are."""
+        title, rest = self.frame.over(LEAST["title"])
+        plots = max(LEAST_PLOT, 0.18 * self.frame.height)
+        with_plots, alone = self._in_a_row(rest, plots), self._in_a_row(rest, 0.0)
+        if with_plots["first"].height < 0.7 * alone["first"].height:
+            with_plots = alone
+        across = self._over_all(rest)
+        legible = all(across[plot].height >= LEAST_PLOT and across[plot].width >= LEAST_PLOT_WIDTH for plot in PLOTS)
+        rooms = across if legible and across["first"].height > with_plots["first"].height else with_plots
+        return {name: room.pixels(self.unit) for name, room in {"title": title, **rooms}.items()}
+
+    def _named_map(self, room: Room) -> Room:
+        """A map with a line above it for its name."""
+        return self.map_in(room._replace(top=room.top + NAME, height=room.height - NAME))
+
+    def _in_a_row(self, room: Room, plots: float) -> Rooms:
+        """Two maps and the figures, the plots below them, of that height or none."""
+        width = (room.width - TABLE[0] - 2 * GAP) / 2
+        across, up = self.map_with_axes(width, room.height - NAME - (plots + GAP if plots else 0.0))
+        row, below = room.over(NAME + up) if plots else (room, room)
+        first, others = row.beside(across)
+        second, table = others.beside(across)
+        rooms = {"first": self._named_map(first), "second": self._named_map(second), "table": table}
+        if plots:
+            rooms["yield"], rooms["errors"] = below.beside((below.width - GAP) / 2)
+        return rooms
+
+    def _over_all(self, room: Room) -> Rooms:
+        """Two maps across the frame, below them figures and plots."""
+        width = (room.width - GAP) / 2
+        _, up = self.map_with_axes(width, room.height - NAME - TABLE[1] - GAP)
+        row, below = room.over(NAME + up)
+        first, second = row.beside(width)
+        table, plots = below.beside(TABLE[0])
+        half = (plots.width - GAP) / 2
+        each = plots.beside(half) if half >= LEAST_PLOT_WIDTH else plots.over((plots.height - GAP) / 2)
+        maps = {"first": self._named_map(first), "second": self._named_map(second)}
+        return {**maps, "table": table, "yield": each[0], "errors": each[1]}
 
 
 def nice(value: float) -> float:

@@ -1,37 +1,30 @@
-"""The map of a mission, seen from above, with the axes and scales around it."""
+"""The map of a mission, seen from above, with the axes and scales around it, and its legend."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
 from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
 
-from usvauv.env.record.metrics import age
 from usvauv.env.record.trace import Trace
 from usvauv.env.render import shapes, style
-from usvauv.env.render.between import ROUNDING, Series, Vehicle, step_of
-from usvauv.env.render.layout import Layout, MapView, Rectangle, nice, nice_above
-from usvauv.env.render.mission import TRAIL, Exchanges, Itinerary, ReplyField, RunningMetrics, track
-from usvauv.env.render.sea import CurrentStreaks, SeaSurface, colour_scale
-from usvauv.env.render.shapes import Overlay
+from usvauv.env.render.layout import Layout, Rectangle, draw_card, nice, nice_above
+from usvauv.env.render.mission import ROUNDING, TRAIL, Playback, Vehicle, error_axes, step_of
+from usvauv.env.render.sea import CurrentStreaks, MapView, SeaSurface, colour_scale
+from usvauv.env.render.shapes import LegendSymbol, Overlay
 from usvauv.env.render.style import text_width, write
+from usvauv.env.scenario import Scenario
 from usvauv.kernels.flow.vortex import Eddies
 from usvauv.kernels.types import Level
 
 TRAIL_PIECES = 6  # of one opacity each
-OLD = 300.0  # s, age from which on a node's ring is brightest
 FOLLOWED = 3.0  # magnification of a map that goes along with a vehicle
 REFRESH = 3  # steps from which on streaks, which change slowly, are made anew
 WORDLESS = 240.0  # shorter side in pixels of the design of a map with smaller vehicles and no words over nodes
-SIGMAS = 2.0  # semi-axes of error ellipses; in two dimensions they enclose 86 % of the errors
-
-
-def error_axes(covariance: np.ndarray) -> np.ndarray:
-    """Semi-axes (..., 2, 2) of error ellipses, one a row, m, of covariances (..., 3) xx, xy, yy in m²."""
-    variances, directions = np.linalg.eigh(np.asarray(covariance, float)[..., [[0, 1], [1, 2]]])
-    return SIGMAS * np.sqrt(np.maximum(variances, 0.0))[..., None] * np.swapaxes(directions, -1, -2)
 
 
 class MissionMap:
@@ -42,44 +35,28 @@ class MissionMap:
     """
 
     def __init__(
-        self,
-        trace: Trace,
-        running: RunningMetrics,
-        layout: Layout,
-        limit: float | None = None,
-        follow: Vehicle | None = None,
+        self, play: Playback, layout: Layout, limit: float | None = None, follow: Vehicle | None = None
     ) -> None:
         """`limit`: end of the sea's colour scale, m; None for one that fits the trace."""
-        scenario = trace.scenario
-        self._trace, self._running, self._layout = trace, running, layout
+        self._play, self._trace, self._layout = play, play.trace, layout
+        trace, scenario = play.trace, play.trace.scenario
         self.view = MapView(scenario.area, layout.map, FOLLOWED if follow else 1.0)
         self.surface = SeaSurface(trace.surface, self.view, limit=limit)
         self.streaks = CurrentStreaks(
             trace.vortex[0, 0], trace.stream_at(0.0), scenario.area.width, scenario.area.length, self.view, layout.unit,
             Eddies(scenario.current.period, cruise=scenario.eddies_at_cruise), Level.cruise,
         )  # fmt: skip
-        self._step = scenario.mission.step
         # Streaks drift at the true speed, up to a quarter of their length a frame.
-        self._streak_step = min(self._step * running.pace, 0.25 * self.streaks.tail)
+        self._streak_step = min(scenario.mission.step * play.pace, 0.25 * self.streaks.tail)
         self._overlay = Overlay(*layout.map)
-        self._boats = Series(trace.boat_position[:, 0], smooth=True)
-        self._auvs = Series(trace.auv_position[:, 0], smooth=True)
         self._followed = follow.way(trace) if follow else None
-        self._boat_heading, self._heading = Series(trace.boat_heading[:, 0]), Series(trace.attitude[:, 0, :, 0])
         self._label = np.array([14, -12]) * layout.unit
-        self._exchanges, self._itinerary = Exchanges(trace, running.pace), Itinerary(trace)
-        self._popups = Popups(trace, self._itinerary, layout.unit, running.pace)
+        self._popups = Popups(play, layout.unit)
         shorter = min(layout.map.width, layout.map.height) / layout.unit
         self._wordless = shorter < WORDLESS
         self._size = layout.unit * float(np.clip(shorter / WORDLESS, 0.6, 1.0))  # of vehicles
-        self._fill = trace.backlog[:, 0] / scenario.nodes.buffer
-        # Stations have no data that could be old.
-        self._age = age(trace)[:, 0] / OLD * (scenario.task == "data-collection")
         spacing = self.view.zoom * np.sqrt(layout.map.width * layout.map.height / trace.node_position.shape[1])
         self._node_radius = float(np.clip(spacing / 7, 3.0 * layout.unit, 9.5 * layout.unit))
-        self._estimated, self._covariance = Series(trace.estimate[:, 0]), Series(trace.estimate_covariance[:, 0])
-        self._foreseen, self._goals = Series(trace.foreseen_position[:, 0]), Series(trace.boat_goal[:, 0])
-        self._field = ReplyField(trace)
         self._made = -REFRESH
         self._gauges = shapes.NodeGauges(self._node_radius)
         self._hover_radius = max(scenario.service_radius * self.view.per_metre, self._node_radius + 5 * layout.unit)
@@ -97,18 +74,17 @@ class MissionMap:
         draw_ticks(picture, self.view, self._layout)
 
     def _draw(self, picture: np.ndarray, t: float) -> None:
-        step, view = step_of(t), self.view
-        sea = self._running.sea
-        self.surface.paint(picture, sea.on(t, *view.grid()) if self._followed else sea.at(t))
+        step, view, play = step_of(t), self.view, self._play
+        self.surface.paint(picture, play.sea.on(t, *view.grid()) if self._followed else play.sea.at(t))
         self._overlay.clear()
         if not self._made <= step < self._made + REFRESH:
             self._made = step
             self.streaks.update(self._trace.vortex[step, 0], self._trace.stream_at(float(self._trace.time[step])))
-        self.streaks.draw(self._overlay, t / self._running.pace * self._streak_step, self._layout.px(1.2))
+        self.streaks.draw(self._overlay, t / self._play.pace * self._streak_step, self._layout.px(1.2))
         auvs, boats, nodes = (
-            view.pixel(places) for places in (self._auvs.at(t), self._boats.at(t), self._trace.node_position[0])
+            view.pixel(places) for places in (play.auvs.at(t), play.boats.at(t), self._trace.node_position[0])
         )
-        estimated = view.pixel(self._estimated.at(t))
+        estimated = view.pixel(play.estimated.at(t))
         self._draw_field(step)
         self._draw_ellipses(t, estimated)
         self._draw_pings(t, auvs, boats)
@@ -124,8 +100,8 @@ class MissionMap:
             self._popups.draw(picture, self._layout.map, t, nodes, self._hover_radius, auvs + self._label)
 
     def _draw_trails(self, t: float) -> None:
-        width, steps = self._layout.px(2), track(t, self._step, 120)
-        boats, auvs = (self.view.pixel(series.until(t, steps)) for series in (self._boats, self._auvs))
+        width, steps = self._layout.px(2), self._play.track(t, 120)
+        boats, auvs = (self.view.pixel(series.until(t, steps)) for series in (self._play.boats, self._play.auvs))
         for boat in range(boats.shape[1]):
             self._fade(boats[:, boat], t - steps[0], style.BOAT, 0.45, width)
         for auv in range(auvs.shape[1]):
@@ -138,18 +114,18 @@ class MissionMap:
         for place, piece in enumerate(pieces):
             share = (place + 1) / len(pieces)
             # A trail shorter than TRAIL fades less.
-            full = min(1.0, steps * self._step / TRAIL)
+            full = min(1.0, steps * self._trace.scenario.mission.step / TRAIL)
             self._overlay.strokes([piece], colour, opacity * (1 - full * (1 - share**1.3)), width)
 
     def _draw_field(self, step: int) -> None:
         """Lines of what replies heard at a place are worth, brighter where it is more; none where all is heard."""
-        for level, lines in self._field.lines(step):
+        for level, lines in self._play.field.lines(step):
             self._overlay.strokes(
                 [self.view.pixel(line) for line in lines], style.FIELD, 0.15 + 0.6 * level, self._layout.px(1.2)
             )
 
     def _draw_ellipses(self, t: float, estimated: np.ndarray) -> None:
-        for auv, axes in enumerate(self.view.vector(error_axes(self._covariance.at(t)))):
+        for auv, axes in enumerate(self.view.vector(error_axes(self._play.covariance.at(t)))):
             if np.abs(axes).max() > 2 * self._layout.unit:
                 outline = shapes.ellipse_points(estimated[auv], axes)
                 line = np.concatenate([outline, outline[:1]])
@@ -157,12 +133,12 @@ class MissionMap:
 
     def _draw_pings(self, t: float, auvs: np.ndarray, boats: np.ndarray) -> None:
         """A ring from each boat that has asked, and lines from the boats to the AUVs they have heard."""
-        for boat, share in zip(boats, self._exchanges.ping(t), strict=True):
+        for boat, share in zip(boats, self._play.ping(t), strict=True):
             if share is not None:
                 reach = np.hypot(*(auvs - boat).T).max()
                 self._overlay.ring(boat, share * reach, style.BOAT, 0.45 * (1 - 0.7 * share), self._layout.px(1.3))
         for auv, position in enumerate(auvs):
-            boat, fresh = self._exchanges.heard(t, auv)
+            boat, fresh = self._play.heard(t, auv)
             lit = 0.5 * fresh
             if lit > 0.03:  # what is drawn later replaces what is there
                 ends = np.stack([boats[boat], position])
@@ -170,14 +146,14 @@ class MissionMap:
 
     def _draw_links(self, t: float, auvs: np.ndarray, nodes: np.ndarray) -> None:
         """Dashed lines to the targets, rings around services."""
-        unit, phase, step = self._layout.unit, (t / self._running.pace % 24) / 24, step_of(t)
+        unit, phase, step = self._layout.unit, (t / self._play.pace % 24) / 24, step_of(t)
         for auv, position in enumerate(auvs):
             colour = style.auv_colour(auv)
-            stops = nodes[[self._itinerary.node(step, auv), *self._itinerary.after(step, auv)]]
+            stops = nodes[self._play.stops(step, auv)]
             node = stops[0]
             for place, leg in enumerate(pairwise(stops)):
                 self._overlay.strokes([np.stack(leg)], colour, 0.55 - 0.12 * place, self._layout.px(1.3))
-            if self._trace.hovering[step, 0, auv]:
+            if self._play.hovering[step, auv]:
                 self._overlay.disc(node, self._hover_radius, colour, 0.16)
                 self._overlay.ring(node, self._hover_radius * (0.35 + 0.65 * phase), colour, 0.8 * (1 - phase))
             else:
@@ -186,37 +162,37 @@ class MissionMap:
                     self._overlay.strokes(pieces, colour, 0.7, self._layout.px(1.3))
 
     def _draw_nodes(self, picture: np.ndarray, t: float, nodes: np.ndarray) -> None:
-        if self._trace.scenario.task == "station-keeping":
+        if self._play.stations:
             for auv, centre in enumerate(nodes):
                 shapes.station(picture, centre, self._node_radius, style.auv_colour(auv), self._layout.zoom)
             return
-        pulse, step = 0.5 + 0.5 * math.sin(0.35 * t / self._running.pace), step_of(t)
-        for centre, share, old in zip(nodes, self._fill[step], self._age[step], strict=True):
+        pulse, step = 0.5 + 0.5 * math.sin(0.35 * t / self._play.pace), step_of(t)
+        for centre, share, old in zip(nodes, self._play.fill[step], self._play.age[step], strict=True):
             self._gauges.draw(picture, centre, share, old, pulse)
 
     def _draw_boat(self, picture: np.ndarray, t: float, boat: int, position: np.ndarray) -> None:
-        layout, goal = self._layout, self.view.pixel(self._goals.at(t)[boat])
+        layout, goal = self._layout, self.view.pixel(self._play.goals.at(t)[boat])
         if np.hypot(*(goal - position)) > 20 * layout.unit:  # nearer goals are below the boat
             for piece in shapes.dashes(position, goal, 3 * layout.unit):
                 shapes.stroke(picture, piece, style.BOAT, layout.px(1))
             shapes.cross(picture, goal, 5 * layout.unit, style.BOAT, layout.px(2))
-        shapes.boat(picture, position, float(self._boat_heading.at(t)[boat]), 34 * self._size, layout.zoom)
+        shapes.boat(picture, position, float(self._play.boat_headings.at(t)[boat]), 34 * self._size, layout.zoom)
 
     def _draw_auv(
         self, picture: np.ndarray, t: float, auv: int, position: np.ndarray, fix: np.ndarray, nodes: np.ndarray
     ) -> None:
         layout, colour, step = self._layout, style.auv_colour(auv), step_of(t)
-        if self._trace.hovering[step, 0, auv]:
-            node = nodes[self._itinerary.node(step, auv)]
-            share = self._running.service_share[step, auv]
+        if self._play.hovering[step, auv]:
+            node = nodes[self._play.stops(step, auv)[0]]
+            share = self._play.service_share[step, auv]
             within, middle = layout.map.of(picture), node - (layout.map.left, layout.map.top)
             shapes.progress_ring(within, middle, self._hover_radius, share, colour, 3.4 * layout.unit, layout.zoom)
-        foreseen = self.view.pixel(self._foreseen.at(t)[auv])
+        foreseen = self.view.pixel(self._play.foreseen.at(t)[auv])
         if np.hypot(*(foreseen - fix)) > 5 * layout.unit:
             for piece in shapes.dashes(foreseen, position, 3 * layout.unit):
                 shapes.stroke(picture, piece, style.mix(colour, style.OUTLINE, 0.5), layout.px(1))
             shapes.foreseen(picture, foreseen, 6 * layout.unit, colour, 1.6 * layout.unit, layout.zoom)
-        shapes.auv(picture, position, float(self._heading.at(t)[auv]), 29 * self._size, colour, layout.zoom)
+        shapes.auv(picture, position, float(self._play.attitude.at(t)[auv, 0]), 29 * self._size, colour, layout.zoom)
         if np.hypot(*(fix - position)) > 5 * layout.unit:  # smaller errors are visible in the inset only
             shapes.fix(picture, fix, 4 * layout.unit, style.WHITE, 1.5 * layout.unit, layout.zoom)
         shapes.badge(picture, str(auv + 1), position + self._label, 11 * layout.unit, colour)
@@ -329,14 +305,11 @@ FRAMES = 45  # for which the data of a completed service is shown
 
 
 class Popups:
-    """Words over nodes, each with the data of a service in world 0.
+    """Words over nodes, each with the data of a service; `unit` is a pixel of the design."""
 
-    `unit` is a pixel of the design, `pace` in steps a frame.
-    """
-
-    def __init__(self, trace: Trace, itinerary: Itinerary, unit: float, pace: float) -> None:
-        self._delivered, self._itinerary, self._unit = trace.delivered[:, 0], itinerary, unit
-        self._steps = max(FRAMES * pace, 1.0)
+    def __init__(self, play: Playback, unit: float) -> None:
+        self._play, self._delivered, self._unit = play, play.trace.delivered[:, 0], unit
+        self._steps = max(FRAMES * play.pace, 1.0)
 
     def draw(
         self, picture: np.ndarray, box: Rectangle, t: float, nodes: np.ndarray, above: float, badges: np.ndarray
@@ -355,7 +328,7 @@ class Popups:
             age = (t - done) / self._steps
             text = f"+{self._delivered[done, auv]:.2f} Mbit"
             half = text_width(text, size, bold=True) / 2
-            x, y = nodes[self._itinerary.node(done, auv)]
+            x, y = nodes[self._play.stops(done, auv)[0]]
             if not (box.left <= x < box.right and box.top <= y < box.bottom):
                 continue  # of a node that a view which goes along does not show
             x = np.clip(x, box.left + half, max(box.right - half, box.left + half))
@@ -365,3 +338,68 @@ class Popups:
             taken.append((x, y, half))
             for shift, ink in ((unit, style.OUTLINE), (0, style.auv_colour(auv))):
                 write(picture, text, (x + shift, y + shift), size, ink, bold=True, anchor="centre", opacity=1 - age**3)
+
+
+Entry = tuple[Callable[[LegendSymbol], None], str]
+AUV: Entry = LegendSymbol.auv, "underwater vehicle (AUV), last 2 min"
+BOAT: Entry = LegendSymbol.boat, "boat (USV): finds the AUVs by sound"
+PING: Entry = LegendSymbol.ping, "ring: the boat asks where they are"
+HEARD: Entry = LegendSymbol.heard, "line from the boat: an AUV it heard"
+GOAL: Entry = LegendSymbol.goal, "where the boat plans to go"
+FIX: Entry = LegendSymbol.fix, "true place of an AUV, and estimated"
+ELLIPSE: Entry = LegendSymbol.ellipse, "2-σ ellipse: 86 % of errors expected"
+CURRENT: Entry = LegendSymbol.current, "drifting streaks: water current"
+TO_NODE: Entry = LegendSymbol.target, "way to the sensor node it heads for"
+TO_STATION: Entry = LegendSymbol.target, "way back to its station"
+NEXT: Entry = LegendSymbol.next, "its way to the next three nodes"
+NODE: Entry = LegendSymbol.node, "sensor nodes: how full with data"
+FULL: Entry = LegendSymbol.full, "full: new data is being lost"
+SERVICE: Entry = LegendSymbol.service, "AUV hovers and takes over data"
+IN_PASSING: Entry = LegendSymbol.service, "AUV in range takes over data"
+AGE: Entry = LegendSymbol.age, "white ring: last visited 5 min ago"
+STATION: Entry = LegendSymbol.station, "station that it holds"
+ENTRIES = AUV, BOAT, PING, HEARD, TO_NODE, GOAL, NEXT, FIX, NODE, ELLIPSE, FULL, SERVICE, AGE, CURRENT
+STATION_ENTRIES = AUV, BOAT, PING, HEARD, TO_STATION, GOAL, CURRENT, FIX, STATION, ELLIPSE
+FORESIGHT: tuple[Entry, ...] = (
+    (LegendSymbol.foreseen, "where the boat foresees an AUV"),
+    (LegendSymbol.field, "lines: what the boat would learn there"),
+)
+
+ON_MAP = replace(style.DARK, card=style.SEA[1])
+"""Colours of symbols: those of the map, on a stripe of water."""
+
+ABBREVIATIONS = "SDR: data rates of all services, added up · EC: an AUV's energy per second of travel"
+
+
+def draw_legend(
+    picture: np.ndarray, box: Rectangle, layout: Layout, scenario: Scenario, foresees: bool, from_above: bool = True
+) -> None:
+    """Symbols and words in one column or two, and what the abbreviations stand for.
+
+    Args:
+        foresees: the boat foresees AUVs. from_above: the picture is a map, which shows the current.
+    """
+    draw_card(picture, box, layout)
+    unit, size = layout.unit, 11 * layout.unit
+    task, passing = scenario.task, scenario.nodes.service == "passing"
+    entries = (ENTRIES if task == "data-collection" else STATION_ENTRIES) + FORESIGHT * foresees
+    entries = [entry for entry in entries if from_above or entry is not CURRENT]
+    entries = [IN_PASSING if passing and entry is SERVICE else entry for entry in entries]
+    widest = max(text_width(words, size) for _, words in entries)
+    columns = 2 if box.width >= 500 * unit else 1
+    rows = -(-len(entries) // columns)
+    size *= min(1.0, (box.width / columns - 48 * unit) / widest)
+    meaning = ABBREVIATIONS if task == "data-collection" else ABBREVIATIONS.split(" · ")[1]
+    if text_width(meaning, size) <= box.width - 16 * unit:
+        write(picture, meaning, (box.left + 8 * unit, box.bottom - 5 * unit), size, layout.theme.muted)
+        box = box._replace(height=box.height - round(16 * unit))
+    box = box._replace(top=box.top + round(3 * unit), height=box.height - round(6 * unit))
+    on_map = replace(layout, theme=ON_MAP)
+    for column in range(columns):
+        left = round(box.left + column * box.width / columns)
+        draw_card(picture, Rectangle(left, box.top, round(40 * unit), box.height), on_map)
+    for place, (symbol, words) in enumerate(entries):
+        left = box.left + (place % columns) * box.width / columns
+        middle = box.top + (place // columns + 0.5) * box.height / rows
+        symbol(LegendSymbol(picture, np.array([left + 20 * unit, middle]), on_map))
+        write(picture, words, (left + 45 * unit, middle + 0.36 * size), size, layout.theme.text)

@@ -1,98 +1,272 @@
-"""What views show of a step of a trace: figures so far, pings and replies, next nodes, worth of boat positions."""
+"""What pictures show of a recorded mission at a moment, also between its steps.
+
+A moment t is a number of steps from the first recorded state: whole numbers are steps, and what is drawn at one is what
+was recorded. Between two steps vehicles move on a cubic through the four steps around (Catmull and Rom); estimates,
+headings and covariances are linear in time; what is counted or decided keeps the value of the step before.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+import re
+from functools import cached_property
+from typing import NamedTuple
 
+import cv2
 import numpy as np
 import torch
 from contourpy import contour_generator
 
 from usvauv.env.planning.fix_errors import reception
-from usvauv.env.record.metrics import energy_consumption, position_error, target_distance
+from usvauv.env.record.metrics import age, energy_consumption, position_error, target_distance
 from usvauv.env.record.trace import Trace
-from usvauv.env.render.between import Sea, step_of
+from usvauv.env.scenario import Scenario
+from usvauv.env.sea.storm import elevation
 from usvauv.env.site.site import Site
 from usvauv.env.world.tables import link_table
 from usvauv.kernels import runtime
+from usvauv.kernels.errors import UserError
 from usvauv.kernels.positioning import usbl
 
+ROUNDING = 1e-6  # steps
 MEDIAN_WINDOW = 30.0  # s
 TRAIL = 120.0  # s
+OLD = 300.0  # s, age from which on a node's ring is brightest
+SIGMAS = 2.0  # semi-axes of error ellipses; in two dimensions they enclose 86 % of the errors
 
 
-@dataclass(frozen=True)
-class RunningMetrics:
-    """Series of world 0, T steps, K AUVs and B boats.
+def step_of(t: float) -> int:
+    """The step at or before a moment."""
+    return int(t + ROUNDING)
 
-    Attributes:
-        sdr: (T,) sum of the data rates of all services so far, Mbit/s.
-        ec: (T,) mean over AUVs of energy so far/(time − hovering time), W; see `nodes.hovering_time`.
-        services: (T,) completed so far. delivered: (T,) Mbit so far. full_now: (T,) nodes losing packets in this step.
-        position_error: (T, K) horizontal distance from the true position to the estimate, m.
-        error_median: (T, K) its median over the last 30 s.
-        off_target: (T,) mean over AUVs of the distance to the target, m. power: (T,) of the AUVs together, W.
-        reward: (T, R) terms of the reward a step, summed over AUVs, mean of the last 30 s.
-        service_share: (T, K) completed part of the service under way, 0 when travelling.
-        sea: its surface. pace: steps of the mission from one frame to the next.
-    """
 
-    sdr: np.ndarray
-    ec: np.ndarray
-    services: np.ndarray
-    delivered: np.ndarray
-    full_now: np.ndarray
-    position_error: np.ndarray
-    error_median: np.ndarray
-    off_target: np.ndarray
-    power: np.ndarray
-    reward: np.ndarray
-    service_share: np.ndarray
-    sea: Sea
-    pace: float
+def cubic(t: float, count: int) -> list[tuple[int, float]]:
+    """Steps around a moment, of `count`, and their weights: ½(1, s, s², s³) times the matrix of Catmull and Rom."""
+    step = step_of(t)
+    s = t - step
+    weights = -s + 2 * s**2 - s**3, 2 - 5 * s**2 + 3 * s**3, s + 4 * s**2 - 3 * s**3, s**3 - s**2
+    return [(min(max(step + n, 0), count - 1), 0.5 * w) for n, w in zip(range(-1, 3), weights, strict=True)]
+
+
+class Series:
+    """Numbers (T, …) of the steps, linear between them or `smooth`, as `cubic`."""
+
+    def __init__(self, values: np.ndarray, smooth: bool = False) -> None:
+        self.values, self._smooth = values, smooth
+
+    def at(self, t: float) -> np.ndarray:
+        """Numbers (…) of a moment."""
+        step = step_of(t)
+        now, share = self.values[step], t - step
+        if share < ROUNDING or step + 1 == len(self.values):
+            return now
+        if self._smooth:
+            return sum((weight * self.values[near] for near, weight in cubic(t, len(self.values))), np.zeros(()))
+        return now + share * (self.values[step + 1] - now)
+
+    def until(self, t: float, steps: np.ndarray) -> np.ndarray:
+        """Numbers (N, …) of some steps, of which the last is the one before a moment, and of the moment."""
+        past = self.values[steps]
+        return past if t - steps[-1] < ROUNDING else np.concatenate([past, self.at(t)[None]])
+
+
+class Vehicle(NamedTuple):
+    """A boat, "usv", or an "auv", and its index."""
+
+    kind: str
+    index: int
 
     @classmethod
-    def of(cls, trace: Trace, pace: float = 1.0) -> RunningMetrics:
-        step = trace.scenario.mission.step
-        rate = trace.service_rate[:, 0].astype(float)
-        hovering = trace.hovering[:, 0].astype(bool)
-        error = position_error(trace)[:, 0].astype(float)
-        return cls(
-            sdr=np.cumsum(rate.sum(axis=1)),
-            ec=energy_consumption(trace)[:, 0],
-            services=np.cumsum((rate > 0).sum(axis=1)),
-            delivered=np.cumsum(trace.delivered[:, 0].astype(float).sum(axis=1)),
-            full_now=trace.overflowing[:, 0],
-            position_error=error,
-            error_median=_running_median(error, max(1, round(MEDIAN_WINDOW / step))),
-            off_target=target_distance(trace)[:, 0].mean(axis=1),
-            power=trace.power[:, 0].sum(axis=1),
-            reward=_smooth(trace.reward_terms[:, 0].sum(axis=1, dtype=float), max(1, round(MEDIAN_WINDOW / step))),
-            service_share=_service_share(hovering, rate > 0),
-            sea=Sea(trace),
-            pace=pace,
+    def parse(cls, text: str, scenario: Scenario) -> Vehicle:
+        """The vehicle named usv, usv:N or auv:N, counted from 1.
+
+        Raises:
+            UserError: there is none of that name.
+        """
+        found = re.fullmatch(r"(usv)(?::([1-9]\d{0,3}))?|(auv):([1-9]\d{0,3})", text)
+        kind, number = (found[1] or found[3], int(found[2] or found[4] or 1)) if found else ("", 0)
+        boats, auvs = scenario.boat.count, scenario.auv.count
+        if not 1 <= number <= (auvs if kind == "auv" else boats):
+            allowed = "usv" if boats == 1 else f"usv:1 to usv:{boats}"
+            raise UserError(f"follow {text!r}: must be {allowed}, or auv:1 to auv:{auvs}")
+        return cls(kind, number - 1)
+
+    def way(self, trace: Trace) -> Series:
+        """Its places (2,) in world 0, m."""
+        places = trace.auv_position if self.kind == "auv" else trace.boat_position
+        return Series(places[:, 0, self.index].astype(float), smooth=True)
+
+
+class Sea:
+    """The recorded surface of a trace.
+
+    At a step it is the recorded one. In between it is the storm, in closed form at that time, and the long waves: the
+    recorded surface less the storm, as `cubic`: their periods are many steps long. Without a record of the storm the
+    whole surface is interpolated in this way.
+
+    Attributes:
+        surface: (T, Y, X) m, row 0 in the south; empty where it was not recorded.
+    """
+
+    def __init__(self, trace: Trace) -> None:
+        self.surface, self._storm, self._time = trace.surface, trace.storm, trace.time
+        area, (_, rows, columns) = trace.scenario.area, trace.surface.shape
+        self._x, self._y = ((np.arange(n) + 0.5) * side / n for n, side in ((columns, area.width), (rows, area.length)))
+        self._long: dict[int, np.ndarray] = {}  # of the latest steps
+        self._shown: tuple[float, np.ndarray] = -1.0, np.zeros((rows, columns), np.float32)
+
+    def at(self, t: float) -> np.ndarray:
+        """Elevation (Y, X) float32 at a moment, m; empty where it was not recorded."""
+        step = step_of(t)
+        if not self.surface.size or t - step < ROUNDING or step + 1 == len(self.surface):
+            return self.surface[step] if self.surface.size else self._shown[1]
+        if self._shown[0] != t:  # several views show the same moment
+            self._shown = t, self._long_waves(t) + elevation(self._storm, self._x, self._y, self._time_of(t))
+        return self._shown[1]
+
+    def on(self, t: float, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Elevation (len(y), len(x)) float32 at a moment on a finer grid of points x and y, m."""
+        if not self.surface.size:
+            return np.zeros((len(y), len(x)), np.float32)
+        columns, rows = (
+            ((new - old[0]) / max(old[-1] - old[0], 1e-9) * (len(old) - 1)).astype(np.float32)
+            for new, old in ((x, self._x), (y, self._y))
         )
+        across, up = np.meshgrid(columns, rows)
+        long = cv2.remap(self._long_waves(t), across, up, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        return long + elevation(self._storm, x, y, self._time_of(t))
+
+    def _time_of(self, t: float) -> float:
+        return float(np.interp(t, np.arange(len(self._time)), self._time))
+
+    def _long_waves(self, t: float) -> np.ndarray:
+        """The surface less the storm, (Y, X)."""
+        weights = cubic(t, len(self.surface))
+        for step, _ in weights:
+            if step not in self._long:
+                storm = elevation(self._storm, self._x, self._y, float(self._time[step]))
+                self._long[step] = self.surface[step] - storm
+        self._long = {step: self._long[step] for step, _ in weights}
+        return sum((np.float32(weight) * self._long[step] for step, weight in weights), np.zeros((), np.float32))
 
 
-def figures(trace: Trace, running: RunningMetrics, t: float) -> list[tuple[str, float, str]]:
-    """Figures of a moment: name with unit, value, and how it is written (a format specification)."""
-    t = step_of(t)
-    if trace.scenario.task == "station-keeping":
+def error_axes(covariance: np.ndarray) -> np.ndarray:
+    """Semi-axes (..., 2, 2) of error ellipses, one a row, m, of covariances (..., 3) xx, xy, yy in m²."""
+    variances, directions = np.linalg.eigh(np.asarray(covariance, float)[..., [[0, 1], [1, 2]]])
+    return SIGMAS * np.sqrt(np.maximum(variances, 0.0))[..., None] * np.swapaxes(directions, -1, -2)
+
+
+PING_STEPS = 12  # in which the ring of a ping runs from the boat to the farthest AUV; one begins after another
+HEARD_STEPS = 6.0  # in which the line to an AUV that was heard fades to 1/e
+NEXT = 3  # nodes of an AUV that are shown beyond the one it heads for
+
+
+class Playback:
+    """World 0 of a trace of T steps, K AUVs, M nodes and B boats.
+
+    Attributes:
+        pace: steps of the mission from one frame to the next. sea: its surface.
+        boats, auvs, estimated, foreseen, goals: series of places, m. depths: of the AUVs, m. covariance: m².
+        boat_headings: (B,) rad. attitude: (K, 3) of the AUVs, rad.
+        fill, age: (T, M) data of the nodes over their buffers, and how old it is over `OLD`; stations have none.
+        services: (T,) completed so far. delivered: (T,) Mbit so far.
+        position_error: (T, K) horizontal distance from the true position to the estimate, m.
+        error_median: (T, K) its median over the last 30 s.
+        off_target: (T,) mean over AUVs of the distance to the target, m.
+        reward: (T, R) terms of the reward a step, summed over AUVs, mean of the last 30 s.
+        service_share: (T, K) completed part of the service under way, 0 when travelling.
+    """
+
+    def __init__(self, trace: Trace, pace: float = 1.0) -> None:
+        self.trace, self.pace, self.sea, scenario = trace, pace, Sea(trace), trace.scenario
+        window = max(1, round(MEDIAN_WINDOW / scenario.mission.step))
+        self.stations = scenario.task == "station-keeping"
+        self.time, self.depths = Series(trace.time), Series(trace.depth[:, 0])
+        moving = trace.boat_position, trace.auv_position
+        self.boats, self.auvs = (Series(values[:, 0], smooth=True) for values in moving)
+        linear = trace.boat_heading, trace.boat_goal, trace.estimate, trace.estimate_covariance, trace.foreseen_position
+        self.boat_headings, self.goals, self.estimated, self.covariance, self.foreseen = (
+            Series(values[:, 0]) for values in linear
+        )
+        self.attitude = Series(trace.attitude[:, 0])
+        self.hovering, self._target = trace.hovering[:, 0].astype(bool), trace.target[:, 0]
+        self.fill = trace.backlog[:, 0] / scenario.nodes.buffer
+        self.age = age(trace)[:, 0] / OLD * (not self.stations)
+        rate = trace.service_rate[:, 0].astype(float)
+        self._sdr, self._ec = np.cumsum(rate.sum(axis=1)), energy_consumption(trace)[:, 0]
+        self._power, self._full = trace.power[:, 0].sum(axis=1), trace.overflowing[:, 0]
+        self.services = np.cumsum((rate > 0).sum(axis=1))
+        self.delivered = np.cumsum(trace.delivered[:, 0].astype(float).sum(axis=1))
+        self.position_error = position_error(trace)[:, 0].astype(float)
+        self.error_median = _running_median(self.position_error, window)
+        self.off_target = target_distance(trace)[:, 0].mean(axis=1)
+        self.reward = _smooth(trace.reward_terms[:, 0].sum(axis=1, dtype=float), window)
+        self.service_share = _service_share(self.hovering, rate > 0)
+        flags, self._by = trace.fix_flags[:, 0], trace.fix_boat[:, 0]
+        self._heard = _latest((flags & usbl.DETECTED) > 0)
+        boats = np.arange(trace.boat_position.shape[2])
+        asked = (((flags & usbl.SILENT) == 0)[..., None] & (self._by[..., None] == boats)).any(axis=1)
+        self._ring_steps = PING_STEPS * math.sqrt(pace)  # in slow motion faster, but calm enough for the eye
+        self._pinged = np.stack([_pings(by_boat, self._ring_steps) for by_boat in asked.T], axis=1)
+
+    @cached_property
+    def site(self) -> Site:
+        """With the bed."""
+        return Site.recorded(self.trace.scenario)
+
+    @cached_property
+    def bed(self) -> np.ndarray:
+        """Depth (T, K) of the bed below the AUVs, m."""
+        return self.site.depth_at(self.trace.auv_position[:, 0])
+
+    @cached_property
+    def field(self) -> ReplyField:
+        """What places of the boat are worth."""
+        return ReplyField(self.trace)
+
+    def figures(self, t: float) -> list[tuple[str, float, str]]:
+        """Figures of a moment: name with unit, value, and how it is written (a format specification)."""
+        t = step_of(t)
+        if self.stations:
+            return [
+                ("off station, m", self.off_target[t], ".2f"),
+                ("in the mean, m", self.off_target[: t + 1].mean(), ".2f"),
+                ("power now, W", self._power[t], ".0f"),
+                ("EC, W", self._ec[t], ".1f"),
+                ("AUVs too close", self.trace.collisions[: t + 1, 0].sum(), ".0f"),
+            ]
         return [
-            ("off station, m", running.off_target[t], ".2f"),
-            ("in the mean, m", running.off_target[: t + 1].mean(), ".2f"),
-            ("power now, W", running.power[t], ".0f"),
-            ("EC, W", running.ec[t], ".1f"),
-            ("AUVs too close", trace.collisions[: t + 1, 0].sum(), ".0f"),
+            ("SDR, Mbit/s", self._sdr[t], ".2f"),
+            ("EC, W", self._ec[t], ".1f"),
+            ("services", self.services[t], ".0f"),
+            ("delivered, Mbit", self.delivered[t], ".1f"),
+            ("full nodes", self._full[t], ".0f"),
         ]
-    return [
-        ("SDR, Mbit/s", running.sdr[t], ".2f"),
-        ("EC, W", running.ec[t], ".1f"),
-        ("services", running.services[t], ".0f"),
-        ("delivered, Mbit", running.delivered[t], ".1f"),
-        ("full nodes", running.full_now[t], ".0f"),
-    ]
+
+    def track(self, t: float, most: int) -> np.ndarray:
+        """Steps of a trail that ends at the one before a moment; at most `most` pieces, however short the step."""
+        t = step_of(t)
+        first = max(0, t - round(TRAIL / self.trace.scenario.mission.step))
+        return np.unique(np.linspace(first, t, min(t - first, most) + 1).astype(int))
+
+    def ping(self, t: float) -> list[float | None]:
+        """For each boat the share of its way that its ping has run at a moment; None without one."""
+        pinged = self._pinged[step_of(t)]
+        shares = ((t - pinged) / self._ring_steps).tolist()
+        return [
+            share if began >= 0 and share < 1 else None for began, share in zip(pinged.tolist(), shares, strict=True)
+        ]
+
+    def heard(self, t: float, auv: int) -> tuple[int, float]:
+        """The boat that last heard an AUV, and how fresh that is at a moment: 1 in that step, 0 if it never was."""
+        last = int(self._heard[step_of(t), auv])
+        return int(self._by[last, auv]), math.exp((last - t) / HEARD_STEPS) if last >= 0 else 0.0
+
+    def stops(self, t: int, auv: int) -> list[int]:
+        """The node an AUV serves or heads for in a step, and those it went to after it, at most `NEXT`."""
+        # In the last step of a service the target is already the next node.
+        target = self._target[t - 1 if self.hovering[t, auv] and t > 0 else t :, auv]
+        return [int(target[0]), *target[1:][np.diff(target) != 0][:NEXT].tolist()]
 
 
 def _running_median(series: np.ndarray, window: int) -> np.ndarray:
@@ -129,17 +303,13 @@ def _service_share(hovering: np.ndarray, completed: np.ndarray) -> np.ndarray:
     return share
 
 
-PING_STEPS = 12  # in which the ring of a ping runs from the boat to the farthest AUV; one begins after another
-HEARD_STEPS = 6.0  # in which the line to an AUV that was heard fades to 1/e
-
-
-def latest(happened: np.ndarray) -> np.ndarray:
+def _latest(happened: np.ndarray) -> np.ndarray:
     """Row (T, ...) in which something last happened, for each row of flags (T, ...); −1 before the first."""
     rows = np.arange(len(happened)).reshape(-1, *[1] * (happened.ndim - 1))
     return np.maximum.accumulate(np.where(happened, rows, -1))
 
 
-def pings(asked: np.ndarray, apart: float = PING_STEPS) -> np.ndarray:
+def _pings(asked: np.ndarray, apart: float) -> np.ndarray:
     """Row (T,) in which the ring that is shown began, of flags (T,) of exchanges; −1 before the first.
 
     Rings begin at least `apart` rows after each other.
@@ -149,55 +319,7 @@ def pings(asked: np.ndarray, apart: float = PING_STEPS) -> np.ndarray:
     for row in np.flatnonzero(asked):
         if row - last >= apart:
             shown[row], last = True, row
-    return latest(shown)
-
-
-class Exchanges:
-    """Pings that are on their way, and replies that were heard, in world 0 of a trace; `pace` in steps a frame."""
-
-    def __init__(self, trace: Trace, pace: float) -> None:
-        flags, self._by = trace.fix_flags[:, 0], trace.fix_boat[:, 0]
-        self._heard = latest((flags & usbl.DETECTED) > 0)
-        boats = np.arange(trace.boat_position.shape[2])
-        asked = (((flags & usbl.SILENT) == 0)[..., None] & (self._by[..., None] == boats)).any(axis=1)
-        self._steps = PING_STEPS * math.sqrt(pace)  # in slow motion faster, but calm enough for the eye
-        self._pinged = np.stack([pings(by_boat, self._steps) for by_boat in asked.T], axis=1)
-
-    def ping(self, t: float) -> list[float | None]:
-        """For each boat the share of its way that its ping has run at a moment; None without one."""
-        pinged = self._pinged[step_of(t)]
-        shares = ((t - pinged) / self._steps).tolist()
-        return [
-            share if began >= 0 and share < 1 else None for began, share in zip(pinged.tolist(), shares, strict=True)
-        ]
-
-    def heard(self, t: float, auv: int) -> tuple[int, float]:
-        """The boat that last heard an AUV, and how fresh that is at a moment: 1 in that step, 0 if it never was."""
-        last = int(self._heard[step_of(t), auv])
-        return int(self._by[last, auv]), math.exp((last - t) / HEARD_STEPS) if last >= 0 else 0.0
-
-
-NEXT = 3  # nodes of an AUV that are shown beyond the one it heads for
-
-
-class Itinerary:
-    """Targets of world 0 of a trace."""
-
-    def __init__(self, trace: Trace) -> None:
-        self._target, self._hovering = trace.target[:, 0], trace.hovering[:, 0]
-
-    def node(self, t: int, auv: int) -> int:
-        """The node an AUV serves or heads for."""
-        return int(self._target[self._decided(t, auv), auv])
-
-    def after(self, t: int, auv: int) -> list[int]:
-        """The nodes an AUV went to after the one it serves or heads for, at most `NEXT`."""
-        target = self._target[self._decided(t, auv) :, auv]
-        return target[1:][np.diff(target) != 0][:NEXT].tolist()
-
-    def _decided(self, t: int, auv: int) -> int:
-        """A step with the target of step t: in the last step of a service the target is already the next node."""
-        return t - 1 if self._hovering[t, auv] and t > 0 else t
+    return _latest(shown)
 
 
 LEVELS = (0.2, 0.4, 0.6, 0.8)
@@ -250,12 +372,3 @@ class ReplyField:
             self._step = step
             self._lines = [(level, [np.asarray(line) for line in contours.lines(level)]) for level in shown]
         return self._lines
-
-
-def track(t: float, step: float, most: int) -> np.ndarray:
-    """Steps of a trail that ends at the one before a moment, with a mission step in s; at most `most` pieces, however
-    short the step.
-    """
-    t = step_of(t)
-    first = max(0, t - round(TRAIL / step))
-    return np.unique(np.linspace(first, t, min(t - first, most) + 1).astype(int))

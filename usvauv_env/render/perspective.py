@@ -8,15 +8,24 @@ from itertools import pairwise
 import cv2
 import numpy as np
 
-from usvauv.env.record.metrics import age
-from usvauv.env.record.trace import Trace
 from usvauv.env.render import shapes, style
-from usvauv.env.render.between import Series, Vehicle, step_of
-from usvauv.env.render.layout import Layout, MapView, Rectangle, nice_above
-from usvauv.env.render.map import OLD, Popups, error_axes
-from usvauv.env.render.mission import Exchanges, Itinerary, ReplyField, RunningMetrics, track
-from usvauv.env.render.scene import BOAT_BODY, WATER, Canvas, PinholeCamera, Scene, Swing, auv_body, turned
-from usvauv.env.render.sea import TEXELS, Columns, SeaShading, Sheet, colour_scale, elevation_limit, look
+from usvauv.env.render.layout import Layout, Rectangle, nice_above
+from usvauv.env.render.map import Popups
+from usvauv.env.render.mission import Playback, Series, Vehicle, error_axes, step_of
+from usvauv.env.render.scene import (
+    BOAT_BODY,
+    WATER,
+    Canvas,
+    Columns,
+    PinholeCamera,
+    Scene,
+    Sheet,
+    Swing,
+    auv_body,
+    look,
+    turned,
+)
+from usvauv.env.render.sea import TEXELS, MapView, SeaShading, colour_scale, elevation_limit
 from usvauv.env.render.style import Theme, shorten, text_width, write
 
 OPACITY = 0.78  # of the surface before what is below
@@ -34,15 +43,8 @@ class PerspectiveView:
         boats: places (B, 3) of their waterlines in it.
     """
 
-    def __init__(
-        self,
-        trace: Trace,
-        running: RunningMetrics,
-        box: Rectangle,
-        layout: Layout,
-        follow: Vehicle | None = None,
-    ) -> None:
-        self._trace, self._running, self._box, self._layout = trace, running, box, layout
+    def __init__(self, play: Playback, box: Rectangle, layout: Layout, follow: Vehicle | None = None) -> None:
+        self._play, self._box, self._layout, trace = play, box, layout, play.trace
         sides, limit = (trace.scenario.area.width, trace.scenario.area.length), elevation_limit(trace.surface)
         self.scene = scene = Scene.of(trace.scenario, limit)
         margin = min(layout.unit, box.width / 300, box.height / 150)
@@ -62,21 +64,19 @@ class PerspectiveView:
         self._write_still(limit)
         floating = trace.boat_surface[:, 0] * (scene.heights if trace.surface.size else 0.0)
         self.boats = Series(scene.place(trace.boat_position[:, 0], floating[..., 0]), smooth=True)
-        self._slopes, self._headings = Series(floating[..., 1:], smooth=True), Series(trace.boat_heading[:, 0])
-        self._goals = Series(trace.boat_goal[:, 0])
-        self._below = BelowSurface(trace, running, scene, layout, self._swing.middle, self._enlarged)
-        self._exchanges, self._field = Exchanges(trace, running.pace), ReplyField(trace)
+        self._slopes = Series(floating[..., 1:], smooth=True)
+        self._below = BelowSurface(play, scene, layout, self._swing.middle, self._enlarged)
 
     def camera(self, t: float) -> PinholeCamera:
         """The camera of a moment; its pixels are those of the box."""
-        frame = t / self._running.pace
+        frame = t / self._play.pace
         if self._followed is None:
             return self._swing.at(frame)
         return self._swing.along(frame, self._followed.at(t), (0.5 * self._box.width, 0.5 * self._box.height))
 
     def surface(self, t: float) -> tuple[np.ndarray, np.ndarray]:
         """Heights (Y, X) m as drawn and colours (Y, X, 3) of the sea at a moment, row 0 in the south."""
-        sea = self._running.sea
+        sea = self._play.sea
         return self._shading.of(sea.on(t, *self._grid) if self._grid else sea.at(t))
 
     def draw(self, picture: np.ndarray, t: float) -> None:
@@ -131,7 +131,7 @@ class PerspectiveView:
         """Lines to the AUVs that were heard, and two half circles of each ping's sphere, down to the bed."""
         auvs, boats, width = self._below.auvs.at(t), self.boats.at(t), self._layout.px(1.2)
         for auv, place in enumerate(auvs):
-            boat, fresh = self._exchanges.heard(t, auv)
+            boat, fresh = self._play.heard(t, auv)
             lit = 0.85 * fresh
             if lit > FAINTEST:
                 ends = np.stack([boats[boat], place])
@@ -155,7 +155,7 @@ class PerspectiveView:
     def _pings(self, t: float) -> list[tuple[np.ndarray, float, float]]:
         """Place (3,) of each boat whose ping runs, its radius in m, and the share of its way."""
         running = []
-        for boat, share in zip(self.boats.at(t), self._exchanges.ping(t), strict=True):
+        for boat, share in zip(self.boats.at(t), self._play.ping(t), strict=True):
             if share:
                 way = (self._below.auvs.at(t) - boat) / (1.0, 1.0, self.scene.depths)
                 running.append((boat, float(share * np.linalg.norm(way, axis=1).max()), share))
@@ -163,7 +163,7 @@ class PerspectiveView:
 
     def _draw_field(self, canvas: Canvas, step: int, heights: np.ndarray) -> None:
         """Lines on the water of what replies heard at a place are worth, brighter where it is more."""
-        for level, lines in self._field.lines(step):
+        for level, lines in self._play.field.lines(step):
             ink = style.mix(style.SEA[2], style.FIELD, 0.15 + 0.6 * level)
             for line in lines:
                 canvas.line(self.scene.afloat(self.scene.place(line, 0.0)[:, :2], heights), ink, self._layout.px(1.2))
@@ -171,15 +171,15 @@ class PerspectiveView:
     def _draw_boat(self, canvas: Canvas, t: float, boat: int, heights: np.ndarray) -> None:
         """Wake, way to the goal, goal and body."""
         layout, place, scene = self._layout, self.boats.at(t)[boat], self.scene
-        wake = self.boats.until(t, track(t, self._trace.scenario.mission.step, 60))[:, boat, :2]
+        wake = self.boats.until(t, self._play.track(t, 60))[:, boat, :2]
         canvas.trail(scene.afloat(wake, heights), style.BOAT, style.SEA[3], layout.px(1.3))
-        goal = scene.place(self._goals.at(t)[boat], 0.0)
+        goal = scene.place(self._play.goals.at(t)[boat], 0.0)
         way = place[:2] + np.linspace(0, 1, 24)[:, None] * (goal[:2] - place[:2])
         pixels = canvas.camera.pixel(scene.afloat(way, heights))
         if np.hypot(*(pixels[-1] - pixels[0])) > 20 * layout.unit:  # nearer goals are below the boat
             canvas.pieces(pixels.reshape(-1, 2, 2), style.BOAT)
             shapes.cross(canvas.picture, pixels[-1], 5 * layout.unit, style.BOAT, layout.px(2))
-        axes = turned(float(self._headings.at(t)[boat]), self._slopes.at(t)[boat])
+        axes = turned(float(self._play.boat_headings.at(t)[boat]), self._slopes.at(t)[boat])
         BOAT_BODY.draw(canvas, place, axes, self._enlarged * BOAT_LENGTH * max(scene.sides))
 
 
@@ -343,34 +343,20 @@ class BelowSurface:
         auvs: their places (K, 3) in the scene.
     """
 
-    def __init__(
-        self,
-        trace: Trace,
-        running: RunningMetrics,
-        scene: Scene,
-        layout: Layout,
-        camera: PinholeCamera,
-        enlarged: float,
-    ) -> None:
-        scenario, unit = trace.scenario, layout.unit
-        self._trace, self._running, self._scene, self._layout = trace, running, scene, layout
+    def __init__(self, play: Playback, scene: Scene, layout: Layout, camera: PinholeCamera, enlarged: float) -> None:
+        trace, scenario, unit = play.trace, play.trace.scenario, layout.unit
+        self._play, self._scene, self._layout = play, scene, layout
         places = trace.auv_position, trace.foreseen_position, trace.estimate
         auvs, foreseen, estimated = (scene.place(place[:, 0], -scene.depths * trace.depth[:, 0]) for place in places)
         self.auvs, self._foreseen, self._estimated = Series(auvs, smooth=True), Series(foreseen), Series(estimated)
-        self._covariance, self._attitude = Series(trace.estimate_covariance[:, 0]), Series(trace.attitude[:, 0])
         self._length = enlarged * AUV_LENGTH * max(scene.sides)
         nodes = trace.node_position[0]
-        stations = scenario.task == "station-keeping"
-        self._nodes = scene.place(nodes, -scene.depths * scenario.auv.depth if stations else scene.floor(nodes))
+        self._nodes = scene.place(nodes, -scene.depths * scenario.auv.depth if play.stations else scene.floor(nodes))
         self._floor = Series(scene.floor(trace.auv_position[:, 0]))
-        self._fill = trace.backlog[:, 0] / scenario.nodes.buffer
-        # Stations have no data that could be old.
-        self._age = age(trace)[:, 0] / OLD * (scenario.task == "data-collection")
         spacing = math.sqrt(scene.sides[0] * scene.sides[1] / len(self._nodes)) * camera.focal / camera.distance
         self._radii = np.clip(spacing / 8, 3.0 * unit, 9.0 * unit) * np.array(ZOOMS)
         self._gauges = [shapes.NodeGauges(float(radius)) for radius in self._radii]
-        self._serving, self._itinerary = trace.hovering[:, 0].astype(bool), Itinerary(trace)
-        self._popups = Popups(trace, self._itinerary, layout.unit, running.pace)
+        self._popups = Popups(play, unit)
         self._bodies = [auv_body(style.auv_colour(auv)) for auv in range(trace.auv_position.shape[2])]
 
     def draw_nodes(self, canvas: Canvas, t: float) -> None:
@@ -379,14 +365,14 @@ class BelowSurface:
         zoom = np.digitize(canvas.camera.distance / away, (0.93, 1.07))
         heads = feet - self._radii[zoom][:, None] * (0.0, 1.5)
         canvas.pieces(np.stack([feet, heads], 1), style.OUTLINE, self._layout.px(2))
-        if self._trace.scenario.task == "station-keeping":
+        if self._play.stations:
             for auv, (head, radius) in enumerate(zip(heads, self._radii[zoom], strict=True)):
                 shapes.station(canvas.picture, head, radius, style.auv_colour(auv), self._layout.zoom)
             return
-        pulse, step = 0.5 + 0.5 * math.sin(0.35 * t / self._running.pace), step_of(t)
+        pulse, step = 0.5 + 0.5 * math.sin(0.35 * t / self._play.pace), step_of(t)
         for node in np.argsort(-away):
             gauges = self._gauges[zoom[node]]
-            gauges.draw(canvas.picture, heads[node], self._fill[step, node], self._age[step, node], pulse)
+            gauges.draw(canvas.picture, heads[node], self._play.fill[step, node], self._play.age[step, node], pulse)
 
     def draw_auvs(self, canvas: Canvas, t: float) -> None:
         """All AUVs, far to near."""
@@ -408,24 +394,26 @@ class BelowSurface:
         """Trail, line down to the bed, ways to its next nodes, error ellipse, estimate, and the body."""
         colour, place, layout, size = style.auv_colour(auv), self.auvs.at(t)[auv], self._layout, max(self._scene.sides)
         dim, step = style.mix(WATER, colour, 0.6), step_of(t)
-        trail = self.auvs.until(t, track(t, self._trace.scenario.mission.step, 60))[:, auv]
+        trail = self.auvs.until(t, self._play.track(t, 60))[:, auv]
         canvas.trail(trail, colour, WATER, layout.px(2))
         foot = np.array([*place[:2], self._floor.at(t)[auv]])
         canvas.line(np.stack([place, foot]), dim)
         canvas.circle(foot, 0.012 * size, dim)
-        stops = self._nodes[[self._itinerary.node(step, auv), *self._itinerary.after(step, auv)]]
+        stops = self._nodes[self._play.stops(step, auv)]
         for number, leg in enumerate(pairwise(stops)):
             canvas.line(np.stack(leg), style.mix(WATER, colour, 0.5 - 0.12 * number), layout.px(1.3))
         node = stops[0]
-        if self._serving[step, auv]:
-            reach = max(self._trace.scenario.service_radius, 0.04 * size)
+        if self._play.hovering[step, auv]:
+            reach = max(self._play.trace.scenario.service_radius, 0.04 * size)
             canvas.circle(node, reach, dim)
-            canvas.circle(node, reach, colour, layout.px(3), self._running.service_share[step, auv])
+            canvas.circle(node, reach, colour, layout.px(3), self._play.service_share[step, auv])
         estimated = self._estimated.at(t)[auv]
         ends = np.stack([place, node, estimated, self._foreseen.at(t)[auv]])
         begin, end, fix, foreseen = canvas.camera.pixel(ends)
         canvas.pieces(np.array(shapes.dashes(begin, end, 4 * layout.unit)), dim, layout.px(1.3))
-        outline = shapes.ellipse_points(estimated[:2], error_axes(self._covariance.at(t)[auv]), 64)[[*range(64), 0]]
+        outline = shapes.ellipse_points(estimated[:2], error_axes(self._play.covariance.at(t)[auv]), 64)[
+            [*range(64), 0]
+        ]
         for line in self._scene.inside(np.column_stack([outline, np.full(len(outline), place[2])])):
             canvas.line(line, style.mix(colour, style.WHITE, 0.3), layout.px(1.2))
         if np.hypot(*(foreseen - fix)) > 5 * layout.unit:
@@ -433,7 +421,7 @@ class BelowSurface:
             shapes.foreseen(canvas.picture, foreseen, 6 * layout.unit, colour, 1.6 * layout.unit, layout.zoom)
         if np.hypot(*(fix - begin)) > 5 * layout.unit:
             shapes.fix(canvas.picture, fix, 4 * layout.unit, style.WHITE, 1.5 * layout.unit, layout.zoom)
-        heading, pitch, _ = self._attitude.at(t)[auv].tolist()
+        heading, pitch, _ = self._play.attitude.at(t)[auv].tolist()
         climb = self._scene.depths * math.tan(pitch)  # as steep as its way is drawn
         axes = turned(heading, climb * np.array([math.cos(heading), math.sin(heading)]))
         self._bodies[auv].draw(canvas, place, axes, self._length)

@@ -7,13 +7,10 @@ import math
 import cv2
 import numpy as np
 
-from usvauv.env.record.trace import Trace
 from usvauv.env.render import shapes, style
-from usvauv.env.render.between import Series, step_of
 from usvauv.env.render.layout import (
     SMALLEST_LETTERS,
     Layout,
-    MapView,
     Rectangle,
     fitting,
     nice,
@@ -21,10 +18,9 @@ from usvauv.env.render.layout import (
     within_margins,
     write_heading,
 )
-from usvauv.env.render.map import error_axes
-from usvauv.env.render.mission import Exchanges, RunningMetrics, track
+from usvauv.env.render.mission import Playback, Series, error_axes, step_of
+from usvauv.env.render.sea import MapView
 from usvauv.env.render.style import Colour, clock, text_width, write
-from usvauv.env.site.site import Site
 from usvauv.env.storage.memory import extremes
 
 LOG_STEPS = (1,), (1, 3), (1, 2, 5), (1, 1.5, 2, 3, 5, 7)
@@ -201,23 +197,62 @@ class SectionPlot(Plot):
         self.box.of(picture)[:] = cv2.resize(fine, size, interpolation=cv2.INTER_AREA)
 
 
+TERMS = 5  # of the reward that are shown at most, the largest
+
+
+class RewardBars:
+    """The largest terms of the reward side by side, means of the last 30 s, each with a bar from the middle."""
+
+    TITLE = "reward a step,", "last 30 s"
+
+    def __init__(self, still: np.ndarray, play: Playback, box: Rectangle, layout: Layout) -> None:
+        self._layout, self._row, unit, muted = layout, box.top, layout.unit, layout.theme.muted
+        size = np.abs(play.reward).max(axis=0)
+        largest = [term for term in np.argsort(-size)[:TERMS].tolist() if size[term] > 0] or [0]
+        start = box.left + max(text_width(words, 11 * unit) for words in self.TITLE) + 26 * unit
+        # As many of them, from the largest one on, as are legible side by side.
+        forms = [f"{play.trace.reward_names[term]} +00.00" for term in largest]
+        widths = [text_width(form, SMALLEST_LETTERS) + 10 * unit for form in forms]
+        fitting_ones = (n for n in range(1, len(widths) + 1) if n * max(widths[:n]) <= box.right - start)
+        terms = sorted(largest[: max(fitting_ones, default=1)])
+        self._values = play.reward[:, terms]
+        self._scale = max(float(np.quantile(np.abs(self._values), 0.98)), 1e-9)
+        across = (box.right - start) / len(terms)
+        self._left, self._room = [start + place * across for place in range(len(terms))], across - 10 * unit
+        names, row = [play.trace.reward_names[term] for term in terms], box.top + 30 * unit
+        self._size = min(fitting(f"{name} +00.00", 11 * unit, self._room) for name in names)
+        for line, words in enumerate(self.TITLE):
+            write(still, words, (box.left + 10 * unit, box.top + (18 + 15 * line) * unit), 11 * unit, muted)
+        for left, name in zip(self._left, names, strict=True):
+            write(still, name, (left, box.top + 18 * unit), self._size, muted)
+            ends = np.array([(left, row), (left + self._room, row)])
+            shapes.stroke(still, ends, layout.theme.line, layout.px(2))
+
+    def draw(self, picture: np.ndarray, t: float) -> None:
+        """Draw a moment."""
+        layout, unit, room = self._layout, self._layout.unit, self._room
+        for left, value in zip(self._left, self._values[step_of(t)].tolist(), strict=True):
+            number, row = f"{value:+.2f}".replace("-", "−"), self._row + 30 * unit
+            position = left + room, self._row + 18 * unit
+            write(picture, number, position, self._size, layout.theme.text, anchor="right")
+            middle, length = left + room / 2, room / 2 * min(max(value / self._scale, -1.0), 1.0)
+            ink = style.GAUGE[0] if value > 0 else style.GAUGE[2]
+            shapes.stroke(picture, np.array([(middle, row), (middle + length, row)]), ink, layout.px(4))
+
+
 FIXES = 60  # shown at a time
 
 
 class FixInsets:
-    """Circular insets in up to three rows, all at one scale.
+    """Circular insets in up to three rows, all at one scale."""
 
-    Attributes:
-        magnification: scale of the insets over that of the map.
-        ring: radius of the inner ring, m.
-    """
-
-    def __init__(self, trace: Trace, running: RunningMetrics, layout: Layout, box: Rectangle, view: MapView) -> None:
-        self._running, self._layout = running, layout
+    def __init__(self, still: np.ndarray, play: Playback, card: Rectangle, layout: Layout, view: MapView) -> None:
+        """`view`: of the map, whose scale is compared with theirs."""
+        self._play, self._layout, trace = play, layout, play.trace
+        box = within_margins(card, layout.unit, top=30, sides=8, bottom=2)
         truth = trace.auv_position[:, 0]
         self._fix_error = (trace.fix[:, 0] - trace.heard_position[:, 0]).astype(float)
         self._error = Series((trace.estimate[:, 0] - truth).astype(float))
-        self._covariance = Series(trace.estimate_covariance[:, 0])
         count = truth.shape[1]
         label = 30 * layout.unit
         rows = min((1, 2, 3), key=lambda rows: -self._diameter(box, count, rows, label))
@@ -242,26 +277,25 @@ class FixInsets:
             float(np.quantile(longest, 0.95)),
         )
         self._scale = self._radius / max(1.1 * reach, 1e-6)
-        self.ring = nice(0.75 * self._radius / self._scale)
-        self.magnification = self._scale / view.per_metre
+        self._ring = nice(0.75 * self._radius / self._scale)
+        scale = self._scale / view.per_metre
+        shown = f"{scale:.0f} × magnified" if scale >= 1 else f"{1 / scale:.0f} × smaller than on the map"
+        note = f"{shown}, inner ring {self._ring:g} m"
+        write_heading(still, layout, card, "Fixes around the true position", note)
+        for auv, centre in enumerate(self._centres):
+            self._draw_background(still, centre, style.auv_colour(auv))
+            shapes.plus(still, centre, 5 * layout.unit, style.WHITE, layout.px(1))
 
     @staticmethod
     def _diameter(box: Rectangle, count: int, rows: int, label: float) -> float:
         return min(box.height / rows - label, 0.94 * box.width / -(-count // rows))
-
-    def draw_still(self, picture: np.ndarray) -> None:
-        """Backgrounds, rings and true positions."""
-        layout = self._layout
-        for auv, centre in enumerate(self._centres):
-            self._draw_background(picture, centre, style.auv_colour(auv))
-            shapes.plus(picture, centre, 5 * layout.unit, style.WHITE, layout.px(1))
 
     def _draw_background(self, picture: np.ndarray, centre: np.ndarray, colour: style.Colour) -> None:
         unit = self._layout.unit
 
         def draw(fine: np.ndarray, middle: np.ndarray, zoom: int) -> None:
             shapes.disc(fine, middle, self._radius * zoom, style.SEA[0])
-            shapes.ring(fine, middle, self.ring * self._scale * zoom, style.DARK.line, round(1.2 * unit * zoom))
+            shapes.ring(fine, middle, self._ring * self._scale * zoom, style.DARK.line, round(1.2 * unit * zoom))
             shapes.ring(fine, middle, self._radius * zoom, colour, round(1.8 * unit * zoom))
 
         shapes.smooth(picture, centre, self._radius + 2 * unit, self._layout.zoom, draw)
@@ -269,7 +303,7 @@ class FixInsets:
     def draw(self, picture: np.ndarray, t: float) -> None:
         """Draw the latest fixes, older ones fainter; the estimate as a diamond with its predicted ellipse."""
         layout, unit, step = self._layout, self._layout.unit, step_of(t)
-        first, errors, axes_of = max(0, step - FIXES + 1), self._error.at(t), error_axes(self._covariance.at(t))
+        first, errors, axes_of = max(0, step - FIXES + 1), self._error.at(t), error_axes(self._play.covariance.at(t))
         for auv, centre in enumerate(self._centres):
             offsets = self._fix_error[first : step + 1, auv] * (self._scale, -self._scale)
             shown = self._inside(offsets)
@@ -292,7 +326,7 @@ class FixInsets:
 
     def _caption(self, picture: np.ndarray, step: int, auv: int) -> None:
         unit, centre = self._layout.unit, self._centres[auv]
-        error = self._running.position_error[step, auv]
+        error = self._play.position_error[step, auv]
         digits = sum(error < limit for limit in (9.995, 99.95))  # three in all, so that captions are of one size
         text, room = f"{auv + 1}: {error:.{digits}f} m", 0.93 * self._across
         texts = [f"AUV {text} off"] * (self._radius >= 42 * unit) + [text, f"{auv + 1}"]
@@ -312,16 +346,14 @@ HULL = np.array([(-1.0, 0.45), (1.0, 0.45), (0.62, -0.3), (-0.62, -0.3)])  # hal
 class DepthSection:
     """Draws world 0 of a trace; widths, heights of the sea and depths have scales of their own."""
 
-    def __init__(
-        self, still: np.ndarray, trace: Trace, running: RunningMetrics, box: Rectangle, layout: Layout
-    ) -> None:
-        self._trace, self._sea, self._layout, self._card = trace, running.sea, layout, box
-        unit, scenario = layout.unit, trace.scenario
+    def __init__(self, still: np.ndarray, play: Playback, box: Rectangle, layout: Layout) -> None:
+        self._play, self._trace, self._layout, self._card = play, play.trace, layout, box
+        unit, trace, scenario = layout.unit, play.trace, play.trace.scenario
         self._box = room = within_margins(box, unit, top=28, sides=12, bottom=8)
         elevation = trace.boat_surface[:, 0, :, 0]
         lowest, highest = extremes(trace.surface)
         above = max(1.0, float(np.abs(elevation).max()), -lowest, highest)
-        bed = (site := Site.recorded(scenario)).bed[0, :, :, 0]
+        bed = play.site.bed[0, :, :, 0]
         below = max(float(bed.max()), scenario.auv.depth)
         # Heights of the sea have the upper part of the section, depths below its troughs the rest.
         middle = room.top + (OF_DIVES if trace.auv_depth.size else SEA_PART) * room.height
@@ -340,11 +372,8 @@ class DepthSection:
                 np.stack([self._column(self._x[::-1]), self._row(-ends)], 1) for ends in (highest, lowest)
             )
         nodes, deep = trace.node_position[0], below - float(bed.max())  # nodes of the demonstration lie below its bed
-        self._nodes = np.stack([self._column(nodes[:, 0]), self._row(-site.depth_at(nodes) - deep) - 1.0], 1)
-        moving = trace.auv_position, trace.boat_position, trace.boat_surface
-        self._auvs, self._boats, self._floating = (Series(values[:, 0], smooth=True) for values in moving)
-        self._depths = Series(trace.depth[:, 0])
-        self._exchanges = Exchanges(trace, running.pace)
+        self._nodes = np.stack([self._column(nodes[:, 0]), self._row(-play.site.depth_at(nodes) - deep) - 1.0], 1)
+        self._floating = Series(trace.boat_surface[:, 0], smooth=True)
         boats = "boat" if trace.boat_position.shape[2] == 1 else "boats"
         titles = f"Section from the south: {boats}, AUVs, nodes", "Section from the south", "Section"
         room_left = box.width - 32 * unit - text_width("heave −0.00 m · tilt 00.0°", 12 * unit, bold=True)
@@ -362,14 +391,14 @@ class DepthSection:
         shapes.stroke(picture, self._foot, theme.muted, layout.px(1.5))
         shapes.dots(picture, self._nodes, 2.0 * unit, np.broadcast_to(np.array(theme.muted), (len(self._nodes), 3)))
         lines = self._boat_outlines(t)
-        places = np.stack([self._column(self._auvs.at(t)[:, 0]), self._row(-self._depths.at(t))], 1)
+        places = np.stack([self._column(self._play.auvs.at(t)[:, 0]), self._row(-self._play.depths.at(t))], 1)
         for auv, place in enumerate(places):
             if self._trace.auv_depth.size:
-                steps = track(t, self._trace.scenario.mission.step, 60)
-                across, down = self._auvs.until(t, steps)[:, auv, 0], self._depths.until(t, steps)[:, auv]
+                steps = self._play.track(t, 60)
+                across, down = self._play.auvs.until(t, steps)[:, auv, 0], self._play.depths.until(t, steps)[:, auv]
                 way = np.stack([self._column(across), self._row(-down)], 1)
                 shapes.stroke(picture, way, style.mix(self._water, theme.auv(auv), 0.6), layout.px(1.5))
-            boat, fresh = self._exchanges.heard(t, auv)
+            boat, fresh = self._play.heard(t, auv)
             if fresh > FAINTEST:
                 ends = np.stack([lines[boat].mean(axis=0), place])
                 shapes.stroke(picture, ends, style.mix(self._water, theme.auv(auv), 0.7 * fresh), layout.px(1.2))
@@ -385,8 +414,10 @@ class DepthSection:
         """The sea from west to east through the first boat, (POINTS,) m; level there if it was not recorded."""
         if not self._trace.surface.size:
             return np.full(POINTS, self._floating.at(t)[0, 0])
-        field = self._sea.at(t)
-        row = int(np.clip(self._boats.at(t)[0, 1] / self._trace.scenario.area.length * len(field), 0, len(field) - 1))
+        field = self._play.sea.at(t)
+        row = int(
+            np.clip(self._play.boats.at(t)[0, 1] / self._trace.scenario.area.length * len(field), 0, len(field) - 1)
+        )
         along = np.linspace(0.0, self._trace.scenario.area.width, field.shape[1])
         return np.interp(self._x, along, field[row])
 
@@ -394,7 +425,7 @@ class DepthSection:
         """Hulls on their sea, tilted as the surface is from west to east, pixels."""
         size = 9.0 * self._layout.unit
         outlines = []
-        for (x, _), (elevation, slope, _) in zip(self._boats.at(t), self._floating.at(t), strict=True):
+        for (x, _), (elevation, slope, _) in zip(self._play.boats.at(t), self._floating.at(t), strict=True):
             angle = math.atan(slope / self._upright)  # as steep as the drawn sea
             turn = np.array([(math.cos(angle), -math.sin(angle)), (-math.sin(angle), -math.cos(angle))])
             outlines.append(np.array([self._column(x), self._row(elevation)]) + size * HULL @ turn.T)

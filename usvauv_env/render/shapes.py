@@ -5,12 +5,14 @@ Positions are (x, y) pixels; headings are anticlockwise from east, rad.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from usvauv.env.render import style
+from usvauv.env.render.layout import Layout
 from usvauv.env.render.style import Colour, text_width, write
 
 SHIFT = 4  # OpenCV takes fixed-point coordinates: 1/16 pixel
@@ -349,3 +351,92 @@ class NodeGauges:
         below = slice(y0 - y + half, y0 - y + half + region.shape[0])
         beside = slice(x0 - x + half, x0 - x + half + region.shape[1])
         region[:] = ink[below, beside] + ((region * rest[below, beside]) >> 8)
+
+
+class LegendSymbol(NamedTuple):
+    """Draws symbols of the map as its legend shows them, at a place of a picture."""
+
+    picture: np.ndarray
+    at: np.ndarray
+    layout: Layout
+
+    def _line(self, points: Sequence[tuple[float, float]], ink: Colour, width: float = 1.3) -> None:
+        """A line through points (N, 2) from the place, pixels of the design."""
+        ends = self.at + np.array(points) * self.layout.unit
+        stroke(self.picture, ends, ink, self.layout.px(width))
+
+    def _rings(self, rings: tuple[tuple[float, float], ...], ink: Colour, width: float) -> None:
+        """Rings of radii, each in a share of an ink."""
+        for radius, share in rings:
+            faded = style.mix(self.layout.theme.card, ink, share)
+            ring(self.picture, self.at, radius * self.layout.unit, faded, self.layout.px(width))
+
+    def _gauges(self, *gauges: tuple[float, float, float]) -> None:
+        """Nodes beside each other: offset, how full, age."""
+        sprites = NodeGauges(5.5 * self.layout.unit)
+        for x, share, old in gauges:
+            sprites.draw(self.picture, self.at + np.array([x, 0]) * self.layout.unit, share, old, pulse=0.6)
+
+    def auv(self) -> None:
+        auv(self.picture, self.at, 0.35, 22 * self.layout.unit, self.layout.theme.auv(0), self.layout.zoom)
+
+    def boat(self) -> None:
+        boat(self.picture, self.at, 0.35, 22 * self.layout.unit, self.layout.zoom)
+
+    def goal(self) -> None:
+        cross(self.picture, self.at, 4.5 * self.layout.unit, style.BOAT, self.layout.px(2))
+
+    def ping(self) -> None:
+        self._rings(((4, 0.7), (9, 0.35)), self.layout.theme.text, 1.3)
+
+    def heard(self) -> None:
+        theme = self.layout.theme
+        self._line([(-12, 5), (12, -5)], style.mix(theme.card, theme.auv(0), 0.6), 1.2)
+
+    def target(self) -> None:
+        ends = self.at + np.array([(-11, 5), (11, -5)]) * self.layout.unit
+        for piece in dashes(ends[0], ends[1], 4 * self.layout.unit):
+            stroke(self.picture, piece, self.layout.theme.auv(0), self.layout.px(1.3))
+
+    def next(self) -> None:
+        points, theme = [(-12, 5), (-3, -4), (5, 5), (13, -3)], self.layout.theme
+        for place, share in enumerate((0.4, 0.6, 0.75)):
+            self._line(points[place : place + 2], style.mix(theme.auv(0), theme.card, share))
+
+    def age(self) -> None:
+        self._gauges((-13, 0.25, 0.0), (0, 0.25, 0.5), (13, 0.25, 1.0))
+
+    def node(self) -> None:
+        self._gauges((-13, 0.12, 0.0), (0, 0.5, 0.0), (13, 0.85, 0.0))
+
+    def full(self) -> None:
+        self._gauges((0, 1.0, 0.0))
+
+    def station(self) -> None:
+        station(self.picture, self.at, 6.5 * self.layout.unit, self.layout.theme.auv(0), self.layout.zoom)
+
+    def service(self) -> None:
+        unit, colour = self.layout.unit, self.layout.theme.auv(0)
+        progress_ring(self.picture, self.at, 8 * unit, 0.65, colour, 2.8 * unit, self.layout.zoom)
+
+    def fix(self) -> None:
+        unit, ink, aside = self.layout.unit, self.layout.theme.text, np.array([7, 0]) * self.layout.unit
+        plus(self.picture, self.at - aside, 4.5 * unit, ink, self.layout.px(1))
+        fix(self.picture, self.at + aside, 4.5 * unit, ink, 1.5 * unit, self.layout.zoom)
+
+    def ellipse(self) -> None:
+        axes = np.array([(11.0, -3.0), (1.5, 5.0)]) * self.layout.unit
+        outline = ellipse_points(self.at, axes)
+        stroke(self.picture, outline, self.layout.theme.text, self.layout.px(1.2), closed=True)
+
+    def current(self) -> None:
+        for y, length in ((-4, 11), (4, 6)):
+            self._line([(-length, y), (0, y)], self.layout.theme.line, 1.5)
+            self._line([(0, y), (length, y)], self.layout.theme.muted, 1.5)
+
+    def foreseen(self) -> None:
+        unit, colour = self.layout.unit, self.layout.theme.auv(0)
+        foreseen(self.picture, self.at, 5 * unit, colour, 1.5 * unit, self.layout.zoom)
+
+    def field(self) -> None:
+        self._rings(((3, 0.8), (6, 0.55), (9, 0.3)), self.layout.theme.muted, 1.2)

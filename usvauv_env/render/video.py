@@ -25,8 +25,8 @@ import numpy as np
 from av.video.reformatter import Colorspace, VideoReformatter
 
 from usvauv.env.record.trace import Trace
-from usvauv.env.render.between import ROUNDING
 from usvauv.env.render.frames import VIEWS, frames_of
+from usvauv.env.render.mission import ROUNDING
 from usvauv.env.render.style import THEMES
 from usvauv.env.storage.files import OutputError, atomic_write
 from usvauv.env.storage.memory import require
