@@ -8,8 +8,7 @@ import numpy as np
 
 from usvauv.env.record.heading import headings
 from usvauv.env.record.trace import Trace
-from usvauv.env.render.frames import MissionFrames
-from usvauv.env.render.style import DARK
+from usvauv.env.render.frames import Frames, frames_of
 from usvauv.env.scenario import Scenario
 
 
@@ -152,9 +151,9 @@ def keeping_station(trace: Trace) -> Trace:
     )
 
 
-def paint(trace: Trace, t: int, size: tuple[int, int] = (640, 360)) -> tuple[np.ndarray, MissionFrames]:
+def paint(trace: Trace, t: int, size: tuple[int, int] = (640, 360)) -> tuple[np.ndarray, Frames]:
     """The frame of step t."""
-    painter = MissionFrames(trace.episode(0), size, DARK, 1.0)
+    painter = frames_of([trace], size)
     for step in range(t + 1):
         frame = painter.frame(step)
     return frame.copy(), painter

@@ -11,11 +11,10 @@ import torch
 from tests.usvauv_env.made_traces import synthetic_trace
 from usvauv.env import Scenario, Trace, World
 from usvauv.env.record.recorder import record
-from usvauv.env.render.frames import MissionFrames, frames_of
+from usvauv.env.render.frames import frames_of
 from usvauv.env.render.layout import Layout, Rectangle
 from usvauv.env.render.mission import Playback, Sea, Series, Vehicle
 from usvauv.env.render.perspective import PerspectiveView
-from usvauv.env.render.style import DARK
 from usvauv.kernels.errors import UserError
 
 STEPS = 12
@@ -117,7 +116,7 @@ class TestFollowing:
     def test_a_map_shows_a_third_around_it_and_ends_at_the_border(self):
         made = synthetic_trace(steps=8)
         boat = np.linspace((100.0, 100.0), (198.0, 60.0), 8)[:, None, None]
-        frames = MissionFrames(replace(made, boat_position=boat), (640, 360), DARK, 1.0, follow=Vehicle("usv", 0))
+        frames = frames_of([replace(made, boat_position=boat)], (640, 360), follow="usv")
         frames.frame(0)
         np.testing.assert_allclose(frames.map.view.bounds, [[100 - 200 / 6] * 2, [100 + 200 / 6] * 2])
         frames.frame(7)

@@ -13,7 +13,7 @@ from tests.usvauv_env.made_traces import keeping_station, paint, synthetic_trace
 from usvauv.env import Scenario
 from usvauv.env.record.metrics import episode_metrics
 from usvauv.env.render import style
-from usvauv.env.render.frames import ComparisonFrames, frames_of
+from usvauv.env.render.frames import frames_of
 from usvauv.env.render.layout import Sheet
 from usvauv.env.render.mission import Playback, error_axes
 from usvauv.env.render.sea import elevation_limit
@@ -76,7 +76,7 @@ class TestComparison:
 
     def test_ends_with_the_shorter_and_shows_both(self):
         first, second = synthetic_trace(steps=9), synthetic_trace(steps=6, seed=4)
-        both, same = (ComparisonFrames(first, other, (640, 360), style.DARK, 30.0) for other in (second, first))
+        both, same = (frames_of([first, other], (640, 360)) for other in (second, first))
         left, right = (shown.view.rectangle for shown in both.maps)
         seen, alike = both.frame(5).copy(), same.frame(5)
         np.testing.assert_array_equal(left.of(seen), left.of(alike))
@@ -88,7 +88,7 @@ class TestComparison:
         rough = synthetic_trace(steps=4, area=(400.0, 300.0))
         rougher = replace(rough, surface=3 * rough.surface)
         for first, second in ((calm, rough), (rough, rougher)):
-            frames = ComparisonFrames(first, second, (640, 360), style.DARK, 30.0)
+            frames = frames_of([first, second], (640, 360))
             one, other = frames.maps
             assert one.surface.limit == other.surface.limit == elevation_limit(second.surface)
             assert one.view.per_metre == pytest.approx(other.view.per_metre, rel=0.01)

@@ -52,8 +52,8 @@ class Frames(ABC):
 
     layout: Layout
 
-    def __init__(self, size: tuple[int, int], theme: Theme, time: np.ndarray) -> None:
-        self._time = Series(time)
+    def __init__(self, plays: Sequence[Playback], size: tuple[int, int], theme: Theme) -> None:
+        self._plays = plays
         self._still = np.full((size[1], size[0], 3), theme.background, np.uint8)
         self._picture = np.empty_like(self._still)
         self._parts: list[Part] = []
@@ -61,7 +61,7 @@ class Frames(ABC):
 
     def frame(self, t: float) -> np.ndarray:
         """Picture (height, width, 3) BGR of a moment, in steps from the first; overwritten by the next."""
-        time = float(self._time.at(t))
+        time = float(self._plays[0].time.at(t))
         for plot in self._plots:
             plot.show_until(time)
         np.copyto(self._picture, self._still)
@@ -98,22 +98,49 @@ def frames_of(
         follow: a vehicle that views go along with: usv, usv:N or auv:N; "" for all of the area.
 
     Raises:
-        UserError: more than two traces, two that cannot be compared, or no such vehicle.
+        UserError: more than two traces, two of other mission steps or tasks, or no such vehicle.
     """
     if len(traces) > 2:
         raise UserError(f"{len(traces)} traces: at most two can be compared")
-    shown = [trace.episode(0) for trace in traces]
     vehicle = None
-    for trace in shown if follow else ():
+    for trace in traces if follow else ():
         vehicle = Vehicle.parse(follow, trace.scenario)
-    if len(shown) == 2:
-        return ComparisonFrames(shown[0], shown[1], size, style.THEMES[theme], speed_up, pace, vehicle)
-    return MissionFrames(shown[0], size, style.THEMES[theme], speed_up, view, pace, vehicle)
+    one, other = traces[0].scenario, traces[-1].scenario
+    if one.mission.step != other.mission.step:
+        raise UserError(f"mission steps of {one.mission.step:g} s and {other.mission.step:g} s cannot be compared")
+    if one.task != other.task:
+        raise UserError(f"tasks {one.task} and {other.task} cannot be compared")
+    plays, look = [Playback(trace.episode(0), pace) for trace in traces], style.THEMES[theme]
+    if len(plays) == 2:
+        return ComparisonFrames(plays, size, look, speed_up, vehicle)
+    return MissionFrames(plays, size, look, speed_up, view, vehicle)
 
 
-def title_of(trace: Trace) -> tuple[str, str]:
-    """Both lines of the title."""
-    return f"Scenario “{trace.scenario.name}”", f"policy {trace.policy} · boat {trace.usv} · seed {trace.seed}"
+def _named(trace: Trace) -> dict[str, str]:
+    """What tells runs apart."""
+    return {
+        "policy": trace.policy,
+        "boat": trace.usv,
+        "targets": trace.scenario.nodes.target_rule,
+        "seed": str(trace.seed),
+        "scenario": trace.scenario.name,
+    }
+
+
+def title_of(first: Trace, second: Trace) -> tuple[str, str]:
+    """Both lines of the title: what two runs have in common, which may be one."""
+    one, other = _named(first), _named(second)
+    shared = [f"{name} {one[name]}" for name in ("policy", "boat", "seed") if one[name] == other[name]]
+    same = one["scenario"] == other["scenario"]
+    return f"Scenario “{one['scenario']}”" if same else "Two scenarios", " · ".join(shared)
+
+
+def differences(first: Trace, second: Trace) -> tuple[str, str]:
+    """What each of two runs has that the other has not, in a few words."""
+    one, other = _named(first), _named(second)
+    differ = [name for name in one if one[name] != other[name]] or ["policy"]
+    first_words, second_words = (" · ".join(f"{name} {which[name]}" for name in differ) for which in (one, other))
+    return first_words, second_words
 
 
 class MissionFrames(Frames):
@@ -127,16 +154,16 @@ class MissionFrames(Frames):
 
     def __init__(
         self,
-        trace: Trace,
+        plays: Sequence[Playback],
         size: tuple[int, int],
         theme: Theme,
         speed_up: float,
-        view: str = "map",
-        pace: float = 1.0,
-        follow: Vehicle | None = None,
+        view: str,
+        follow: Vehicle | None,
     ) -> None:
-        super().__init__(size, theme, trace.time)
-        self._play = play = Playback(trace, pace)
+        super().__init__(plays, size, theme)
+        (play,) = plays
+        trace = play.trace
         scenario, names = trace.scenario, [name for name, _, _ in play.figures(0)]
         sheet = Sheet.of(size, scenario.area, names)
         boxes, still = sheet.boxes(view, trace.auv_depth.size > 0), self._still
@@ -168,12 +195,13 @@ class MissionFrames(Frames):
         )
         if follow and follow.kind == "auv" and trace.auv_fins.size:
             self._parts.append(Instruments(play, follow.index, seen, layout))
-        end, words = float(trace.time[-1]), title_of(trace)
+        end, words = float(trace.time[-1]), title_of(trace, trace)
         self._head = Head(still, boxes["title"], boxes.get("tiles"), layout, words, names, end, speed_up)
 
     def _draw_figures(self, picture: np.ndarray, t: float, time: float) -> None:
-        values = [f"{value:{form}}" for _, value, form in self._play.figures(t)]
-        self._head.draw(picture, time, (t + 1) / len(self._play.trace.time), values)
+        (play,) = self._plays
+        values = [f"{value:{form}}" for _, value, form in play.figures(t)]
+        self._head.draw(picture, time, (t + 1) / len(play.trace.time), values)
 
 
 class Instruments:
@@ -212,11 +240,6 @@ class Instruments:
             write(picture, words, (box.right - 8 * unit, line), 11 * unit, style.DARK.text, bold=True, anchor="right")
 
 
-def duration(trace: Trace) -> float:
-    """Length of the time axis of plots, s."""
-    return max(float(trace.time[-1]), trace.scenario.mission.step)
-
-
 def depth_plot(still: np.ndarray, play: Playback, box: Rectangle, layout: Layout) -> RecordedPlot:
     """Plot of the AUVs' depths, each in its colour, over the bed below it."""
     trace = play.trace
@@ -224,7 +247,7 @@ def depth_plot(still: np.ndarray, play: Playback, box: Rectangle, layout: Layout
     room = within_margins(box, layout.unit, top=28, sides=18, bottom=20, left=42)
     lowest, highest = max(float(bed.max()), float(depth.max())), float(depth.min())
     margin = 0.15 * (lowest - highest)
-    plot = RecordedPlot(still, room, lowest + margin, max(highest - margin, 0.0), duration(trace), layout)
+    plot = RecordedPlot(still, room, lowest + margin, max(highest - margin, 0.0), play.duration, layout)
     write_heading(still, layout, box, "Depth, m", "dashed: the bed below")
     for auv in range(depth.shape[1]):
         plot.curve(trace.time, bed[:, auv], style.mix(layout.theme.card, layout.theme.auv(auv), 0.6), 5 * layout.unit)
@@ -239,7 +262,7 @@ def error_plot(still: np.ndarray, play: Playback, box: Rectangle, layout: Layout
     low, high = np.quantile(error, (0.03, 0.998))
     low = max(float(low), 1e-9)
     room = within_margins(box, unit, top=28, sides=18, bottom=20, left=42)
-    plot = RecordedPlot(still, room, low, max(float(high), 1.5 * low), duration(trace), layout, log=True)
+    plot = RecordedPlot(still, room, low, max(float(high), 1.5 * low), play.duration, layout, log=True)
     scenario = trace.scenario
     filtered = scenario.tracker.enabled or scenario.navigation.sensor != "none"
     of, dots = ("estimates", "step") if filtered else ("fixes", "fix")
@@ -266,12 +289,6 @@ class Entry(NamedTuple):
     dash: float
 
 
-def entries(first: Trace, second: Trace, theme: Theme) -> tuple[Entry, Entry]:
-    """The legend of curves: a solid line for the first mission, dashes, which may lie on it, for the second one."""
-    one, other = differences(first, second)
-    return Entry(one, theme.runs[0], 0.0), Entry(other, theme.runs[1], DASH)
-
-
 def difference(value: float, other: float, form: str) -> str:
     """How much more a value is than another one, both as a format writes them; "same" where it writes them alike."""
     more = float(f"{value:{form}}") - float(f"{other:{form}}")
@@ -279,7 +296,7 @@ def difference(value: float, other: float, form: str) -> str:
 
 
 class ComparisonFrames(Frames):
-    """Two traces side by side, up to the end of the shorter one: both maps have one scale of lengths and of colours.
+    """Two missions side by side, up to the end of the shorter one: both maps have one scale of lengths and of colours.
 
     Attributes:
         maps: of both.
@@ -287,19 +304,16 @@ class ComparisonFrames(Frames):
 
     def __init__(
         self,
-        first: Trace,
-        second: Trace,
+        plays: Sequence[Playback],
         size: tuple[int, int],
         theme: Theme,
         speed_up: float,
-        pace: float = 1.0,
-        follow: Vehicle | None = None,
+        follow: Vehicle | None,
     ) -> None:
-        check_comparable(first, second)
-        super().__init__(size, theme, first.time)
-        traces = first, second
-        self._plays = [Playback(trace, pace) for trace in traces]
-        self._entries = entries(first, second, theme)
+        super().__init__(plays, size, theme)
+        first, second = traces = [play.trace for play in plays]
+        # Dashes of the second one may lie on the solid line of the first.
+        self._entries = list(map(Entry, differences(first, second), theme.runs, (0.0, DASH)))
         self._end = float(first.time[min(len(trace.time) for trace in traces) - 1])
         self._errors = [np.sqrt(np.square(play.error_median).mean(axis=1)) for play in self._plays]
         self._names = [name for name, _, _ in self._figures(0, 0)]
@@ -312,7 +326,7 @@ class ComparisonFrames(Frames):
         limit = max(elevation_limit(trace.surface) for trace in traces)
         self.maps = [self._map(side, boxes[name], limit, area, follow) for side, name in enumerate(("first", "second"))]
         self._parts += self.maps
-        self._head = Head(self._still, boxes["title"], None, layout, common(first, second), [], self._end, speed_up)
+        self._head = Head(self._still, boxes["title"], None, layout, title_of(first, second), [], self._end, speed_up)
         for name in boxes.keys() & {"table", "yield", "errors"}:
             draw_card(self._still, boxes[name], layout)
         self._rows = self._table_rows(boxes["table"])
@@ -426,43 +440,3 @@ class ComparisonFrames(Frames):
             write(self._still, text, (left + (SAMPLE + 6) * unit, line), 11 * unit, layout.theme.text)
             left += (width + 16 * unit) if beside else 0
         return 0 if beside else 2
-
-
-def _named(trace: Trace) -> dict[str, str]:
-    """What tells runs apart."""
-    return {
-        "policy": trace.policy,
-        "boat": trace.usv,
-        "targets": trace.scenario.nodes.target_rule,
-        "seed": str(trace.seed),
-        "scenario": trace.scenario.name,
-    }
-
-
-def differences(first: Trace, second: Trace) -> tuple[str, str]:
-    """What each of two runs has that the other has not, in a few words."""
-    one, other = _named(first), _named(second)
-    differ = [name for name in one if one[name] != other[name]] or ["policy"]
-    first_words, second_words = (" · ".join(f"{name} {which[name]}" for name in differ) for which in (one, other))
-    return first_words, second_words
-
-
-def common(first: Trace, second: Trace) -> tuple[str, str]:
-    """Both lines of the title: what two runs have in common."""
-    one, other = _named(first), _named(second)
-    shared = [f"{name} {one[name]}" for name in ("policy", "boat", "seed") if one[name] == other[name]]
-    same = one["scenario"] == other["scenario"]
-    return f"Scenario “{one['scenario']}”" if same else "Two scenarios", " · ".join(shared)
-
-
-def check_comparable(first: Trace, second: Trace) -> None:
-    """Refuse two traces that cannot be shown in step.
-
-    Raises:
-        UserError: another mission step or another task.
-    """
-    one, other = first.scenario, second.scenario
-    if one.mission.step != other.mission.step:
-        raise UserError(f"mission steps of {one.mission.step:g} s and {other.mission.step:g} s cannot be compared")
-    if one.task != other.task:
-        raise UserError(f"tasks {one.task} and {other.task} cannot be compared")

@@ -166,7 +166,8 @@ class Playback:
 
     Attributes:
         pace: steps of the mission from one frame to the next. sea: its surface.
-        boats, auvs, estimated, foreseen, goals: series of places, m. depths: of the AUVs, m. covariance: m².
+        time, duration: s. depths: of the AUVs, m. covariance: m².
+        boats, auvs, estimated, foreseen, goals: series of places, m.
         boat_headings: (B,) rad. attitude: (K, 3) of the AUVs, rad.
         fill, age: (T, M) data of the nodes over their buffers, and how old it is over `OLD`; stations have none.
         services: (T,) completed so far. delivered: (T,) Mbit so far.
@@ -181,6 +182,7 @@ class Playback:
         self.trace, self.pace, self.sea, scenario = trace, pace, Sea(trace), trace.scenario
         window = max(1, round(MEDIAN_WINDOW / scenario.mission.step))
         self.stations = scenario.task == "station-keeping"
+        self.duration = max(float(trace.time[-1]), scenario.mission.step)
         self.time, self.depths = Series(trace.time), Series(trace.depth[:, 0])
         moving = trace.boat_position, trace.auv_position
         self.boats, self.auvs = (Series(values[:, 0], smooth=True) for values in moving)

@@ -20,7 +20,6 @@ from usvauv.env.render.scene import (
     PinholeCamera,
     Scene,
     Sheet,
-    Swing,
     auv_body,
     look,
     turned,
@@ -50,7 +49,7 @@ class PerspectiveView:
         margin = min(layout.unit, box.width / 300, box.height / 150)
         left, right, top, bottom = (round(margin * size) for size in (54, 38, 16, 30))
         room = box.width - left - right, box.height - top - bottom
-        self._swing = Swing.around(sides, 0.8 * limit * scene.heights, scene.bed, room).shifted(left, top)
+        self._middle = PinholeCamera.around(sides, 0.8 * limit * scene.heights, scene.bed, left, top, room)
         self._followed = self._grid = None
         texels, self._enlarged = TEXELS, 1.0
         if follow:
@@ -58,21 +57,21 @@ class PerspectiveView:
             self._followed = Series(scene.place(follow.way(trace).values, up), smooth=True)
             self._grid = MapView(trace.scenario.area, box).grid(FINE)
             texels, self._enlarged = FINE, 1 / 2
-        self._shading = SeaShading(limit, sides, self._swing.middle, scene.heights, texels)
+        self._shading = SeaShading(limit, sides, self._middle, scene.heights, texels)
         self._glass = GlassBox(scene, layout)
         self._backdrop = _backdrop(box.width, box.height, layout.theme)
         self._write_still(limit)
         floating = trace.boat_surface[:, 0] * (scene.heights if trace.surface.size else 0.0)
         self.boats = Series(scene.place(trace.boat_position[:, 0], floating[..., 0]), smooth=True)
         self._slopes = Series(floating[..., 1:], smooth=True)
-        self._below = BelowSurface(play, scene, layout, self._swing.middle, self._enlarged)
+        self._below = BelowSurface(play, scene, layout, self._middle, self._enlarged)
 
     def camera(self, t: float) -> PinholeCamera:
         """The camera of a moment; its pixels are those of the box."""
-        frame = t / self._play.pace
+        camera = self._middle.swung(t / self._play.pace)
         if self._followed is None:
-            return self._swing.at(frame)
-        return self._swing.along(frame, self._followed.at(t), (0.5 * self._box.width, 0.5 * self._box.height))
+            return camera
+        return camera.along(self._followed.at(t), (0.5 * self._box.width, 0.5 * self._box.height))
 
     def surface(self, t: float) -> tuple[np.ndarray, np.ndarray]:
         """Heights (Y, X) m as drawn and colours (Y, X, 3) of the sea at a moment, row 0 in the south."""

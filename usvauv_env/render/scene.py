@@ -46,6 +46,41 @@ class PinholeCamera:
     centre: tuple[float, float]
     aim: tuple[float, float] = (0.0, 0.0)
 
+    @classmethod
+    def around(
+        cls, sides: tuple[float, float], top: float, bottom: float, left: int, above: int, size: tuple[int, int]
+    ) -> PinholeCamera:
+        """The camera to which the box of an area is as large as fits in all of its movement, in the middle of that.
+
+        Args:
+            sides: of the area, in x and y, m. It is seen across the longer one, from the south or from the east.
+            top, bottom: of the box, m.
+            left, above, size: of the room in the picture, pixels.
+        """
+        frontal = math.pi / 2 if sides[0] >= sides[1] else math.pi
+        distance = DISTANCE * math.hypot(*sides)
+        camera = cls(frontal + OFF_AXIS, distance, distance * math.tan(ELEVATION), 1.0, (0.0, 0.0))
+        half = 0.5 * np.array(sides)
+        corners = np.array([(x, y, z) for x in (-half[0], half[0]) for y in (-half[1], half[1]) for z in (top, bottom)])
+        turns = np.linspace(-SWING, SWING, 9)
+        seen = np.concatenate([replace(camera, heading=camera.heading + turn).pixel(corners) for turn in turns])
+        low, high = seen.min(axis=0), seen.max(axis=0)
+        focal = float((size / (high - low)).min())
+        x, y = 0.5 * np.array(size) - 0.5 * focal * (low + high)
+        return replace(camera, focal=focal, centre=(float(x) + left, float(y) + above))
+
+    def swung(self, frame: float) -> PinholeCamera:
+        """The camera in a frame: it moves slowly to and fro around the scene."""
+        turn = SWING * math.sin(2 * math.pi * frame / SWING_FRAMES)
+        return replace(self, heading=self.heading + turn)
+
+    def along(self, place: np.ndarray, middle: tuple[float, float]) -> PinholeCamera:
+        """The camera that sees a place (3,) from nearer, at the pixel `middle`."""
+        focal = FOLLOWED * self.focal
+        down = focal * (self.height - float(place[2])) / self.distance
+        x, y = place[:2].tolist()
+        return replace(self, focal=focal, centre=(middle[0], middle[1] - down), aim=(x, y))
+
     @cached_property
     def eye(self) -> np.ndarray:
         """Its place (2,) seen from above, m."""
@@ -77,50 +112,6 @@ class PinholeCamera:
         linear, constant = self._matrix
         seen = points @ linear + constant
         return seen[..., :2] / seen[..., 2:]
-
-
-class Swing(NamedTuple):
-    """A camera that moves slowly to and fro around a scene, which stays within the picture."""
-
-    middle: PinholeCamera
-
-    @classmethod
-    def around(cls, sides: tuple[float, float], top: float, bottom: float, size: tuple[int, int]) -> Swing:
-        """The camera to which the box of an area is as large as fits in all of its movement.
-
-        Args:
-            sides: of the area, in x and y, m. It is seen across the longer one, from the south or from the east.
-            top, bottom: of the box, m.
-            size: of the room in the picture, pixels.
-        """
-        frontal = math.pi / 2 if sides[0] >= sides[1] else math.pi
-        distance = DISTANCE * math.hypot(*sides)
-        camera = PinholeCamera(frontal + OFF_AXIS, distance, distance * math.tan(ELEVATION), 1.0, (0.0, 0.0))
-        half = 0.5 * np.array(sides)
-        corners = np.array([(x, y, z) for x in (-half[0], half[0]) for y in (-half[1], half[1]) for z in (top, bottom)])
-        turns = np.linspace(-SWING, SWING, 9)
-        seen = np.concatenate([replace(camera, heading=camera.heading + turn).pixel(corners) for turn in turns])
-        low, high = seen.min(axis=0), seen.max(axis=0)
-        focal = float((size / (high - low)).min())
-        x, y = 0.5 * np.array(size) - 0.5 * focal * (low + high)
-        return cls(replace(camera, focal=focal, centre=(float(x), float(y))))
-
-    def along(self, frame: float, place: np.ndarray, middle: tuple[float, float]) -> PinholeCamera:
-        """The camera in a frame, that sees a place (3,) from nearer, at the pixel `middle`."""
-        camera = self.at(frame)
-        focal = FOLLOWED * camera.focal
-        down = focal * (camera.height - float(place[2])) / camera.distance
-        x, y = place[:2].tolist()
-        return replace(camera, focal=focal, centre=(middle[0], middle[1] - down), aim=(x, y))
-
-    def at(self, frame: float) -> PinholeCamera:
-        """The camera in a frame."""
-        turn = SWING * math.sin(2 * math.pi * frame / SWING_FRAMES)
-        return replace(self.middle, heading=self.middle.heading + turn)
-
-    def shifted(self, x: float, y: float) -> Swing:
-        """The same with a picture shifted by (x, y) pixels."""
-        return Swing(replace(self.middle, centre=(self.middle.centre[0] + x, self.middle.centre[1] + y)))
 
 
 SAMPLES = 128  # of the surface along the plane of a column
