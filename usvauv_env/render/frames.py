@@ -252,7 +252,6 @@ def depth_plot(still: np.ndarray, play: Playback, box: Rectangle, layout: Layout
     for auv in range(depth.shape[1]):
         plot.curve(trace.time, bed[:, auv], style.mix(layout.theme.card, layout.theme.auv(auv), 0.6), 5 * layout.unit)
         plot.curve(trace.time, depth[:, auv], layout.theme.auv(auv))
-    plot.finish()
     return plot
 
 
@@ -271,7 +270,6 @@ def error_plot(still: np.ndarray, play: Playback, box: Rectangle, layout: Layout
         plot.dots(trace.time, error[:, auv], style.mix(theme.card, theme.auv(auv), 0.45))
     for auv in range(error.shape[1]):
         plot.curve(trace.time, play.error_median[:, auv], theme.auv(auv))
-    plot.finish()
     return plot
 
 
@@ -411,7 +409,6 @@ class ComparisonFrames(Frames):
         plot = RecordedPlot(self._still, room, low, high, self._end, layout, log=log)
         for play, values, entry in zip(self._plays, series, self._entries, strict=True):
             plot.curve(play.trace.time, values, entry.colour, entry.dash * layout.unit)
-        plot.finish()
         return plot
 
     def _write_legend(self, box: Rectangle, title: str, series: list[np.ndarray]) -> int:

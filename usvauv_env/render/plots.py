@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -119,10 +120,9 @@ class Plot:
 class RecordedPlot(Plot):
     """A plot of whole series, drawn beforehand and shown from left to right as time passes.
 
-    First `dots` and `curve`, then `finish`, then `show_until` in order of time.
+    First `dots` and `curve`, then `show_until` in order of time.
     """
 
-    _whole: np.ndarray
     _shown = 0  # columns
 
     def dots(self, time: np.ndarray, values: np.ndarray, colour: Colour) -> None:
@@ -135,10 +135,9 @@ class RecordedPlot(Plot):
         for piece in shapes.dashed(points, dash * self._zoom) if dash else [points]:
             shapes.stroke(self._fine, piece, colour, self._line_width)
 
-    def finish(self) -> None:
-        """Render the curves; nothing can be added any more."""
-        self._whole = cv2.resize(self._fine, (self.box.width, self.box.height), interpolation=cv2.INTER_AREA)
-        del self._fine
+    @cached_property
+    def _whole(self) -> np.ndarray:
+        return cv2.resize(self._fine, (self.box.width, self.box.height), interpolation=cv2.INTER_AREA)
 
     def show_until(self, time: float) -> None:
         """Show the curves up to a time on the still picture."""

@@ -51,16 +51,6 @@ def ring(image: np.ndarray, centre: np.ndarray, radius: float, colour: Colour | 
     cv2.circle(image, _fixed_point(centre), round(radius * (1 << SHIFT)), colour, width, cv2.LINE_AA, SHIFT)
 
 
-def arc(image: np.ndarray, centre: np.ndarray, radius: float, share: float, colour: Colour, width: int) -> None:
-    """The part `share` (0 to 1) of a circle, clockwise from the top."""
-    stroke(image, _turned(centre, radius, share), colour, width)
-
-
-def sector(image: np.ndarray, centre: np.ndarray, radius: float, share: float, colour: Colour) -> None:
-    """The part `share` (0 to 1) of a disc, clockwise from the top."""
-    fill(image, np.concatenate([[centre], _turned(centre, radius, share)]), colour)
-
-
 def _turned(centre: np.ndarray, radius: float, share: float) -> np.ndarray:
     """Points (N, 2) of the part `share` (0 to 1) of a circle, clockwise from the top."""
     turns = np.linspace(0.0, 2 * np.pi * min(share, 1.0), max(2, round(48 * share) + 1))
@@ -227,7 +217,7 @@ def progress_ring(
         dim = style.mix(colour, style.OUTLINE, 0.65)
         ring(fine, middle, radius * zoom, dim, max(1, round(0.4 * width * zoom)))
         if share > 0:
-            arc(fine, middle, radius * zoom, share, colour, max(1, round(width * zoom)))
+            stroke(fine, _turned(middle, radius * zoom, share), colour, max(1, round(width * zoom)))
 
     smooth(image, centre, radius + width, factor, draw)
 
@@ -319,7 +309,8 @@ class NodeGauges:
             else:
                 disc(colour, middle, radius * 0.7, style.mix(style.OUTLINE, tint, 0.35))
                 if level:
-                    sector(colour, middle, radius * 0.7, level / self.LEVELS, tint)
+                    part = _turned(middle, radius * 0.7, level / self.LEVELS)
+                    fill(colour, np.concatenate([[middle], part]), tint)
                 ink = style.mix(*style.AGE, age / self.AGES)
                 ring(colour, middle, radius * 0.92, ink, max(1, round(radius * 0.22)))
             if halo:
