@@ -429,7 +429,10 @@ class Action(Columns):
 
 
 class Phase(Columns):
-    """What a launch does: begin episodes, advance them by a step, or by one part of it after another."""
+    """What a launch does: begin episodes, advance them by a step, or by one part of it after another.
+
+    On a CPU a step in parts is `move`, `ride`, `answer` and `look`, on a GPU `act` and `look_round`.
+    """
 
     reset: int
     step: int
@@ -437,6 +440,8 @@ class Phase(Columns):
     ride: int
     answer: int
     look: int
+    act: int
+    look_round: int
 
 
 class Draw(Columns):

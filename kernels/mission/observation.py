@@ -109,7 +109,7 @@ def current_vector(worlds: ti.template(), w, k, first):
 
 @func
 def current_profile(worlds: ti.template(), w, k, first):
-    """Components of the current, without waves, at the points of the profiler; `sense_currents` writes them."""
+    """Components of the current, without waves, at the points of the profiler; `take_profile` writes them."""
 
 
 @func
@@ -217,56 +217,54 @@ def half(v, first: ti.template()) -> places:
 
 @func
 def take_profiles(worlds: ti.template(), w):
-    """`take_profile` of all AUVs of world w: where vectors stay in registers two side by side."""
-    vortices, period = ti.static(worlds.water.vortex, worlds.water.eddies.period)
+    """`take_profile` of all AUVs of world w, two side by side, for where vectors stay in registers."""
     num_auvs = worlds.auv.shape[1]
-    if ti.static(worlds.program.apart):
-        for pair in range((num_auvs + 1) // 2):
-            j, k = 2 * pair, ti.min(2 * pair + 1, num_auvs - 1)
-            x_j, y_j = profiled(worlds, w, j)
-            x_k, y_k = profiled(worlds, w, k)
-            u, v = vortex.current(vortices, w, both(x_j, x_k), both(y_j, y_k), period)
-            take_profile(worlds, w, j, x_j, y_j, half(u, 0), half(v, 0))
-            if k > j:
-                take_profile(worlds, w, k, x_k, y_k, half(u, PLACES), half(v, PLACES))
-    else:
-        for k in range(num_auvs):
-            x, y = profiled(worlds, w, k)
-            u, v = vortex.current(vortices, w, x, y, period)
-            take_profile(worlds, w, k, x, y, u, v)
+    for pair in range((num_auvs + 1) // 2):
+        j, k = 2 * pair, ti.min(2 * pair + 1, num_auvs - 1)
+        x_j, y_j = profiled(worlds, w, j)
+        x_k, y_k = profiled(worlds, w, k)
+        u, v = vortex.current(worlds.water.vortex, w, both(x_j, x_k), both(y_j, y_k), worlds.water.eddies.period)
+        take_profile(worlds, w, j, x_j, y_j, half(u, 0), half(v, 0))
+        if k > j:
+            take_profile(worlds, w, k, x_k, y_k, half(u, PLACES), half(v, PLACES))
 
 
 @func
-def sense_currents(worlds: ti.template(), w):
-    """Store the velocity of the water at the AUVs and boats of world w, which carries them during the coming step, and
-    profiles.
+def sense_current(worlds: ti.template(), w, k):
+    """Store the velocity of the water at AUV k of world w and at each boat of its number, modulo the number of AUVs.
+
+    It carries them during the coming step. A profile of the current, if there is one, has been taken with others' by
+    `take_profiles`, or is taken here.
     """
     water = ti.static(worlds.water)
+    period = ti.static(water.eddies.period)
+    profile = ti.static(current_profile in worlds.program.observation)
     sea = water.sea_index[w]
-    profiles = 0
-    if ti.static(current_profile in worlds.program.observation):
-        take_profiles(worlds, w)
-        profiles = worlds.auv.shape[1]
-    for b in range(profiles, worlds.boat.shape[1]):
+    num_auvs = worlds.auv.shape[1]
+    if ti.static(profile and not worlds.program.in_lanes):
+        x, y = profiled(worlds, w, k)
+        u, v = vortex.current(water.vortex, w, x, y, period)
+        take_profile(worlds, w, k, x, y, u, v)
+    for turn in range(ti.static(1 if profile else 0), (worlds.boat.shape[1] - k + num_auvs - 1) // num_auvs):
+        b = k + turn * num_auvs
         place = boat_motion.boat_place(worlds, w, b)
-        u, v = vortex.current(water.vortex, w, place[0], place[1], water.eddies.period)
+        u, v = vortex.current(water.vortex, w, place[0], place[1], period)
         boat_motion.drift_along(worlds, w, b, vec2(u, v))
-    for k in range(worlds.auv.shape[1]):
-        here = vec2(0.0)
-        if ti.static(worlds.program.vehicle):
-            here = vehicles.sense(worlds, w, k)
+    here = vec2(0.0)
+    if ti.static(worlds.program.vehicle):
+        here = vehicles.sense(worlds, w, k)
+    else:
+        x = worlds.auv[w, k, AuvColumn.x]
+        y = worlds.auv[w, k, AuvColumn.y]
+        if ti.static(profile):
+            here = vec2(worlds.auv[w, k, AuvColumn.current_x], worlds.auv[w, k, AuvColumn.current_y])
+            here += current.long_wave_velocity(water, sea, x, y)
         else:
-            x = worlds.auv[w, k, AuvColumn.x]
-            y = worlds.auv[w, k, AuvColumn.y]
-            if ti.static(current_profile in worlds.program.observation):
-                here = vec2(worlds.auv[w, k, AuvColumn.current_x], worlds.auv[w, k, AuvColumn.current_y])
-                here += current.long_wave_velocity(water, sea, x, y)
-            else:
-                here = current.velocity(water, Level.cruise, w, x, y)
-            storm = airy.motion(water.wave, sea, Level.cruise, x, y)
-            here += vec2(storm[3], storm[4])
-        worlds.auv[w, k, AuvColumn.current_x] = here[0]
-        worlds.auv[w, k, AuvColumn.current_y] = here[1]
+            here = current.velocity(water, Level.cruise, w, x, y)
+        storm = airy.motion(water.wave, sea, Level.cruise, x, y)
+        here += vec2(storm[3], storm[4])
+    worlds.auv[w, k, AuvColumn.current_x] = here[0]
+    worlds.auv[w, k, AuvColumn.current_y] = here[1]
 
 
 OF_NODES = (target, service, next_node)

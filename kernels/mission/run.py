@@ -113,13 +113,21 @@ def begin_estimate(worlds: ti.template(), w, k):
 
 
 @func
+def look_round(worlds: ti.template(), w, k):
+    """What AUV k meets and observes at the beginning of an episode and at the end of a step."""
+    observation.sense_current(worlds, w, k)
+    observation.write(worlds, w, k)
+    if ti.static(worlds.program.tracker):
+        fixes.prepare_next_step(worlds, w, k)
+
+
+@func
 def look(worlds: ti.template(), w):
-    """What the AUVs of world w meet and observe at the beginning of an episode and at the end of a step."""
-    observation.sense_currents(worlds, w)
+    """`look_round` of all AUVs of world w."""
+    if ti.static(worlds.program.in_lanes and observation.current_profile in worlds.program.observation):
+        observation.take_profiles(worlds, w)
     for k in range(worlds.auv.shape[1]):
-        observation.write(worlds, w, k)
-        if ti.static(worlds.program.tracker):
-            fixes.prepare_next_step(worlds, w, k)
+        look_round(worlds, w, k)
 
 
 @func
@@ -230,27 +238,39 @@ def begin_chosen(worlds: ti.template(), w):
         begin_episode(worlds, w)
 
 
+STEP = (move_auvs, plan, move_boats, ride, locate, end_step)
 STAGES = {
     Phase.reset: (begin_chosen,),
-    Phase.step: (move_auvs, plan, move_boats, ride, locate, end_step, look),
+    Phase.step: (*STEP, look),
     Phase.move: (move_auvs, plan, move_boats),
     Phase.ride: (ride,),
     Phase.answer: (locate, end_step),
     Phase.look: (look,),
+    Phase.act: STEP,
+    Phase.look_round: (look_round,),
 }
 TOGETHER = 32  # worlds that a thread takes through a stage, whose code stays in its cache, before it begins the next
+BLOCK = 32  # threads of a block on a GPU: few, so that some thousand worlds keep all its multiprocessors busy
 
 
 def together(program: Program) -> int:
     """Worlds of an iteration: several on a CPU, where there are many."""
-    return TOGETHER if program.apart else 1
+    return TOGETHER if program.in_lanes else 1
+
+
+def block(program: Program) -> int | None:
+    """Of `ti.loop_config`."""
+    return 1 if program.in_lanes else BLOCK if program.on_gpu else None
 
 
 @func
 def run_stage(worlds: ti.template(), stage: ti.template(), n):
-    """A stage of all worlds of iteration n."""
+    """A stage of all worlds, or of the AUV, of iteration n."""
     count = ti.static(together(worlds.program))
-    if ti.static(count == 1):
+    if ti.static(stage == look_round):
+        num_auvs = worlds.auv.shape[1]
+        stage(worlds, n // num_auvs, n % num_auvs)
+    elif ti.static(count == 1):
         stage(worlds, n)
     else:
         for w in range(count * n, ti.min(count * (n + 1), worlds.clock.shape[0])):
@@ -281,8 +301,9 @@ PASSED = [f"Rows.of({name}, ARRAYS[{name!r}])" if array.axes[:1] == "W" else nam
 SOURCE = f"""
 def run({", ".join(f"{name}: PARAMETERS[{name!r}]" for name in PARAMETERS)}):
     count = ti.static(together(program))
-    ti.loop_config(serialize=program.serial, block_dim=ti.static(1 if program.apart else None))
-    for n in range((clock.shape[0] + count - 1) // count):
+    members = auv.shape[1] if ti.static(phase == Phase.look_round) else 1
+    ti.loop_config(serialize=program.serial, block_dim=ti.static(block(program)))
+    for n in range((clock.shape[0] * members + count - 1) // count):
         water = ti.static(Water(vortex, stream, p[Parameter.width], p[Parameter.length], bed, eta, U, V,
                                 unit_x, unit_y, nx, ny, sea_index, wave, program.eddies))
         pulses = ti.static(Pulses(pulse_envelope, pulse_output, pulse_rate, program.tone))
@@ -304,11 +325,13 @@ def kernel_of(source: str, **names: Any) -> Callable[..., Any]:
 # Begins the next episode of each world w with `chosen[w]` ≠ 0, or advances all worlds by one mission step. Many worlds
 # take the step by four launches, `Phase.ride` and `Phase.look`, sums of vortices and waves, with vectors in registers.
 # For few worlds launches take longer than they save, and of plugins' functions nobody knows whether they compile so.
+# On a GPU the last part of a step has a thread for each AUV.
 run = kernel_of(
     SOURCE,
     ti=ti,
     PARAMETERS=PARAMETERS,
     Parameter=Parameter,
+    Phase=Phase,
     Water=Water,
     Pulses=Pulses,
     Worlds=Worlds,
@@ -316,5 +339,6 @@ run = kernel_of(
     ARRAYS=ARRAYS,
     STAGES=STAGES,
     together=together,
+    block=block,
     run_stage=run_stage,
 )

@@ -74,7 +74,8 @@ class Program(NamedTuple):
         eddies: how vortices fill the water.
         passing: nodes are served in passing, not hovering.
         serial: the calling thread does all worlds: for few worlds on a CPU waking another thread takes longer.
-        apart: the parts of a step are launches of their own, see `usvauv.kernels.mission.run`.
+        in_lanes: the parts of a step are launches of their own, some in vectors, see `usvauv.kernels.mission.run`.
+        on_gpu: it runs on a GPU.
     """
 
     task: Task
@@ -98,7 +99,8 @@ class Program(NamedTuple):
     eddies: Eddies
     passing: bool
     serial: bool = False
-    apart: bool = False
+    in_lanes: bool = False
+    on_gpu: bool = False
 
 
 class Array(NamedTuple):

@@ -557,11 +557,11 @@ class World:
         uploaded = tables.kernel_tables(self.site, self.strategy)
         program = tables.program(self.site, self.strategy.strategy, uploaded["link"])
         serial = runtime.better_alone(self.num_worlds * self.num_auvs)
-        apart = runtime.start().on_cpu and not (serial or self._plugins())
+        in_lanes = runtime.start().on_cpu and not (serial or self._plugins())
         return {
             **{name: torch.from_numpy(table).to(self.device) for name, table in uploaded.items()},
             "key": torch.from_numpy(self.seeds.keys()).to(self.device),
-            "program": program._replace(serial=serial, apart=apart),
+            "program": program._replace(serial=serial, in_lanes=in_lanes, on_gpu=not runtime.start().on_cpu),
             "workspace": self._zeros(self.num_worlds, tables.rule_workspace(self.scenario)),
             "pulse_envelope": self._pulses.envelope,
             "pulse_output": self._pulses.noise,
@@ -585,9 +585,13 @@ class World:
         plugins = self._plugins()  # whose Taichi functions may not compile
         with blaming(plugins, ScenarioError) if plugins else nullcontext():
             self._reset = self._mission(arguments, Phase.reset)
-            parts = (Phase.move, Phase.ride, Phase.answer, Phase.look)
-            apart = arguments["program"].apart
-            self._step = tuple(self._mission(arguments, phase) for phase in (parts if apart else (Phase.step,)))
+            program = arguments["program"]
+            phases: tuple[int, ...] = (Phase.step,)
+            if program.in_lanes:
+                phases = Phase.move, Phase.ride, Phase.answer, Phase.look
+            elif program.on_gpu and not plugins:  # which may read what another AUV's thread writes
+                phases = Phase.act, Phase.look_round
+            self._step = tuple(self._mission(arguments, phase) for phase in phases)
             self._deploy, self._sail = (
                 self._moving(phase, arguments) if self.scenario.auv.dynamic else None
                 for phase in (Phase.reset, Phase.step)
