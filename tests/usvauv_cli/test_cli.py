@@ -421,7 +421,7 @@ class TestResultsThatAreThere:
         code, _, stderr = run_usvauv(*self.PLAN, "--objective", "a")
         assert (code, stderr.count("\n")) == (2, 1)
         assert stderr.startswith(
-            'error: --out plan.png: exists, made with --objective = null, here "a"; --force replaces'
+            'error: --out plan.png: exists, made with --objective not given, here "a"; --force replaces'
         )
         assert [path.read_bytes() for path in files] == before
         code, _, stderr = run_usvauv("sea", "--out", "plan.png")
@@ -479,7 +479,7 @@ class TestResultsThatAreThere:
         (["simulate", "--at", "3:b"], ["--at '3:b'", "120:180"]),
         (["simulate", "--follow", "auv:3"], ["--follow 'auv:3'", "usv, or auv:1 to auv:2"]),
         (["simulate", "--follow", "boat", "--set", "boat.count=2"], ["--follow 'boat'", "usv:1 to usv:2"]),
-        (["replay", "a.nc", "--out", "a.geojson", "--follow", "usv"], ["--follow usv", "a.geojson", "whole area"]),
+        (["replay", "a.nc", "--out", "a.geojson", "--at", "1:2"], ["--at 1:2", "a.geojson", "whole area"]),
         (["replay", "missing.nc"], ["missing.nc"]),
         (["eval", "--policy", "."], ["holds no best.safetensors"]),
         (["eval", "--out", "."], ["--out", "folder"]),

@@ -92,9 +92,8 @@ def evaluate(
     `usvauv eval --policy clear --policy pace --episodes 100000 --until-halfwidth 0.05`
     """
     from usvauv import policies
-    from usvauv.cli.evaluation import run
     from usvauv.cli.evaluation.comparison import Comparison
-    from usvauv.cli.evaluation.run import combinations, definition, first_difference
+    from usvauv.cli.evaluation.run import batches, combinations, definition, first_difference
     from usvauv.cli.evaluation.tables import intervals, metrics_tables
     from usvauv.cli.web_report.episodes import Recordings, front_episodes
     from usvauv.env import Scenario
@@ -144,24 +143,13 @@ def evaluate(
             raise UserError(f"{table.path}: is of another command: {difference}")
         try:
             with terminal.progress("evaluating", len(scenarios) * episodes * setting.mission.steps) as advance:
-
-                def enough() -> bool:
+                makers = policies.named(*names)
+                on_trace = recordings.add if report_folder else lambda trace, first: None
+                for batch in batches(scenarios, makers, episodes, about["batch"], seed, arch, table, advance, on_trace):
+                    comparison.add(batch)
                     advance(0, intervals(comparison, score))
-                    return until is not None and (comparison.reached(score, until) or comparison.floor(score) > until)
-
-                run.run(
-                    scenarios,
-                    policies.named(*names),
-                    episodes,
-                    about["batch"],
-                    seed,
-                    arch,
-                    table,
-                    comparison,
-                    enough,
-                    advance,
-                    recordings.add if report_folder else lambda trace, first: None,
-                )
+                    if until is not None and (comparison.reached(score, until) or comparison.floor(score) > until):
+                        break
         except (KeyboardInterrupt, UserError):
             if table.count:
                 there = f"{counted(table.count, 'complete episode')} kept in {table.path}"

@@ -183,18 +183,18 @@ def replay(
     `usvauv replay mission.nc --out mission.geojson`
     """
     from usvauv.env import Trace
-    from usvauv.env.exchange import geojson
 
     out = out or Path(f"{traces[0].stem}.mp4")
-    mapped = out.suffix.lower() == geojson.ENDING
+    mapped = out.suffix.lower() == ".geojson"
     if len(traces) > (1 if mapped else 2):
         raise UserError(
             f"{len(traces)} traces: {f'--out {out} takes one' if mapped else 'at most two can be compared'}"
         )
-    if mapped and follow:
-        raise UserError(f"--follow {follow}: {out} shows the whole area")
     if mapped:
-        options.writable(context, out, "--out", (geojson.ENDING,))
+        for name in ("follow", "at", "size", "fps", "speedup"):
+            if (value := context.params[name]) is not None:
+                raise UserError(f"--{name} {value}: is for videos and pictures; {out} shows the whole area and mission")
+        options.writable(context, out, "--out", (".geojson",))
     video = None if mapped else options.checked_video(context, out)
     recorded = [Trace.load(path) for path in traces]
     for path, trace in zip(traces, recorded, strict=True):
@@ -202,13 +202,14 @@ def replay(
         if not 0 <= episode < worlds:
             raise UserError(f"--episode {episode}: {path} has episodes 0 to {worlds - 1}")
     recorded = [trace.episode(episode) for trace in recorded]
-    if video:
-        options.check_follow(video, *(trace.scenario for trace in recorded))
     if video is None:
+        from usvauv.env.exchange import geojson
+
         features = geojson.of_mission(recorded[0])
         geojson.write(out, features)
         typer.echo(f"{counted(len(features), 'feature')}: {out.resolve()}")
         return
+    options.check_follow(video, *(trace.scenario for trace in recorded))
     with terminal.progress("drawing", len(video.moments(recorded))) as advance:
         summary = video.write(recorded, advance)
     typer.echo(f"{counted(summary.frames, 'frame')}: {summary.path.resolve()}")

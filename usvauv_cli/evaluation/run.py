@@ -7,7 +7,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from importlib import metadata
 from itertools import product
 from pathlib import Path
@@ -87,10 +87,11 @@ def first_difference(one: Any, other: Any, name: str = "") -> str:
             if found := first_difference(one.get(key), other.get(key), f"{name}.{key}".lstrip(".")):
                 return found
         return ""
-    return "" if one == other else f"{name} = {json.dumps(one)[:200]}, here {json.dumps(other)[:200]}"
+    before, here = ("not given" if value is None else json.dumps(value)[:200] for value in (one, other))
+    return "" if one == other else f"{name} {'' if one is None else '= '}{before}, here {here}"
 
 
-def run(
+def batches(
     scenarios: Mapping[Combination, Scenario],
     policies: Mapping[str, MakePolicy],
     episodes: int,
@@ -98,19 +99,14 @@ def run(
     seed: int,
     arch: str,
     table: GrowingTable,
-    comparison: Comparison,
-    enough: Callable[[], bool],
     on_step: Callable[[int], None],
     on_trace: Callable[[Trace, int], None],
-) -> None:
-    """Run what the table does not have yet.
+) -> Iterator[dict[Combination, list[dict[str, Any]]]]:
+    """Rows of all combinations, batch after batch; those that the table does not have yet are run and added to it.
 
     Args:
         size: worlds of a batch.
         seed, arch: as `World` takes them.
-        table: gets the rows.
-        comparison: gets them when a batch is complete in all combinations.
-        enough: asked then whether to end.
         on_step: called with the number of worlds that made a step, or had made it in an earlier process.
         on_trace: called with the trace of a batch and the number of its first episode.
     """
@@ -129,15 +125,12 @@ def run(
             if taken is None:
                 world = World(scenario, count, seed, which.usv, first_world=first, arch=arch)
                 make = policies[which.policy]
-                rows = [row.columns() for row in evaluate_batch(world, first, which.policy, make, step, on_trace)]
-                table.append(which, rows)
-                batch[which] = rows
+                taken = [row.columns() for row in evaluate_batch(world, first, which.policy, make, step, on_trace)]
+                table.append(which, taken)
             else:
                 before += count * scenario.mission.steps
-                batch[which] = taken
-        comparison.add(batch)
-        if enough():
-            return
+            batch[which] = taken
+        yield batch
 
 
 def evaluate(

@@ -14,7 +14,7 @@ import torch
 
 from usvauv import policies
 from usvauv.cli.live.history import History, Moment, Snapshot, SurfaceGrid
-from usvauv.env.record.heading import SLOWEST, turned
+from usvauv.env.record.heading import AT_REST, turned
 from usvauv.env.record.metrics import EpisodeMetrics, episode_metrics
 from usvauv.env.record.recorder import Recorder, of_bodies, trace_bytes
 from usvauv.env.scenario import Scenario
@@ -249,7 +249,7 @@ class Session:
             depth, self._attitude, fins = (bodies[f"auv_{name}"] for name in ("depth", "attitude", "fins"))
         else:
             x, y = auv[:, AuvColumn.span("water_x", "water_y")].T
-            self._attitude[:, 0] = np.where(np.hypot(x, y) > SLOWEST, np.arctan2(y, x), before)
+            self._attitude[:, 0] = np.where(np.hypot(x, y) > AT_REST, np.arctan2(y, x), before)
         self._attitude[:, 0] = np.unwrap([before, self._attitude[:, 0]], axis=0)[1]
         self.history.add(
             Snapshot(

@@ -92,7 +92,7 @@ def reproduce(
         KeyboardInterrupt: after Ctrl-C, when everything is saved.
     """
     if target not in TARGETS:
-        raise UserError(f"{target!r}: {choices(target, TARGETS)}")
+        raise UserError(f"TARGET {target!r}: {choices(target, TARGETS)}")
     title = "Table 2 and Figures 3 and 4 of the paper, made again"
     wanted, name = list(PAPER.values()), "reproduction"
     if target != "all":

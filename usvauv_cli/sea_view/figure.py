@@ -239,37 +239,28 @@ class Waves(NamedTuple):
     spread: float
 
 
-def segments(records: np.ndarray, step: float, piece: float) -> tuple[np.ndarray, np.ndarray]:
-    """Fourier transforms of overlapping segments of records (T, ...), windowed, their means removed.
+def spectrum(
+    records: np.ndarray, step: float, piece: float, beside: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """One-sided spectral density of records (T, P), or the cross spectrum with others, by Welch's method: means over P
+    and over segments that overlap by half, their means removed, in a window of Hann.
 
     Args:
         records: taken every `step` s.
         piece: length of a segment, s; at most the whole record is taken.
-
-    Returns:
-        Frequencies (F,) above 0, Hz, and transforms (segments, F, ...), whose squares are one-sided densities.
-    """
-    count = round(min(len(records), max(SHORTEST, piece / step)))
-    window = np.hanning(count + 2)[1:-1].reshape(-1, *[1] * (records.ndim - 1))
-    parts = []
-    for start in range(0, len(records) - count + 1, max(1, count // 2)):
-        part = records[start : start + count].astype(np.float64)
-        parts.append(np.fft.rfft((part - part.mean(axis=0)) * window, axis=0))
-    scale = np.full(count // 2 + 1, 2 * step / (window**2).sum())
-    if count % 2 == 0:
-        scale[-1] /= 2  # the Nyquist frequency has no mirror image
-    transforms = np.stack(parts) * np.sqrt(scale).reshape(-1, *[1] * (records.ndim - 1))
-    return np.fft.rfftfreq(count, step)[1:], transforms[:, 1:]
-
-
-def spectrum(records: np.ndarray, step: float, piece: float) -> tuple[np.ndarray, np.ndarray]:
-    """One-sided spectral density of records (T, P), mean over P and over segments; arguments as of `segments`.
+        beside: the other records, (T, P).
 
     Returns:
         Frequencies (F,) above 0, Hz, and density (F,), 1/Hz times the records' unit squared.
     """
-    frequency, transforms = segments(records, step, piece)
-    return frequency, (np.abs(transforms) ** 2).mean(axis=(0, 2))
+    count = round(min(len(records), max(SHORTEST, piece / step)))
+    window = np.hanning(count + 2)[1:-1]
+    found = [
+        style.mlab.csd(one, other, count, 1 / step, style.mlab.detrend_mean, window, count - max(1, count // 2))
+        for one, other in zip(records.T, (records if beside is None else beside).T, strict=True)
+    ]
+    density = np.mean([each for each, _ in found], axis=0)[1:]
+    return found[0][1][1:], density.real if beside is None else density
 
 
 def measured(records: np.ndarray, step: float, piece: float) -> Waves:
@@ -278,16 +269,15 @@ def measured(records: np.ndarray, step: float, piece: float) -> Waves:
     The spread is that of a buoy that heaves, pitches and rolls (Longuet-Higgins, Cartwright & Smith 1963): from the
     first moments of the direction in each frequency, weighted by its energy.
     """
-    frequency, transforms = segments(records, step, piece)
-    heave, slopes = transforms[..., 0], transforms[..., 1:]
-    density = (np.abs(heave) ** 2).mean(axis=(0, 2))
-    steepness = (np.abs(slopes) ** 2).sum(-1).mean(axis=(0, 2))
-    moment = -np.imag(slopes * heave[..., None].conj()).mean(axis=(0, 2))  # (F, 2)
+    heave, *slopes = np.moveaxis(records, -1, 0)
+    frequency, density = spectrum(heave, step, piece)
+    steepness = sum(spectrum(slope, step, piece)[1] for slope in slopes)
+    moment = np.array([-spectrum(heave, step, piece, slope)[1].imag for slope in slopes])  # (2, F)
     share = np.sqrt(density / np.maximum(steepness, 1e-30))
-    length = np.hypot(*(moment * share[:, None]).sum(0)) / density.sum()
+    length = np.hypot(*(moment * share).sum(1)) / density.sum()
     peak = slice(max(int(density.argmax()) - 1, 0), int(density.argmax()) + 2)
     period = density[peak].sum() / (density[peak] * frequency[peak]).sum()
-    return Waves(4 * float(records[..., 0].std()), float(period), math.sqrt(2 * max(0.0, 1 - float(length))))
+    return Waves(4 * float(heave.std()), float(period), math.sqrt(2 * max(0.0, 1 - float(length))))
 
 
 def wanted(systems: Sequence[System]) -> Waves:

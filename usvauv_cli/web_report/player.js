@@ -10,7 +10,7 @@
   });
   const [width, length] = data.area;
 
-  // An array as `player.py` writes it: its shape, and its values one after another.
+  // An array as `episodes.py` writes it: its shape, and its values one after another.
   function decoded(array) {
     const text = atob(array.data), bytes = new Uint8Array(text.length);
     for (let i = 0; i < text.length; i++) bytes[i] = text.charCodeAt(i);

@@ -64,6 +64,7 @@ _import_matplotlib()
 
 # The names are for others too.
 import matplotlib  # noqa: E402
+from matplotlib import mlab  # noqa: E402, F401
 from matplotlib.axes import Axes  # noqa: E402
 from matplotlib.axis import Axis  # noqa: E402
 from matplotlib.cm import ScalarMappable  # noqa: E402, F401
