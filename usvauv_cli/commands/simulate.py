@@ -80,10 +80,12 @@ def simulate(
     setting = Scenario.load(scenario, overrides or ())
     out = out or Path(f"usvauv-{setting.name}.mp4")
     video = options.checked_video(context, out)
-    options.check_follow(video, setting)
     if trace:
         options.writable(context, trace, "--trace", (".nc",))
     options.at_least("--duration", 1.0 if duration is None else duration, 0.1)
+    step = setting.mission.step
+    steps = max(1, round(duration / step)) if duration else setting.mission.steps
+    options.check_shown(video, steps * step, setting)
     steering = policy or policies.default(setting)
     runs: list[Run] = [(steering, usv, targets)]
     if compare and compare.startswith("usv="):
@@ -102,14 +104,14 @@ def simulate(
     options.preparing(setting, arch)
     recorded, problem = [], None
     for run in runs:
-        shown, problem = simulated(run, setting, seed, duration, arch)
+        shown, problem = simulated(run, setting, seed, steps, arch)
         recorded.append(shown)
         if problem:
             break
+    if trace:
+        recorded[0].save(trace)  # now, so that it is there whatever becomes of the video
     with terminal.progress("drawing", len(video.moments(recorded))) as advance:
         written = video.write(recorded, advance)
-    if trace:
-        recorded[0].save(trace)
     for each in recorded:
         mission_summary(episode_metrics(each)[0], each)
     typer.echo(f"{'picture' if out.suffix.lower() == '.png' else 'video'}: {out.resolve()}")
@@ -121,9 +123,7 @@ def simulate(
         raise problem  # what was written shows the steps before
 
 
-def simulated(
-    run: Run, scenario: Scenario, seed: int, duration: float | None, arch: str
-) -> tuple[Trace, Diverged | None]:
+def simulated(run: Run, scenario: Scenario, seed: int, steps: int, arch: str) -> tuple[Trace, Diverged | None]:
     """The record of a mission on a finely resolved sea, and what ended it before its time."""
     from usvauv import policies
     from usvauv.env import World
@@ -133,7 +133,6 @@ def simulated(
     policy, usv, targets = run
     world = World(scenario.with_targets(targets), 1, seed, usv, fine_sea=True, arch=arch)
     act = policies.acting(policy, world)
-    steps = max(1, round(duration / world.scenario.mission.step)) if duration else world.steps
     with terminal.progress("simulating", steps) as advance:
         try:
             return record(world, act, policy, steps=steps, surface=True, on_step=lambda _: advance(1)), None
@@ -209,7 +208,8 @@ def replay(
         geojson.write(out, features)
         typer.echo(f"{counted(len(features), 'feature')}: {out.resolve()}")
         return
-    options.check_follow(video, *(trace.scenario for trace in recorded))
+    length = min(float(trace.time[-1]) for trace in recorded)
+    options.check_shown(video, length, *(trace.scenario for trace in recorded))
     with terminal.progress("drawing", len(video.moments(recorded))) as advance:
         summary = video.write(recorded, advance)
     typer.echo(f"{counted(summary.frames, 'frame')}: {summary.path.resolve()}")

@@ -10,7 +10,7 @@ import typer
 
 from usvauv.cli.commands import options
 from usvauv.cli.terminal import duration
-from usvauv.kernels.errors import UserError
+from usvauv.kernels.errors import UserError, choices
 
 Ray = Annotated[
     str | None,
@@ -92,7 +92,7 @@ def reproduce(
     `usvauv reproduce table2 --out full`
     """
     from usvauv.cli.commands.inspect import show
-    from usvauv.cli.reproduction.page import listed, reproduce
+    from usvauv.cli.reproduction.page import TARGETS, listed, reproduce
     from usvauv.cli.reproduction.paper import FULL, QUICK
     from usvauv.cli.sweep.perform import engine
     from usvauv.cli.sweep.study import Resources
@@ -110,6 +110,8 @@ def reproduce(
         ]
         show("Targets of `usvauv reproduce TARGET --out FOLDER`:", rows)
         return
+    if target not in TARGETS:
+        raise UserError(f"TARGET {target!r}: {choices(target, TARGETS)}")
     if out is None:
         raise UserError("--out: needed, the folder of the results")
     options.make_folder(out)

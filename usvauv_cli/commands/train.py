@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import ExitStack, nullcontext
 from dataclasses import replace
 from functools import partial
@@ -92,6 +92,7 @@ def train(
     from usvauv.env import Scenario, World
     from usvauv.env.record.metrics import mean_figures
     from usvauv.env.storage.files import inside, locked
+    from usvauv.env.world.boat_strategies import StrategyChoice
     from usvauv.kernels import runtime
     from usvauv.policies.checkpoint import LAST, clean, path_of, provenance
     from usvauv.policies.training.figures import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET, check_log
@@ -114,6 +115,7 @@ def train(
                 )
             setting = Scenario.load(scenario, overrides or ()).with_targets(targets)
             options.check_regime(setting)
+            StrategyChoice.parse(usv, setting)
             config = policies.TrainingConfig.of(
                 setting, algorithm=algorithm, num_worlds=worlds, seed=seed, shared=shared
             )
@@ -196,7 +198,14 @@ def train(
             title += f", seeds {', '.join(str(run.config.seed) for run in trainers)}"
         shown = training_table.training(baseline, config.algorithm, title)
         with shown if ranks.leads else nullcontext(lambda figures: None) as show:
-            trainer.train(total, partial(_show, show, trainer))
+
+            def watch(figures: dict | list[dict]) -> None:
+                try:
+                    show(training_table.of_seeds(figures) if isinstance(figures, list) else figures)
+                except Interrupted as closed:  # the reader of standard output has gone
+                    trainer.interruption.ask(closed.signum)
+
+            trainer.train(total, watch)
         if ranks.leads:
             if trainer.stopped:
                 again = "".join(f" --plugin {file}" for file in plugins or ())
@@ -240,14 +249,3 @@ def _beside(worlds: World, baseline: Sequence[float], policy: LearnedPolicy) -> 
     margins = [row.arps - score for row, score in zip(rows, baseline, strict=True)]
     mean, half, _ = interval(margins, worlds.scenario.random_seas)
     return mean_figures(rows) | {"margin": mean} | ({"margin_half": half} if math.isfinite(half) else {})
-
-
-def _show(show: Callable[[dict], None], trainer: Trainer | Seeds, figures: dict | list[dict]) -> None:
-    """Show figures; stop and save when the reader of standard output has gone."""
-
-    from usvauv.cli.commands import training_table
-
-    try:
-        show(training_table.of_seeds(figures) if isinstance(figures, list) else figures)
-    except Interrupted as closed:
-        trainer.interruption.ask(closed.signum)
