@@ -19,7 +19,6 @@ import signal
 import sys
 import threading
 import unicodedata
-from importlib import metadata
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from usvauv.kernels.errors import TRACEBACK, UserError
@@ -163,6 +162,8 @@ def parser() -> typer.Typer:
 
     def print_version(wanted: bool) -> None:
         if wanted:
+            from importlib import metadata
+
             typer.echo(f"usvauv {metadata.version('usvauv')}")
             raise typer.Exit
 

@@ -52,13 +52,6 @@ class LevelSurface(SeaSurface):
         return super().relief(field - np.float32(self.level))
 
 
-def heading(site: Site) -> float:
-    """Direction of the waves, rad from east towards north: the wind sea's mean, else inwards from the forced edge."""
-    if systems := wave_systems(site):
-        return systems[0].direction
-    return INWARDS.get(site.scenario.sea.forced_edge, 0.0)
-
-
 class Section:
     """The line along the waves from A to B, A in the west, or in the south of a line from south to north.
 
@@ -69,7 +62,9 @@ class Section:
     """
 
     def __init__(self, site: Site) -> None:
-        area, angle = site.scenario.area, heading(site)
+        area, systems = site.scenario.area, wave_systems(site)
+        # The mean of the wind sea, else inwards from the forced edge; rad from east towards north.
+        angle = systems[0].direction if systems else INWARDS.get(site.scenario.sea.forced_edge, 0.0)
         self._size = np.array([area.width, area.length])
         self.direction = direction = np.array([math.cos(angle), math.sin(angle)])
         if round(direction[0], 6) < 0 or (round(direction[0], 6) == 0 and direction[1] < 0):

@@ -89,17 +89,10 @@ class Block:
         """
         south, east = field[0].astype(float), field[:, -1].astype(float)
         x, y = (np.linspace(-half, half, len(edge)) for half, edge in zip(self._half, (south, east), strict=True))
+        card = self._layout.theme.card
         sides = (
-            (
-                np.stack([x, np.full_like(x, -self._half[1])], 1),
-                south,
-                style.mix(style.SEA[2], self._layout.theme.card, 0.35),
-            ),
-            (
-                np.stack([np.full_like(y, self._half[0]), y], 1),
-                east,
-                style.mix(style.SEA[1], self._layout.theme.card, 0.25),
-            ),
+            (np.stack([x, np.full_like(x, -self._half[1])], 1), south, style.mix(style.SEA[2], card, 0.35)),
+            (np.stack([np.full_like(y, self._half[0]), y], 1), east, style.mix(style.SEA[1], card, 0.25)),
         )
         for points, level, colour in sides:
             top, bottom = self._project(points, level), self._project(points[[-1, 0]], self._base)
@@ -136,26 +129,19 @@ class Block:
         region[:] = (region + (colours - region.astype(np.float32)) * cover + 0.5).astype(np.uint8)
 
     def _write_dimensions(self, picture: np.ndarray) -> None:
-        unit, size = self._layout.unit, 11 * self._layout.unit
+        unit, size, muted = self._layout.unit, 11 * self._layout.unit, self._layout.theme.muted
         (a, b), base = self._half, self._base
         (south_x, south_y), (east_x, east_y) = self._project(np.array([(0.0, -b), (a, 0.0)]), base)
-        write(
-            picture,
-            f"{2 * a:g} m",
-            (south_x - 8 * unit, south_y + 15 * unit),
-            size,
-            self._layout.theme.muted,
-            anchor="right",
-        )
-        write(picture, f"{2 * b:g} m", (east_x + 8 * unit, east_y + 15 * unit), size, self._layout.theme.muted)
+        write(picture, f"{2 * a:g} m", (south_x - 8 * unit, south_y + 15 * unit), size, muted, anchor="right")
+        write(picture, f"{2 * b:g} m", (east_x + 8 * unit, east_y + 15 * unit), size, muted)
         height = nice(self._reach)
         (x, foot), (_, head) = self._project(np.array([(-a, -b)] * 2), np.array([base, base + height]))
         if foot - head < 5 * unit:  # too short for a scale
             return
         ends = np.array([(x - 6 * unit, foot), (x - 9 * unit, foot), (x - 9 * unit, head), (x - 6 * unit, head)])
-        shapes.stroke(picture, ends, self._layout.theme.muted, self._layout.px(1.3))
+        shapes.stroke(picture, ends, muted, self._layout.px(1.3))
         middle = x - 14 * unit, (foot + head) / 2 + 4 * unit
-        write(picture, f"{height:g} m", middle, size, self._layout.theme.muted, anchor="right")
+        write(picture, f"{height:g} m", middle, size, muted, anchor="right")
 
 
 class SeaPainter:

@@ -287,24 +287,10 @@ def draw_learning(tasks: Mapping[str, Mapping[str, Curve]], methods: Mapping[str
 def _rows(axes: Axes, rows: Sequence[tuple[int, Values]]) -> None:
     """A point with its interval in each row, of method number i."""
     for place, (i, about) in enumerate(rows):
+        ink, ends = document.colour(i), [about["low"], about["high"]]
         if about["low"] is not None:
-            axes.plot(
-                [about["low"], about["high"]],
-                [-place, -place],
-                color=document.colour(i),
-                lw=1.2,
-                solid_capstyle="butt",
-            )
-        axes.plot(
-            about["value"],
-            -place,
-            document.marker(i),
-            color=document.colour(i),
-            ms=4.5,
-            mec=document.INK,
-            mew=0.6,
-            zorder=5,
-        )
+            axes.plot(ends, [-place, -place], color=ink, lw=1.2, solid_capstyle="butt")
+        axes.plot(about["value"], -place, document.marker(i), color=ink, ms=4.5, mec=document.INK, mew=0.6, zorder=5)
     document.style_axes(axes)
     axes.set_yticks([])
     axes.set_ylim(0.6 - len(rows), 0.6)
