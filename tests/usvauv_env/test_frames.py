@@ -14,7 +14,7 @@ from usvauv.env import Scenario
 from usvauv.env.record.metrics import episode_metrics
 from usvauv.env.render import style
 from usvauv.env.render.frames import frames_of
-from usvauv.env.render.layout import Sheet
+from usvauv.env.render.layout import Arrangement
 from usvauv.env.render.mission import Playback, error_axes
 from usvauv.env.render.sea import elevation_limit
 from usvauv.env.render.style import CATEGORICAL, CATEGORICAL_ON_WHITE, web
@@ -44,8 +44,8 @@ class TestFrames:
     @pytest.mark.parametrize("area", [(200.0, 200.0), (2000.0, 200.0), (50.0, 1000.0)])
     def test_any_size_and_area_is_divided_into_boxes_that_keep_apart(self, view, traces, size, area):
         names = ["SDR, Mbit/s", "EC, W", "services", "delivered, Mbit", "full nodes"]
-        sheet = Sheet.of(size, Area(width=area[0], length=area[1]), names)
-        boxes = sheet.boxes(view, dives=True) if traces == 1 else sheet.compared()
+        arrangement = Arrangement(size, Area(width=area[0], length=area[1]), names)
+        boxes = arrangement.boxes(view, dives=True) if traces == 1 else arrangement.compared()
         for box in boxes.values():
             assert min(box.left, box.top) >= 0
             assert min(box.width, box.height) >= 5

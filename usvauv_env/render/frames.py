@@ -14,10 +14,10 @@ from usvauv.env.record.trace import Trace
 from usvauv.env.render import shapes, style
 from usvauv.env.render.layout import (
     AXES,
+    Arrangement,
     Head,
     Layout,
     Rectangle,
-    Sheet,
     draw_card,
     fitting,
     within_margins,
@@ -165,10 +165,10 @@ class MissionFrames(Frames):
         (play,) = plays
         trace = play.trace
         scenario, names = trace.scenario, [name for name, _, _ in play.figures(0)]
-        sheet = Sheet.of(size, scenario.area, names)
-        boxes, still = sheet.boxes(view, trace.auv_depth.size > 0), self._still
-        left = max(0, boxes["map"].left - round(AXES[0] * sheet.unit)) if "map" in boxes else 0
-        self.layout = layout = Layout(*size, sheet.unit, boxes, theme, left)
+        arrangement = Arrangement(size, scenario.area, names)
+        boxes, still = arrangement.boxes(view, trace.auv_depth.size > 0), self._still
+        left = max(0, boxes["map"].left - round(AXES[0] * arrangement.unit)) if "map" in boxes else 0
+        self.layout = layout = Layout(*size, arrangement.unit, boxes, theme, left)
         for name in boxes.keys() & {"reward", "fixes", "errors", "section", "depth"}:
             draw_card(still, boxes[name], layout)
         if "map" in boxes:
@@ -318,9 +318,9 @@ class ComparisonFrames(Frames):
         sides = [(trace.scenario.area.width, trace.scenario.area.length) for trace in traces]
         width, length = map(max, *sides)
         area = first.scenario.area.model_copy(update={"width": width, "length": length})
-        sheet = Sheet.of(size, area, self._names)
-        boxes = sheet.compared()
-        self.layout = layout = Layout(*size, sheet.unit, boxes, theme)
+        arrangement = Arrangement(size, area, self._names)
+        boxes = arrangement.compared()
+        self.layout = layout = Layout(*size, arrangement.unit, boxes, theme)
         limit = max(elevation_limit(trace.surface) for trace in traces)
         self.maps = [self._map(side, boxes[name], limit, area, follow) for side, name in enumerate(("first", "second"))]
         self._parts += self.maps

@@ -158,25 +158,16 @@ class Room(NamedTuple):
 Rooms = dict[str, Room]
 
 
-class Sheet(NamedTuple):
-    """Divides a frame.
+class Arrangement:
+    """Divides a frame of a width and height in pixels; `area` is that of the map, `names` are those in tiles.
 
     Attributes:
-        frame: within its margins. unit: pixels of the frame to one of the design. area: of the map.
-        names: of the figures in tiles.
+        frame: within its margins. unit: pixels of the frame to one of the design.
     """
 
-    frame: Room
-    unit: float
-    area: Area
-    names: Sequence[str]
-
-    @classmethod
-    def of(cls, size: tuple[int, int], area: Area, names: Sequence[str]) -> Sheet:
-        """For a frame of a width and height in pixels."""
-        unit = design_unit(*size)
-        width, height = (side / unit - 2 * MARGIN for side in size)
-        return cls(Room(MARGIN, MARGIN, width, height), unit, area, names)
+    def __init__(self, size: tuple[int, int], area: Area, names: Sequence[str]) -> None:
+        self.area, self.names, self.unit = area, names, design_unit(*size)
+        self.frame = Room(MARGIN, MARGIN, *(side / self.unit - 2 * MARGIN for side in size))
 
     def boxes(self, view: str, dives: bool) -> dict[str, Rectangle]:
         """The boxes of a view in pixels of the frame, by name; around a map those that make it about the largest.
