@@ -278,6 +278,18 @@ def as_it_heads(worlds: ti.template(), pose: ArrayPose, covariance: vec3) -> vec
 
 
 @func
+def with_turns(phase: vec2, m, n) -> vec2:
+    """Phase differences (rad) with m and n whole turns more."""
+    return phase + 2.0 * math.pi * vec2(m, n)
+
+
+@func
+def may_lack(phase: vec2, m, n, odd: ti.i32, kappa) -> bool:
+    """Whether phase differences (rad) can lack m and n turns: as many as `odd` says, and with them of a direction."""
+    return ((m + n) & 1) == odd and with_turns(phase, m, n).norm_sqr() <= kappa * kappa
+
+
+@func
 def whole_turns(worlds: ti.template(), signal: Signal, length, pose: ArrayPose, expected: Expectation, w, k):
     """Phase differences of a signal of AUV k with the turns that they most probably lack, and 1 where others are near.
 
@@ -288,25 +300,34 @@ def whole_turns(worlds: ti.template(), signal: Signal, length, pose: ArrayPose, 
     most = usbl.most_turns(link, k, length)
     kappa = length * link[k, acoustic_link.KAPPA]
     phase = signal.phase
-    best = usbl.NO_CANDIDATE
-    second = usbl.NO_CANDIDATE
+    possible = 0
     for m in range(-most, most + 1):
         for n in range(-most, most + 1):
-            candidate = signal.phase + 2.0 * math.pi * vec2(m, n)
-            if ((m + n) & 1) == odd and candidate.norm_sqr() <= kappa * kappa:
-                found = usbl.located(link, k, candidate, candidate, signal.amplitude, pose.measured, length)
-                offset = place_heard(worlds, pose, w, found.vector, signal.slant_range)
-                loss = acoustic_link.further_loss(link, k, offset, pose.effort)
-                sigma = acoustic_link.phase_deviation(link, k, offset.norm(), loss)
-                covariance = covariance_at(worlds, pose, k, offset)
-                cost = usbl.candidate_cost(link, k, expected, offset, covariance, sigma)
-                if cost < best:
-                    second = best
-                    best = cost
-                    phase = candidate
-                elif cost < second:
-                    second = cost
-    return phase, ti.cast(second - best < usbl.GATE, ti.i32)
+            if may_lack(signal.phase, m, n, odd, kappa):
+                possible += 1
+                phase = with_turns(signal.phase, m, n)
+    ambiguous = ti.cast(possible == 0, ti.i32)
+    if possible > 1:
+        best = usbl.NO_CANDIDATE
+        second = usbl.NO_CANDIDATE
+        for m in range(-most, most + 1):
+            for n in range(-most, most + 1):
+                if may_lack(signal.phase, m, n, odd, kappa):
+                    candidate = with_turns(signal.phase, m, n)
+                    found = usbl.located(link, k, candidate, candidate, signal.amplitude, pose.measured, length)
+                    offset = place_heard(worlds, pose, w, found.vector, signal.slant_range)
+                    loss = acoustic_link.further_loss(link, k, offset, pose.effort)
+                    sigma = acoustic_link.phase_deviation(link, k, offset.norm(), loss)
+                    covariance = covariance_at(worlds, pose, k, offset)
+                    cost = usbl.candidate_cost(link, k, expected, offset, covariance, sigma)
+                    if cost < best:
+                        second = best
+                        best = cost
+                        phase = candidate
+                    elif cost < second:
+                        second = cost
+        ambiguous = ti.cast(second - best < usbl.GATE, ti.i32)
+    return phase, ambiguous
 
 
 @func
