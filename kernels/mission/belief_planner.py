@@ -106,7 +106,7 @@ def fixed(s: vec3, r) -> vec3:
 
 @func
 def own_uncertainty(worlds: ti.template(), w, k) -> vec3:
-    """(a, b, c) of AUV k's own filter at present, as the boat reckons it."""
+    """(a, b, c) of the errors of AUV k's own position and current at present."""
     track = ti.static(worlds.track)
     s = vec3(0.0, 0.0, 0.0)
     s[0] = 0.5 * (track[w, k, tracker.XX] + track[w, k, tracker.YY])

@@ -337,7 +337,7 @@ def answer(worlds: ti.template(), w, k):
             moved = worlds.auv[w, k, AuvColumn.moved_x + axis]
             exchange[w, k, ExchangeColumn.sent_x + axis] = worlds.auv[w, k, AuvColumn.x + axis] - share * moved
         if ti.static(worlds.program.sensor != Sensor.none):
-            motion.receive_filter(worlds, w, k)
+            motion.receive_state(worlds, w, k)
             motion.write_reply(worlds, w, k, age)
 
 

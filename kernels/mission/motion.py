@@ -2,8 +2,8 @@
 
 **Dead reckoning.** An AUV adds up displacements: over ground by a Doppler velocity log, or through the water. Its
 velocity has a white error and a bias, a Gauss–Markov process, of log and compass together. A reply carries the
-displacement since the last reply that the boat has heard, an interrogation the boat's filter as of that reply. Of
-displacements and fixes there are two filters:
+displacement since the last reply that the boat has heard, an interrogation the state of the boat's filter as of that
+reply. So
 
 - the boat's filter (`track`) is at the time of the last reply heard. A new reply moves it by the displacement that it
   carries; then its fix updates it. In between the boat takes the AUV's velocity as a Gauss–Markov process of the
@@ -11,9 +11,11 @@ displacements and fixes there are two filters:
 
       x̂ = x + v τ (1 − e^{−t/τ}),   variance of its error s² τ² (2t/τ − 3 + 4 e^{−t/τ} − e^{−2t/τ});
 
-- the AUV's filter (`own`) is the boat's of the last interrogation heard, moved on by what the AUV has measured since.
+- the AUV's own position and current (`own`) are that state in the last interrogation heard, moved on by what the AUV
+  has measured since.
 
-Both are filters of `usvauv.kernels.positioning.tracker`, whose current here is the water's, or the log's bias reversed.
+The filter is one of `usvauv.kernels.positioning.tracker`, whose current here is the water's, or the log's bias
+reversed.
 
 Source: Gelb, "Applied Optimal Estimation" (1974), §3.6 and §4.5, for integrated Gauss–Markov processes.
 """
@@ -276,7 +278,7 @@ def clear_last_step(worlds: ti.template(), w, k):
 
 @func
 def own_position(worlds: ti.template(), w, k) -> vec2:
-    """Where AUV k takes itself to be, m: by its own filter, or where it has none as the boat has it."""
+    """Where AUV k takes itself to be, m: by dead reckoning, or without it as the boat has it."""
     found = vec2(worlds.estimate[w, k, EstimateColumn.x], worlds.estimate[w, k, EstimateColumn.y])
     if ti.static(worlds.program.sensor != Sensor.none):
         found = vec2(worlds.own[w, k, tracker.X], worlds.own[w, k, tracker.Y])
@@ -284,22 +286,29 @@ def own_position(worlds: ti.template(), w, k) -> vec2:
 
 
 @func
-def begin_filter(worlds: ti.template(), track: ti.template(), w, k):
-    """Begin a filter at the estimate of AUV k, in an unknown current."""
+def begin_filter(worlds: ti.template(), w, k):
+    """Begin the boat's filter of AUV k at the estimate of it, in an unknown current."""
     estimate = ti.static(worlds.estimate)
     covariance = vec3(0.0)
     for c in ti.static(range(3)):
         covariance[c] = estimate[w, k, EstimateColumn.covariance_xx + c]
     x = estimate[w, k, EstimateColumn.x]
     y = estimate[w, k, EstimateColumn.y]
-    tracker.begin(track, w, k, x, y, covariance, worlds.p[Parameter.current_variance])
+    tracker.begin(worlds.track, w, k, x, y, covariance, worlds.p[Parameter.current_variance])
+
+
+@func
+def copy_state(worlds: ti.template(), w, k):
+    """AUV k takes the state of the boat's filter."""
+    for c in ti.static(range(tracker.STATE)):
+        worlds.own[w, k, c] = worlds.track[w, k, c]
 
 
 @func
 def begin_reckoning(worlds: ti.template(), w, k):
-    """Begin both filters where AUV k is deployed."""
-    begin_filter(worlds, worlds.track, w, k)
-    begin_filter(worlds, worlds.own, w, k)
+    """Begin to reckon where AUV k is deployed."""
+    begin_filter(worlds, w, k)
+    copy_state(worlds, w, k)
     noise = normals(worlds, w, Draw.navigation, k)
     for c in ti.static(range(len(ExchangeColumn.names))):
         worlds.exchange[w, k, c] = 0.0
@@ -315,23 +324,34 @@ def gnss_change(worlds: ti.template(), time) -> ti.f32:
 
 
 @func
-def move_filter(worlds: ti.template(), track: ti.template(), w, k, way: vec3, time):
-    """Move a filter by a displacement (m) measured in some time (s); `way[2]` is the part of it with the current.
+def move_filter(worlds: ti.template(), w, k, way: vec3, time):
+    """Move the boat's filter by a displacement (m) measured in some time (s), `way[2]` of it with the current.
 
     It follows the positions that fixes without noise would show, which change with the error of the boat's own.
     """
     p = ti.static(worlds.p)
     variance = p[Parameter.current_variance]
     tau = p[Parameter.correlation_time]
-    tracker.drift(track, w, k, vec2(way[0], way[1]), way[2], variance, tau)
-    tracker.spread(track, w, k, p[Parameter.velocity_walk] * way[2] + gnss_change(worlds, time))
+    tracker.drift(worlds.track, w, k, vec2(way[0], way[1]), way[2], variance, tau)
+    tracker.spread(worlds.track, w, k, p[Parameter.velocity_walk] * way[2] + gnss_change(worlds, time))
     if time != way[2]:
-        tracker.renew(track, w, k, time - way[2], variance, tau)
+        tracker.renew(worlds.track, w, k, time - way[2], variance, tau)
+
+
+@func
+def move_own(worlds: ti.template(), w, k, way: vec3, time):
+    """Move what AUV k has of the state, as `move_filter` does."""
+    tau = worlds.p[Parameter.correlation_time]
+    tracker.drift_state(worlds.own, w, k, vec2(way[0], way[1]), tracker.decayed(way[2] / tau)[0], tau)
+    if time != way[2]:
+        rho = ti.exp(-(time - way[2]) / tau)
+        for c in ti.static((tracker.CURRENT_X, tracker.CURRENT_Y)):
+            worlds.own[w, k, c] = rho * worlds.own[w, k, c]
 
 
 @func
 def reckon(worlds: ti.template(), w, k):
-    """Measure the displacement of AUV k in the step it has made, and move its own filter by it."""
+    """Measure the displacement of AUV k in the step it has made, and reckon on."""
     p = ti.static(worlds.p)
     auv = ti.static(worlds.auv)
     exchange = ti.static(worlds.exchange)
@@ -355,21 +375,20 @@ def reckon(worlds: ti.template(), w, k):
     exchange[w, k, ExchangeColumn.adrift] = exchange[w, k, ExchangeColumn.adrift] + adrift
     exchange[w, k, ExchangeColumn.elapsed] = exchange[w, k, ExchangeColumn.elapsed] + step
     way = vec3(exchange[w, k, ExchangeColumn.step_x], exchange[w, k, ExchangeColumn.step_y], adrift)
-    move_filter(worlds, worlds.own, w, k, way, step)
+    move_own(worlds, w, k, way, step)
 
 
 @func
-def receive_filter(worlds: ti.template(), w, k):
-    """AUV k takes the boat's filter from an interrogation, and moves it on by what it has measured since."""
+def receive_state(worlds: ti.template(), w, k):
+    """AUV k takes the filter's state from an interrogation, and moves it on by what it has measured since."""
     exchange = ti.static(worlds.exchange)
-    for c in ti.static(range(tracker.COLUMNS)):
-        worlds.own[w, k, c] = worlds.track[w, k, c]
+    copy_state(worlds, w, k)
     way = vec3(
         exchange[w, k, ExchangeColumn.way_x],
         exchange[w, k, ExchangeColumn.way_y],
         exchange[w, k, ExchangeColumn.adrift],
     )
-    move_filter(worlds, worlds.own, w, k, way, exchange[w, k, ExchangeColumn.elapsed])
+    move_own(worlds, w, k, way, exchange[w, k, ExchangeColumn.elapsed])
 
 
 @func
@@ -396,7 +415,7 @@ def read_reply(worlds: ti.template(), w, k):
         exchange[w, k, ExchangeColumn.sent_way_y],
         exchange[w, k, ExchangeColumn.sent_adrift],
     )
-    move_filter(worlds, worlds.track, w, k, way, exchange[w, k, ExchangeColumn.sent_elapsed])
+    move_filter(worlds, w, k, way, exchange[w, k, ExchangeColumn.sent_elapsed])
     rejected = worlds.track[w, k, tracker.REJECTED_AGE]
     worlds.track[w, k, tracker.REJECTED_AGE] = rejected + exchange[w, k, ExchangeColumn.sent_elapsed]
     for c in ti.static(range(3)):

@@ -157,7 +157,7 @@ def begin_episode(worlds: ti.template(), w):
             if boat_motion.serves(worlds, w, b, k):
                 fixes.begin_estimate(worlds, pose, w, k)
                 if ti.static(worlds.program.tracker):
-                    motion.begin_filter(worlds, worlds.track, w, k)
+                    motion.begin_filter(worlds, w, k)
                 if ti.static(worlds.program.sensor != Sensor.none):
                     motion.begin_reckoning(worlds, w, k)
                 if ti.static(worlds.program.schedule == Schedule.every_step):

@@ -177,7 +177,12 @@ STATE = {
     "track": Array(
         "WK", "the boats' filters, `usvauv.kernels.positioning.tracker`", whose="the track of AUV", column_ranges=TRACK
     ),
-    "own": Array("WK", "filters of the AUVs", whose="the own track of AUV", column_ranges=TRACK),
+    "own": Array(
+        "WK",
+        "the state of these filters that each AUV has, and has moved on",
+        whose="the reckoning of AUV",
+        column_ranges=TRACK[: tracker.STATE],
+    ),
     "exchange": Array("WK", "exchanges over the channel", ExchangeColumn, whose="the exchange with AUV"),
     "foresight": Array("WK", "where the boats foresee each AUV", ForesightColumn),
     "belief": Array("WIM", "what is known of the nodes", BeliefColumn, whose="the belief, of all or of AUV"),

@@ -39,6 +39,7 @@ XX, XY, XU, XV, YY, YU, YV, UU, UV, VV = range(4, 14)
 ADRIFT, WATER_X, WATER_Y = range(14, 17)
 REJECTIONS, REJECTED_X, REJECTED_Y, REJECTED_AGE = range(17, 21)
 COLUMNS = 21
+STATE = 4  # columns of the state
 CONFIRMATIONS = 3
 
 
@@ -199,6 +200,15 @@ def decayed(t):
 
 
 @func
+def drift_state(track: ti.template(), w, k, carried: vec2, f, correlation_time):
+    """The state's part of `drift`; f as there."""
+    for axis in ti.static(range(2)):
+        current = track[w, k, CURRENT_X + axis]
+        track[w, k, X + axis] = track[w, k, X + axis] + carried[axis] + correlation_time * f * current
+        track[w, k, CURRENT_X + axis] = (1.0 - f) * current
+
+
+@func
 def drift(track: ti.template(), w, k, carried: vec2, time, variance, correlation_time):
     """Propagate position and current together over a time (s) in which the current changes, to any length exactly.
 
@@ -220,10 +230,8 @@ def drift(track: ti.template(), w, k, carried: vec2, time, variance, correlation
         A[axis, axis] += variance * correlation_time * correlation_time * spreading
         B[axis, axis] += variance * correlation_time * f * f
         C[axis, axis] += variance * f * (2.0 - f)
-        current = track[w, k, CURRENT_X + axis]
-        track[w, k, X + axis] = track[w, k, X + axis] + carried[axis] + reach * current
-        track[w, k, CURRENT_X + axis] = kept * current
     store_covariance(track, w, k, A, B, C)
+    drift_state(track, w, k, carried, f, correlation_time)
 
 
 @func

@@ -381,7 +381,7 @@ class World:
 
     @property
     def own_position(self) -> torch.Tensor:
-        """Where each AUV takes itself to be, (W, K, 2), m: by its own filter, or as the boat has it."""
+        """Where each AUV takes itself to be, (W, K, 2), m: by dead reckoning, or as the boat has it."""
         reckons = self.scenario.navigation.sensor != "none"
         return self.own[..., [tracker.X, tracker.Y]] if reckons else self.estimate[..., EstimateColumn.span("x", "y")]
 

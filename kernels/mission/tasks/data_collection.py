@@ -24,7 +24,7 @@ from usvauv.kernels.mission.worlds import uniforms
 from usvauv.kernels.positioning import sonar
 from usvauv.kernels.types import vec2
 
-GUIDE = 64
+GUIDE = 256
 RATE = 0  # column of the rate; the guide and the cumulative distribution follow
 CUMULATIVE = 1 + GUIDE
 TAIL = 2.0**-26  # probability beyond the end of a table; 1 − 2⁻²⁶ rounds to 1 in single precision
