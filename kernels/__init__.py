@@ -1,7 +1,8 @@
 """Taichi kernels: every loop over cells, vortices, hydrophones and worlds. Arrays in, arrays out.
 
-Rooms: `shallow_water`, `flow`, `positioning`, `planning`, `mission`. For all of them: `runtime` starts Taichi, `launch`
-binds a kernel to its arrays, `types` names arguments and columns, `random` draws, `registry` holds what plugins add to.
+Rooms: `shallow_water`, `flow`, `positioning`, `planning`, `mission`. For all of them: `runtime` starts Taichi,
+`functions` makes kernels and binds them to their arrays, `types` names arguments and columns, `random` draws,
+`registry` holds what plugins add to.
 """
 
 import os

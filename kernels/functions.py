@@ -1,11 +1,21 @@
-"""Taichi functions and kernels of these packages: `func` and `kernel` in place of `ti.func` and `ti.kernel`.
+"""Taichi functions and kernels of these packages: `func` and `kernel` in place of `ti.func` and `ti.kernel`, and
+kernels bound to their arguments.
 
-They do what Taichi's do, with two differences. A kernel runs under the settings of `usvauv.kernels.runtime`, whatever
-other code in the process has given to `ti.init`. And Taichi reads its source in less than half the time, as each
-process has to, also for kernels that were compiled before: nobody looks whether a function is in the body of a class,
-each file is parsed once a kernel, and errors name file and line without an extract of the source. So it is for the
-functions of these packages and of Taichi itself that such a kernel calls. Kernels of others are read as ever, and so
-are their functions, those of plugins among them.
+`func` and `kernel` do what Taichi's do, with two differences. A kernel runs under the settings of
+`usvauv.kernels.runtime`, whatever other code in the process has given to `ti.init`. And Taichi reads its source in less
+than half the time, as each process has to, also for kernels that were compiled before: nobody looks whether a function
+is in the body of a class, each file is parsed once a kernel, and errors name file and line without an extract of the
+source. So it is for the functions of these packages and of Taichi itself that such a kernel calls. Kernels of others
+are read as ever, and so are their functions, those of plugins among them.
+
+Taichi inspects each argument of each call in Python, some 5 µs an array; a mission step has sixty arrays, so a single
+world would spend most of its time there. The arrays of a world stay in place, so their pointers are passed once
+(`Launch`). This uses Taichi's launch context as `taichi.lang.kernel_impl.Kernel.launch_kernel` of the pinned version
+does.
+
+Torch has no Vulkan tensors, so a tensor that a kernel takes lies in the CPU's memory, and Taichi copies it to the
+device and back at each launch. For arrays that kernels alone work on, launch after launch, that is most of the time
+(`DeviceArrays`).
 """
 
 import ast
@@ -13,15 +23,22 @@ import functools
 import gc
 import linecache
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
-from taichi.lang import kernel_impl
+import numpy as np
+import taichi as ti
+import torch
+from taichi.lang import impl, kernel_impl
 from taichi.lang.ast import ASTTransformerContext
 from taichi.lang.enums import AutodiffMode
 
 from usvauv.kernels import runtime
+from usvauv.kernels.types import array1, index1
 
 AS_EVER = kernel_impl._get_tree_and_ctx
+SHAPE = 0  # member of an array argument that holds its shape, as in Taichi's `SHAPE_POS_IN_NDARRAY`
+UNSIGNED = (ti.u8, ti.u16, ti.u32, ti.u64)
 
 
 class _Context(ASTTransformerContext):
@@ -132,3 +149,220 @@ def kernel(function: Callable) -> Callable:
 
     launched.__dict__.update(_is_wrapped_kernel=True, _primal=primal)
     return launched
+
+
+@dataclass(frozen=True)
+class DeviceArray:
+    """Argument of a `Launch` in place of a tensor.
+
+    Attributes:
+        tensor: that it stands for.
+        memory: the device's copy, a flat `ti.ndarray`.
+        owner: keeps both alike.
+    """
+
+    tensor: torch.Tensor
+    memory: Any
+    owner: "DeviceArrays"
+
+    def view(self, *shape: int) -> "DeviceArray":
+        """The same numbers in another shape."""
+        return replace(self, tensor=self.tensor.view(*shape))
+
+
+class DeviceArrays:
+    """Copies of contiguous float32 tensors, all of which the same kernels write, or none.
+
+    A tensor that was written since is sent to the device as a whole before a launch; torch counts the writes of each
+    tensor. What kernels wrote comes back by `fetch` alone. On the CPU and with CUDA the tensors themselves serve, and
+    nothing is copied.
+
+    Args:
+        tensors: to copy; they keep their memory.
+
+    Attributes:
+        arguments: for a `Launch`, as `tensors`.
+    """
+
+    def __init__(self, tensors: Sequence[torch.Tensor]) -> None:
+        self._tensors = tuple(tensors)
+        self.arguments: tuple[Any, ...] = self._tensors
+        self._copied = not runtime.start().shares_memory_with_torch
+        self._ahead = False  # the device's copies
+        if self._copied:
+            copies = [ti.ndarray(ti.f32, tensor.numel()) for tensor in self._tensors]
+            self._written = [-1] * len(copies)
+            self.arguments = tuple(
+                DeviceArray(tensor, memory, self) for tensor, memory in zip(self._tensors, copies, strict=True)
+            )
+
+    def send(self) -> None:
+        """Copy tensors that were written since the last copy to the device."""
+        for index, (tensor, argument) in enumerate(zip(self._tensors, self.arguments, strict=True)):
+            if tensor._version != self._written[index]:
+                argument.memory.from_numpy(tensor.view(-1).numpy())
+                self._written[index] = tensor._version
+
+    def mark_written(self) -> None:
+        """A kernel has written the copies."""
+        self._ahead = True
+
+    def fetch(self) -> None:
+        """Bring the tensors up to date with what kernels wrote, unless they were written since."""
+        if self._ahead and self._written == [tensor._version for tensor in self._tensors]:
+            for tensor, argument in zip(self._tensors, self.arguments, strict=True):
+                tensor.view(-1).copy_(torch.from_numpy(argument.memory.to_numpy()))
+            self._written = [tensor._version for tensor in self._tensors]  # views of one tensor count together
+        self._ahead = False
+
+
+class _Calls:
+    """Takes the calls of a launch context's methods, to make them later, again and again."""
+
+    def __init__(self) -> None:
+        self._calls: list[tuple[str, tuple[Any, ...]]] = []
+
+    def __getattr__(self, name: str) -> Callable[..., None]:
+        return lambda *arguments: self._calls.append((name, arguments))
+
+    def on(self, context: Any) -> Any:
+        """The context, after the calls."""
+        for name, arguments in self._calls:
+            getattr(context, name)(*arguments)
+        return context
+
+
+class Launch:
+    """A kernel with fixed arguments; calling it runs it.
+
+    With CUDA each launch has a context of its own: Taichi puts the address of a copy on the device, freed after the
+    launch, into the context that it launches. Where other code has started Taichi anew since, by `ti.init` or
+    `ti.reset`, the kernel is compiled again.
+
+    Args:
+        kernel: one without return value.
+        arguments: all its arguments by position. Tensors must be contiguous, stay on the kernel's device and keep their
+            memory: they are held, and read and written at each call. A `DeviceArray` is not copied.
+        settings: of Taichi's compiler, see `usvauv.kernels.runtime.settings`.
+
+    Raises:
+        ValueError: a tensor is not contiguous.
+    """
+
+    def __init__(self, kernel: Callable, *arguments: Any, settings: runtime.Settings = runtime.NONE) -> None:
+        self._primal: Any = kernel._primal
+        self._held, self._settings = arguments, settings
+        self._on_device: dict[DeviceArrays, None] = {a.owner: None for a in arguments if isinstance(a, DeviceArray)}
+        self._launched_in: runtime.Runtime | None = None
+        with runtime.settings(settings):
+            self._compile()
+
+    def _compile(self) -> None:
+        self._compiled_in = runtime.start()
+        tensors = (a.tensor if isinstance(a, DeviceArray) else a for a in self._held)
+        made = self._primal.compiled_kernels[self._primal.ensure_compiled(*tensors)]
+        self._calls = _Calls()
+        self._position: dict[int, int] = {}  # among the arguments that are not templates
+        for index, (parameter, value) in enumerate(zip(self._primal.arguments, self._held, strict=True)):
+            if not isinstance(parameter.annotation, ti.template):
+                self._position[index] = len(self._position)
+                self._set(index, parameter.annotation, value)
+        self._new_context = made.make_launch_context
+        self._kept = None if self._compiled_in.arch == "cuda" else self._calls.on(self._new_context())
+        program: Any = impl.get_runtime().prog
+        self._compiled = program.compile_kernel(program.config(), program.get_device_caps(), made)
+        self._launch = program.launch_kernel
+
+    def _set(self, index: int, annotation: Any, value: Any) -> None:
+        position = (self._position[index],)
+        if isinstance(value, torch.Tensor | DeviceArray):
+            tensor = value.tensor if isinstance(value, DeviceArray) else value
+            if not tensor.is_contiguous():
+                raise ValueError(f"argument {index}: the tensor must be contiguous")
+            element = getattr(annotation.dtype, "ndim", 0) if annotation.dtype is not None else 0
+            shape = tuple(tensor.shape[: tensor.ndim - element])
+        if isinstance(value, DeviceArray):
+            self._calls.set_arg_ndarray(position, value.memory.arr)
+            for axis, length in enumerate(shape):  # the memory is flat
+                self._calls.set_arg_int((*position, SHAPE, axis), length)
+        elif isinstance(value, torch.Tensor):
+            size = value.element_size() * value.nelement()
+            self._calls.set_arg_external_array_with_shape(position, value.data_ptr(), size, shape, 0)
+        elif hasattr(annotation, "set_kernel_struct_args"):
+            annotation.set_kernel_struct_args(annotation(*value), self._calls, position)
+        elif isinstance(value, float | np.floating):
+            self._calls.set_arg_float(position, float(value))
+        elif annotation in UNSIGNED:
+            self._calls.set_arg_uint(position, int(value))
+        else:
+            self._calls.set_arg_int(position, int(value))
+
+    def __call__(self) -> None:
+        for arrays in self._on_device:
+            arrays.send()
+        if self._launched_in is runtime.start():
+            self._launch(self._compiled, self._kept or self._calls.on(self._new_context()))
+        else:
+            self._launch_first()
+        for arrays in self._on_device:
+            arrays.mark_written()
+
+    def _launch_first(self) -> None:
+        """Also finish to compile, which Taichi does at the first launch."""
+        with runtime.settings(self._settings):
+            if self._compiled_in is not runtime.start():
+                self._compile()
+            self._launch(self._compiled, self._kept or self._calls.on(self._new_context()))
+        self._launched_in = self._compiled_in
+
+
+@kernel
+def mark_outside(numbers: array1, limit: ti.f32, flag: index1):
+    """Set the flag if one of the numbers is not finite or beyond ±`limit`."""
+    for n in range(numbers.shape[0]):
+        if flag[0] == 0 and not ti.abs(numbers[n]) <= limit:  # what is not read is not sent: `docs/architectures.md`
+            flag[0] = 1
+
+
+class DeviceFlag:
+    """Looks at numbers that kernels write, step after step.
+
+    On a CPU it sees them as they are, and on a device that torch cannot reach a kernel looks at them. With CUDA it sees
+    what a copy brought that an earlier look began, so that nobody waits: what a step writes is seen one step later.
+
+    Args:
+        numbers: to be looked at; they keep their memory.
+        limit: largest magnitude.
+    """
+
+    def __init__(self, numbers: torch.Tensor | DeviceArray, limit: float) -> None:
+        running = runtime.start()
+        self._numbers, self._limit = numbers, limit
+        self._outside = torch.zeros(1, dtype=torch.int32, device=running.device)
+        self._at_once = running.torch_on_host
+        if isinstance(numbers, DeviceArray):
+            self._mark = Launch(mark_outside, numbers.view(-1), limit, self._outside)
+        elif not self._at_once:
+            self._copy = torch.zeros(1, dtype=torch.int32, pin_memory=torch.cuda.is_available())
+            self._seen = self._copy.numpy()
+
+    def forget(self) -> None:
+        """What was seen until now is not reported any more."""
+        self._outside.zero_()
+        if not isinstance(self._numbers, DeviceArray) and not self._at_once:
+            self._copy.copy_(self._outside)
+
+    def raised(self) -> bool:
+        """Whether one of the numbers is not finite or beyond the limit."""
+        if isinstance(self._numbers, DeviceArray):
+            self._outside.zero_()
+            self._mark()
+            runtime.synchronize()
+            return bool(self._outside.item())
+        low, high = torch.aminmax(self._numbers)
+        if self._at_once:
+            return not (low.item() >= -self._limit and high.item() <= self._limit)
+        seen = bool(self._seen[0])
+        self._outside.copy_(~((low >= -self._limit) & (high <= self._limit)))
+        self._copy.copy_(self._outside, non_blocking=True)
+        return seen

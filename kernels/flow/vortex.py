@@ -37,8 +37,7 @@ import torch
 
 from usvauv.kernels import runtime
 from usvauv.kernels.flow.airy import LANES, lanes, total
-from usvauv.kernels.functions import func, kernel
-from usvauv.kernels.launch import Launch
+from usvauv.kernels.functions import Launch, func, kernel
 from usvauv.kernels.types import Columns, array3, array4, columns
 
 PLACES = 8  # places side by side

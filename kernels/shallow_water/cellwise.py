@@ -12,8 +12,7 @@ import taichi as ti
 import torch
 
 from usvauv.kernels import runtime
-from usvauv.kernels.functions import kernel
-from usvauv.kernels.launch import DeviceArray, Launch
+from usvauv.kernels.functions import DeviceArray, Launch, kernel
 from usvauv.kernels.shallow_water.boundaries import EAST, NORTH, SOUTH, WEST, BasinBoundaries
 from usvauv.kernels.shallow_water.discretisation import LANES, Packing
 from usvauv.kernels.shallow_water.wavefront import LinearBasin, Options, elevation_outside

@@ -7,8 +7,7 @@ import taichi as ti
 import torch
 
 from usvauv.kernels import runtime
-from usvauv.kernels.functions import kernel
-from usvauv.kernels.launch import DeviceArray, Launch
+from usvauv.kernels.functions import DeviceArray, Launch, kernel
 from usvauv.kernels.shallow_water.discretisation import LANES, Packing, vector, vectors
 from usvauv.kernels.trigonometry import half_sine
 

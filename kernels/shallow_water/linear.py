@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from usvauv.kernels import runtime
-from usvauv.kernels.launch import DeviceArrays, Launch
+from usvauv.kernels.functions import DeviceArrays, Launch
 from usvauv.kernels.shallow_water.boundaries import GEOMETRY, BasinBoundaries, Boundary, Side
 from usvauv.kernels.shallow_water.cellwise import CellwiseBackend
 from usvauv.kernels.shallow_water.discretisation import LANES, Discretisation, Packing
@@ -61,7 +61,7 @@ class ShallowWater:
         limit: largest stable substep 1/√(g h_max (1/Δx² + 1/Δy²)), s.
         substeps, time_step: substeps of an interval, and their length Δt ≤ 0.95 limit, s.
         boundaries: kinds of the four sides.
-        fields: packed η, U and V, as arguments of a `usvauv.kernels.launch.Launch`.
+        fields: packed η, U and V, as arguments of a `usvauv.kernels.functions.Launch`.
 
     Raises:
         ValueError: fewer than 3 cells, no water at all, a negative or non-finite depth, an unknown side or kind, or a

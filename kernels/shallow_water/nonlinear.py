@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from usvauv.kernels import runtime
-from usvauv.kernels.launch import Launch
+from usvauv.kernels.functions import Launch
 from usvauv.kernels.shallow_water.boundaries import EAST, WEST, Side, complete_kinds
 from usvauv.kernels.shallow_water.discretisation import LANES
 from usvauv.kernels.shallow_water.finite_volume import Clock, step

@@ -13,8 +13,7 @@ import taichi as ti
 import torch
 
 from usvauv.kernels import runtime
-from usvauv.kernels.functions import func, kernel
-from usvauv.kernels.launch import Launch
+from usvauv.kernels.functions import Launch, func, kernel
 from usvauv.kernels.shallow_water.boundaries import EAST, NORTH, SOUTH, WEST, BasinBoundaries
 from usvauv.kernels.shallow_water.discretisation import LANES, Packing, vector, vectors
 from usvauv.kernels.types import columns, index3, vec4

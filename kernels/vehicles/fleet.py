@@ -10,8 +10,7 @@ import taichi as ti
 import torch
 
 from usvauv.kernels import runtime
-from usvauv.kernels.functions import kernel
-from usvauv.kernels.launch import Launch
+from usvauv.kernels.functions import Launch, kernel
 from usvauv.kernels.types import array1
 from usvauv.kernels.vehicles import torpedo  # noqa: F401 registers it
 from usvauv.kernels.vehicles.vehicle import (

@@ -9,7 +9,7 @@ import taichi as ti
 import torch
 
 from usvauv.kernels import runtime
-from usvauv.kernels.launch import DeviceArray, DeviceArrays, DeviceFlag, Launch
+from usvauv.kernels.functions import DeviceArray, DeviceArrays, DeviceFlag, Launch
 from usvauv.kernels.runtime import Runtime
 from usvauv.kernels.types import vec3
 

@@ -28,7 +28,7 @@ def files(folder: Path) -> list[tuple[Path, bool]]:
     from usvauv.env.record.recorder import record
     from usvauv.env.sea.netcdf import SeaFile
     from usvauv.env.sea.simulation import SeaSimulation
-    from usvauv.env.world.water import first_vortices
+    from usvauv.env.world.tables import first_vortices
 
     made = []
     for name, changes in (("nowhere", []), ("place", PLACE), ("date", DATE)):

@@ -7,7 +7,7 @@ import pytest
 
 from usvauv.cli.commands import inspect
 from usvauv.env import Scenario
-from usvauv.env.sea.build import coarse_cells
+from usvauv.env.sea.long_waves import coarse_cells
 
 GOOD = {"rate": 100.0, "threads": 2, "observation": [0.1, 0.2], "reward": [1.0], "sea": [0.5]}
 

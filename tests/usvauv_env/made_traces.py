@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from usvauv.env.record.heading import headings
-from usvauv.env.record.trace import Trace
+from usvauv.env.record.trace import Trace, headings
 from usvauv.env.render.frames import Frames, frames_of
 from usvauv.env.scenario import Scenario
 

@@ -7,11 +7,12 @@ import pytest
 from scipy.optimize import brentq
 
 from usvauv.env import Scenario
-from usvauv.env.sea.build import speed_bound
+from usvauv.env.sea.long_waves import speed_bound
 from usvauv.env.sea.storm import band
+from usvauv.env.sea.water import current_bound
 from usvauv.env.site.ocean import Flow
 from usvauv.env.site.site import Site
-from usvauv.env.world.current_statistics import current_bound, current_model, current_parts
+from usvauv.env.world.current_statistics import current_model, current_parts
 from usvauv.env.world.tables import link_table
 from usvauv.kernels.positioning import acoustic_link
 from usvauv.kernels.types import Level

@@ -41,7 +41,7 @@ def growth(make):
 """
 SEA = """
 from usvauv.env import Scenario
-from usvauv.env.sea.build import build_sea, sea_bytes
+from usvauv.env.sea.long_waves import build_sea, sea_bytes
 from usvauv.env.site.site import Site
 quick = Scenario.load("extreme", ["sea.update_interval=0.02"])
 build_sea(Site(quick), [(0, 0)]).advance()

@@ -8,8 +8,8 @@ import pytest
 import torch
 
 from usvauv.env import Scenario, World
+from usvauv.env.sea.water import current_bound
 from usvauv.env.site.site import Site
-from usvauv.env.world.current_statistics import current_bound
 from usvauv.env.world.observation import ObservationLayout, observation_terms, observed, quantities
 
 

@@ -237,8 +237,6 @@ def test_proj_has_the_same_plane(latitude, form):
     np.testing.assert_allclose(there.transform(x, y), frame.to_geographic(x, y), rtol=0, atol=1e-9)
 
 
-def test_clock_there_and_back():
-    units = place.time_attributes("2026-11-01T04:00:00", "it")["units"]
-    assert units == "seconds since 2026-11-01 04:00:00"
-    assert place.start_of(units) == "2026-11-01T04:00:00"
-    assert place.start_of(place.time_attributes("", "it")["units"]) == ""
+def test_clock():
+    assert place.time_attributes("2026-11-01T04:00:00", "it")["units"] == "seconds since 2026-11-01 04:00:00"
+    assert place.time_attributes("", "it")["units"] == "s"

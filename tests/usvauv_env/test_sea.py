@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import quad
 
 from usvauv.env import Scenario
-from usvauv.env.sea.build import boundary_waves, build_sea, long_wave_rms
+from usvauv.env.sea.long_waves import boundary_waves, build_sea, long_wave_rms
 from usvauv.env.site.site import Site
 from usvauv.kernels.shallow_water.discretisation import Packing
 

@@ -9,8 +9,9 @@ from tests.usvauv_env.ocean_files import sloping, write
 from usvauv.cli.sea_view.figure import target_spectrum, wanted
 from usvauv.env import Scenario
 from usvauv.env.sea.storm import group_speed, shallowest_valid_depth, uneven_bed_warning
+from usvauv.env.sea.water import current_bound
 from usvauv.env.site.site import Site
-from usvauv.env.world.current_statistics import current_bound, current_parts
+from usvauv.env.world.current_statistics import current_parts
 
 SWELL = "storm.swells=[[3.0, 16.0, 3.3, 0.5, 40.0]]"
 ALONE = ["storm.significant_height=3", "storm.peak_period=16", "storm.gamma=3.3", "storm.spreading=40"]

@@ -10,7 +10,7 @@ import xarray
 from tests.links import EVERY_STEP
 from tests.usvauv_env.ocean_files import bed_depth, cmems, eastward, northward, sloping, write
 from usvauv.env import Scenario, ScenarioError, World
-from usvauv.env.sea.build import build_sea
+from usvauv.env.sea.long_waves import build_sea
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site
 from usvauv.env.world.tables import DataLink

@@ -84,7 +84,7 @@ def sea(
     from usvauv.env import Scenario
     from usvauv.env.render.style import clock
     from usvauv.env.sea.simulation import SeaSimulation, cells
-    from usvauv.env.world.water import first_vortices
+    from usvauv.env.world.tables import first_vortices
 
     setting = Scenario.load(scenario, overrides or ())
     out = out or Path(f"usvauv-sea-{setting.name}.mp4")

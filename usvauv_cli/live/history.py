@@ -23,7 +23,7 @@ class Snapshot:
     Attributes:
         time: since the episode began, s.
         auv, boat, node, estimate: rows of the world's arrays, (K, A), (B, F), (M, N) and (K, E).
-        heading: of the boats, (B,), rad, see `usvauv.env.record.heading`; NaN before the first.
+        heading: of the boats, (B,), rad, see `usvauv.env.record.trace.turned`; NaN before the first.
         depth, attitude, fins: of the AUVs, (K,), m, (K, 3), rad, and (K, 3), rad and 1/s, as in a trace.
         own: where the AUVs take themselves to be, (K, 2), m.
         flow: velocity of the water at cruise level on a grid, (rows, columns, 2), m/s.

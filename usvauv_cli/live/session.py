@@ -14,9 +14,9 @@ import torch
 
 from usvauv import policies
 from usvauv.cli.live.history import History, Moment, Snapshot, SurfaceGrid
-from usvauv.env.record.heading import AT_REST, turned
 from usvauv.env.record.metrics import EpisodeMetrics, episode_metrics
 from usvauv.env.record.recorder import Recorder, of_bodies, trace_bytes
+from usvauv.env.record.trace import AT_REST, turned
 from usvauv.env.scenario import Scenario
 from usvauv.env.storage.memory import require
 from usvauv.env.world.boat_strategies import AGENT, StrategyChoice, boat_strategies

@@ -25,11 +25,16 @@ from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from usvauv.env.faces.camera import FPS, MODES, Camera, check_mode
+from usvauv.env.record.recorder import SURFACE_PIXELS, Recorder, trace_bytes
 from usvauv.env.scenario import Scenario, ScenarioError
+from usvauv.env.storage.memory import require
 from usvauv.env.world.agents import action_space, auv_observation_space
 from usvauv.env.world.state import Numbers, numbers_of
 from usvauv.env.world.world import NOT_BEGUN, World
+
+MODES = ("rgb_array",)
+SIZE = 1280, 720
+FPS = 30
 
 
 def _observe(world: World, space: gymnasium.Space[Any]) -> np.ndarray:
@@ -58,6 +63,43 @@ def _masked(info: dict[str, np.ndarray], mask: np.ndarray) -> dict[str, np.ndarr
         out[name][~mask] = 0
         out[f"_{name}"] = mask.copy()
     return out
+
+
+class Camera:
+    """Pictures for `render`: keeps the states of every world since its episode began, and draws the last one."""
+
+    def __init__(self, world: World) -> None:
+        require(
+            trace_bytes(world, world.steps),
+            f"render_mode: a record of {world.steps} steps of {world.num_worlds} worlds",
+        )
+        self._recorder = Recorder(world)
+        self._first = np.zeros(world.num_worlds, int)
+
+    def begin(self, mask: np.ndarray) -> None:
+        """The episodes of the worlds in `mask` (W,) have just begun."""
+        if mask.all():
+            self._recorder.clear()
+        else:  # their new states stand beside the others' last ones
+            self._recorder.drop_last()
+        self._first[mask] = len(self._recorder)
+        self._recorder.add()
+
+    def add(self) -> None:
+        """A step was made."""
+        self._recorder.add()
+
+    def picture(self, world: int) -> np.ndarray:
+        """A world as it is now, (720, 1280, 3) uint8, RGB."""
+        from usvauv.env.render.frames import frames_of  # brings matplotlib, which most runs need not
+
+        now = self._recorder.world.surface(SURFACE_PIXELS, world)
+        first = int(self._first[world])
+        states = len(self._recorder) - first
+        surface = np.broadcast_to(now, (states, *now.shape))
+        trace = self._recorder.trace("agent", surface, first=first, worlds=slice(world, world + 1))
+        frames = frames_of([trace], SIZE, speed_up=FPS * trace.scenario.mission.step)
+        return frames.frame(states - 1)[..., ::-1].copy()
 
 
 class DataCollectionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
@@ -179,7 +221,8 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
     ) -> None:
-        check_mode(render_mode)
+        if render_mode is not None and render_mode not in MODES:  # the error that Stable-Baselines3 expects
+            raise TypeError(f"render_mode = {render_mode!r}: must be None or one of {', '.join(MODES)}")
         self.render_mode = render_mode
         self._usv = usv
         self.num_envs = num_envs

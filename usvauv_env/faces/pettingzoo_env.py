@@ -11,8 +11,7 @@ import torch
 from gymnasium.spaces import Box
 from pettingzoo import ParallelEnv
 
-from usvauv.env.faces.camera import FPS, MODES
-from usvauv.env.faces.gymnasium_env import DataCollectionEnv
+from usvauv.env.faces.gymnasium_env import FPS, MODES, DataCollectionEnv
 from usvauv.env.scenario import Scenario
 from usvauv.env.world.agents import (
     action_space,

@@ -9,8 +9,7 @@ from contextlib import nullcontext
 import numpy as np
 import torch
 
-from usvauv.env.record.heading import headings
-from usvauv.env.record.trace import Trace
+from usvauv.env.record.trace import Trace, headings
 from usvauv.env.storage.memory import RowsOnDisk, require
 from usvauv.env.world.world import World
 from usvauv.kernels.errors import DivergenceError

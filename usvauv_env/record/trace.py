@@ -7,14 +7,15 @@ except data, which is in Mbit and Mbit/s. Index t of a time series is the state 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from usvauv.env.record.heading import directions, headings
 from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.env.site import place
 from usvauv.env.site.ocean import at_time, parse_time
@@ -50,16 +51,10 @@ class Stored(NamedTuple):
 _AUV, _BOAT, _WORLD = ("time", "world", "auv"), ("time", "world", "boat"), ("time", "world")
 _AUV_XY, _BOAT_XY, _COVARIANCE = (*_AUV, "axis"), (*_BOAT, "axis"), (*_AUV, "component")
 
-OPTIONAL = {  # may be empty, with this shape
-    "auv_depth": (0, 0, 0),
-    "auv_attitude": (0, 0, 0, 3),
-    "auv_fins": (0, 0, 0, 3),
-    "auv_touched": (0, 0, 0),
-    "stream_time": (0,),
-    "stream": (0, 0, 0, 2),
-    "surface": (0, 0, 0),
-    "storm": (0, 5),
-}
+OPTIONAL = (  # may be empty
+    *("auv_depth", "auv_attitude", "auv_fins", "auv_touched"),
+    *("stream_time", "stream", "surface", "storm"),
+)
 DERIVED = "boat_heading"  # missing in files of earlier versions
 PLACED = ("node", "auv", "boat")  # whose `…_position` also is in longitude and latitude where the area has a place
 
@@ -77,17 +72,22 @@ INTEGERS = (
     *("packets_created", "packets_lost", "packets_delivered", "auv_touched"),
 )
 LARGEST = 1e12  # of any number in a trace
+# Of `turned`; conventions of this model, not measurements of a boat: at 4 m/s the turn has a radius of 11 m.
+TURN_RATE = math.radians(20)  # rad/s
+SLOWEST = 0.1  # m/s
+AT_REST = 1e-3  # m/s, up to which an AUV that is a point keeps its direction
 TOGETHER = 64  # steps of the surface that are read together
 
 
-def _stored(dimensions: tuple[str, ...], units: str | None, long_name: str) -> dict[str, Variable]:
-    """Metadata of an array field, which is a variable of a trace's file."""
-    return {"variable": Variable(dimensions, units, long_name)}
+def _empty(dimensions: tuple[str, ...]) -> np.ndarray:
+    """An array of `OPTIONAL` that is empty: its parts have their number, all else is 0."""
+    return np.zeros([len(PARTS.get(dimension, ())) for dimension in dimensions], np.float32)
 
 
-def _empty(name: str) -> Callable[[], np.ndarray]:
-    """What an array of `OPTIONAL` is where nothing is given for it."""
-    return lambda: np.zeros(OPTIONAL[name], np.float32)
+def _array(dimensions: tuple[str, ...], units: str | None, long_name: str, optional: bool = False) -> Any:
+    """A field that is a variable of a trace's file; an `optional` one is empty where nothing is given for it."""
+    about = {"variable": Variable(dimensions, units, long_name)}
+    return field(default_factory=partial(_empty, dimensions), metadata=about) if optional else field(metadata=about)
 
 
 class TraceError(UserError, ValueError):
@@ -112,110 +112,78 @@ class Trace:
     seed: int
     reward_names: tuple[str, ...]
     start: str
-    node_position: np.ndarray = field(metadata=_stored(("world", "node", "axis"), "m", "position of the nodes"))
-    node_rate: np.ndarray = field(metadata=_stored(("world", "node"), "s-1", "arrival rate λ of a node's packets"))
-    time: np.ndarray = field(
-        metadata=_stored(("time",), "s", "time since the start of the mission, at the end of each step")
+    node_position: np.ndarray = _array(("world", "node", "axis"), "m", "position of the nodes")
+    node_rate: np.ndarray = _array(("world", "node"), "s-1", "arrival rate λ of a node's packets")
+    time: np.ndarray = _array(("time",), "s", "time since the start of the mission, at the end of each step")
+    auv_position: np.ndarray = _array(_AUV_XY, "m", "true position")
+    auv_velocity: np.ndarray = _array(_AUV_XY, "m s-1", "velocity through the water, 0 while hovering")
+    fix: np.ndarray = _array(_AUV_XY, "m", "measured position; NaN where nothing was detected")
+    heard_position: np.ndarray = _array(_AUV_XY, "m", "where the AUV was when the signal of its last fix left it")
+    fix_covariance: np.ndarray = _array(_COVARIANCE, "m2", "covariance predicted of the error of a fix")
+    fix_flags: np.ndarray = _array(_AUV, "1", "bits of kernels.positioning.usbl; good where DETECTED and nothing else")
+    fix_boat: np.ndarray = _array(_AUV, "1", "index of the boat that made the fix")
+    served_by: np.ndarray = _array(_AUV, "1", "index of the boat that serves the AUV")
+    estimate: np.ndarray = _array(
+        _AUV_XY, "m", "where the boat takes the AUV to be: its last usable fix, or a filter's"
     )
-    auv_position: np.ndarray = field(metadata=_stored(_AUV_XY, "m", "true position"))
-    auv_velocity: np.ndarray = field(metadata=_stored(_AUV_XY, "m s-1", "velocity through the water, 0 while hovering"))
-    fix: np.ndarray = field(metadata=_stored(_AUV_XY, "m", "measured position; NaN where nothing was detected"))
-    heard_position: np.ndarray = field(
-        metadata=_stored(_AUV_XY, "m", "where the AUV was when the signal of its last fix left it")
+    own_position: np.ndarray = _array(_AUV_XY, "m", "where the AUV takes itself to be; else the estimate")
+    foreseen_position: np.ndarray = _array(
+        _AUV_XY, "m", "where the boat foresees the AUV; the estimate where its strategy does not"
     )
-    fix_covariance: np.ndarray = field(
-        metadata=_stored(_COVARIANCE, "m2", "covariance predicted of the error of a fix")
+    estimate_covariance: np.ndarray = _array(_COVARIANCE, "m2", "covariance that the boat gives its estimate")
+    target: np.ndarray = _array(_AUV, "1", "index of the node or station headed for")
+    hovering: np.ndarray = _array(_AUV, "1", "1 while the AUV serves its node")
+    power: np.ndarray = _array(_AUV, "W", "power of the AUV in this step")
+    service_rate: np.ndarray = _array(_AUV, "Mbit s-1", "data rate of a service completed in this step, else 0")
+    delivered: np.ndarray = _array(_AUV, "Mbit", "data of a service completed in this step, else 0")
+    border: np.ndarray = _array(_AUV, "1", "1 where a move was refused at the border")
+    reward_terms: np.ndarray = _array((*_AUV, "reward_term"), "1", "weighted terms of the reward, which is their sum")
+    boat_position: np.ndarray = _array(_BOAT_XY, "m", "position of the boat")
+    boat_heading: np.ndarray = _array(
+        _BOAT, "rad", "where its bow points, anticlockwise from east, not reduced to one turn"
     )
-    fix_flags: np.ndarray = field(
-        metadata=_stored(_AUV, "1", "bits of kernels.positioning.usbl; good where DETECTED and nothing else")
+    boat_goal: np.ndarray = _array(_BOAT_XY, "m", "where the boat heads for")
+    boat_surface: np.ndarray = _array(
+        (*_BOAT, "surface_component"), None, "elevation under the boat, m, and its two slopes"
     )
-    fix_boat: np.ndarray = field(metadata=_stored(_AUV, "1", "index of the boat that made the fix"))
-    served_by: np.ndarray = field(metadata=_stored(_AUV, "1", "index of the boat that serves the AUV"))
-    estimate: np.ndarray = field(
-        metadata=_stored(_AUV_XY, "m", "where the boat takes the AUV to be: its last usable fix, or a filter's")
+    backlog: np.ndarray = _array(("time", "world", "node"), "1", "packets in the node's buffer")
+    overflowing: np.ndarray = _array(_WORLD, "1", "nodes that lost packets in this step")
+    collisions: np.ndarray = _array(_WORLD, "1", "pairs of AUVs closer than the collision distance")
+    packets_created: np.ndarray = _array(_WORLD, "1", "packets created in this step at all nodes")
+    packets_lost: np.ndarray = _array(_WORLD, "1", "packets lost in this step at full buffers")
+    packets_delivered: np.ndarray = _array(_AUV, "1", "packets of a service completed in this step, else 0")
+    vortex: np.ndarray = _array(
+        ("time", "world", "vortex", "vortex_parameter"), None, "centre x0 and y0, m, circulation Γ, m2 s-1, radius δ, m"
     )
-    own_position: np.ndarray = field(
-        metadata=_stored(_AUV_XY, "m", "where the AUV takes itself to be; else the estimate")
+    stream_time: np.ndarray = _array(("stream_time",), "s", "time since the start of the mission, of the real current")
+    stream: np.ndarray = _array(
+        ("stream_time", "stream_y", "stream_x", "axis"),
+        "m s-1",
+        "real current at cruise depth on a grid over the area; linear in time",
     )
-    foreseen_position: np.ndarray = field(
-        metadata=_stored(_AUV_XY, "m", "where the boat foresees the AUV; the estimate where its strategy does not")
+    surface: np.ndarray = _array(
+        ("time", "y", "x"), "m", "elevation of world 0's sea over the area, row 0 in the south"
     )
-    estimate_covariance: np.ndarray = field(
-        metadata=_stored(_COVARIANCE, "m2", "covariance that the boat gives its estimate")
+    storm: np.ndarray = _array(
+        ("wave", "wave_parameter"),
+        None,
+        "short waves of that sea: a, m, kx and ky, rad m-1, ω, rad s-1, φ: Σ a cos(kx x + ky y − ω t + φ)",
     )
-    target: np.ndarray = field(metadata=_stored(_AUV, "1", "index of the node or station headed for"))
-    hovering: np.ndarray = field(metadata=_stored(_AUV, "1", "1 while the AUV serves its node"))
-    power: np.ndarray = field(metadata=_stored(_AUV, "W", "power of the AUV in this step"))
-    service_rate: np.ndarray = field(
-        metadata=_stored(_AUV, "Mbit s-1", "data rate of a service completed in this step, else 0")
+    auv_depth: np.ndarray = _array(_AUV, "m", "depth of a vehicle with dynamics below the mean surface", optional=True)
+    auv_attitude: np.ndarray = _array(
+        (*_AUV, "angle"),
+        "rad",
+        "its heading, anticlockwise from east, pitch, nose up, and roll, starboard down",
+        optional=True,
     )
-    delivered: np.ndarray = field(metadata=_stored(_AUV, "Mbit", "data of a service completed in this step, else 0"))
-    border: np.ndarray = field(metadata=_stored(_AUV, "1", "1 where a move was refused at the border"))
-    reward_terms: np.ndarray = field(
-        metadata=_stored((*_AUV, "reward_term"), "1", "weighted terms of the reward, which is their sum")
+    auv_fins: np.ndarray = _array(
+        (*_AUV, "actuator"),
+        None,
+        "its rudder, rad, to starboard, stern plane, rad, diving, and propeller, s-1",
+        optional=True,
     )
-    boat_position: np.ndarray = field(metadata=_stored(_BOAT_XY, "m", "position of the boat"))
-    boat_heading: np.ndarray = field(
-        metadata=_stored(_BOAT, "rad", "where its bow points, anticlockwise from east, not reduced to one turn")
-    )
-    boat_goal: np.ndarray = field(metadata=_stored(_BOAT_XY, "m", "where the boat heads for"))
-    boat_surface: np.ndarray = field(
-        metadata=_stored((*_BOAT, "surface_component"), None, "elevation under the boat, m, and its two slopes")
-    )
-    backlog: np.ndarray = field(metadata=_stored(("time", "world", "node"), "1", "packets in the node's buffer"))
-    overflowing: np.ndarray = field(metadata=_stored(_WORLD, "1", "nodes that lost packets in this step"))
-    collisions: np.ndarray = field(metadata=_stored(_WORLD, "1", "pairs of AUVs closer than the collision distance"))
-    packets_created: np.ndarray = field(metadata=_stored(_WORLD, "1", "packets created in this step at all nodes"))
-    packets_lost: np.ndarray = field(metadata=_stored(_WORLD, "1", "packets lost in this step at full buffers"))
-    packets_delivered: np.ndarray = field(
-        metadata=_stored(_AUV, "1", "packets of a service completed in this step, else 0")
-    )
-    vortex: np.ndarray = field(
-        metadata=_stored(
-            ("time", "world", "vortex", "vortex_parameter"),
-            None,
-            "centre x0 and y0, m, circulation Γ, m2 s-1, radius δ, m",
-        )
-    )
-    stream_time: np.ndarray = field(
-        metadata=_stored(("stream_time",), "s", "time since the start of the mission, of the real current")
-    )
-    stream: np.ndarray = field(
-        metadata=_stored(
-            ("stream_time", "stream_y", "stream_x", "axis"),
-            "m s-1",
-            "real current at cruise depth on a grid over the area; linear in time",
-        )
-    )
-    surface: np.ndarray = field(
-        metadata=_stored(("time", "y", "x"), "m", "elevation of world 0's sea over the area, row 0 in the south")
-    )
-    storm: np.ndarray = field(
-        metadata=_stored(
-            ("wave", "wave_parameter"),
-            None,
-            "short waves of that sea: a, m, kx and ky, rad m-1, ω, rad s-1, φ: Σ a cos(kx x + ky y − ω t + φ)",
-        )
-    )
-    auv_depth: np.ndarray = field(
-        default_factory=_empty("auv_depth"),
-        metadata=_stored(_AUV, "m", "depth of a vehicle with dynamics below the mean surface"),
-    )
-    auv_attitude: np.ndarray = field(
-        default_factory=_empty("auv_attitude"),
-        metadata=_stored(
-            (*_AUV, "angle"), "rad", "its heading, anticlockwise from east, pitch, nose up, and roll, starboard down"
-        ),
-    )
-    auv_fins: np.ndarray = field(
-        default_factory=_empty("auv_fins"),
-        metadata=_stored(
-            (*_AUV, "actuator"), None, "its rudder, rad, to starboard, stern plane, rad, diving, and propeller, s-1"
-        ),
-    )
-    auv_touched: np.ndarray = field(
-        default_factory=_empty("auv_touched"),
-        metadata=_stored(_AUV, "1", "1 where it came to the surface in this step, 2 where it touched the bed, 3 both"),
+    auv_touched: np.ndarray = _array(
+        _AUV, "1", "1 where it came to the surface in this step, 2 where it touched the bed, 3 both", optional=True
     )
 
     def __repr__(self) -> str:
@@ -237,13 +205,10 @@ class Trace:
         import h5netcdf
 
         with hdf5_file(Path(path)) as file, deferred(), h5netcdf.File(file, "w") as written:
-            written.attrs["Conventions"] = "CF-1.11"
-            written.attrs["title"] = "usvauv trace"
-            written.attrs["scenario"] = json.dumps(self.scenario.to_dict())
-            written.attrs["policy"] = self.policy
-            written.attrs["usv"] = self.usv
-            written.attrs["seed"] = np.int64(self.seed)
-            written.attrs["reward_names"] = ",".join(self.reward_names)
+            about: dict[str, Any] = {"Conventions": "CF-1.11", "title": "usvauv trace"}
+            about |= {"scenario": json.dumps(self.scenario.to_dict()), "policy": self.policy, "usv": self.usv}
+            about |= {"seed": np.int64(self.seed), "reward_names": ",".join(self.reward_names)}
+            written.attrs.update(about)
             self._write(written, Site(self.scenario).frame)
 
     @classmethod
@@ -259,11 +224,12 @@ class Trace:
                 stored = [name for name in VARIABLES if name in file.variables or name not in (*OPTIONAL, DERIVED)]
                 arrays = {name: _read(file, name, path) for name in stored}
                 attributes = dict(file.attrs)
-                start = place.start_of(str(file.variables["time"].attrs.get("units", "")))
+                units = str(file.variables["time"].attrs.get("units", ""))
+            start = units.partition(" since ")[2].replace(" ", "T")  # as `place.time_attributes` was given it
             if start:
                 parse_time(start)
-            for name, shape in OPTIONAL.items():
-                arrays.setdefault(name, np.zeros(shape, np.float32))
+            for name in OPTIONAL:
+                arrays.setdefault(name, _empty(VARIABLES[name].dimensions))
             texts: dict[str, Any] = {}
             for name in ("scenario", "policy", "usv", "reward_names"):
                 texts[name] = attributes.get(name)
@@ -469,3 +435,46 @@ def _check_sizes(arrays: Mapping[str, np.ndarray], scenario: Scenario, reward_na
         index = arrays[name]
         if not ((index >= 0) & (index < count)).all():
             raise TraceError(f"{name} is from {index.min()} to {index.max()}; expected 0 to {count - 1}")
+
+
+def turned(heading: np.ndarray, velocity: np.ndarray, step: float) -> np.ndarray:
+    """Headings (…) of boats that are simulated as points after a step of some seconds; NaN is none yet.
+
+    It is where the bow points, and nothing in a mission depends on it; an Otter has one of its own. The boat turns
+    towards its velocity through the water v, at most at `TURN_RATE`, and keeps its heading where |v| does not exceed
+    `SLOWEST`, so that a boat on station in a current points against it:
+
+        ψ(t + Δt) = ψ(t) + clip(wrap(arg v − ψ(t)), ±TURN_RATE Δt),   wrap(α) in [−π, π).
+
+    ψ is in rad, anticlockwise from east, and not reduced to one turn, so that it can be interpolated.
+
+    Args:
+        velocity: v, (…, 2), m/s.
+    """
+    aim = np.arctan2(velocity[..., 1], velocity[..., 0])
+    most = TURN_RATE * step
+    off = np.remainder(aim - heading + math.pi, 2 * math.pi) - math.pi
+    after = np.where(np.isnan(heading), aim, heading + np.clip(off, -most, most))
+    return np.where(np.hypot(velocity[..., 0], velocity[..., 1]) > SLOWEST, after, heading)
+
+
+def headings(velocity: np.ndarray, step: float) -> np.ndarray:
+    """Headings (T, …) float32 of `turned` at the ends of steps in which boats move through the water by (T, …, 2), m/s.
+
+    The first is that of the first velocity above `SLOWEST`, before it the same, and east where there is none.
+    """
+    made = np.full(velocity.shape[:-1], np.nan)
+    now = np.full(velocity.shape[1:-1], np.nan)
+    for row, moving in zip(made, velocity.astype(float), strict=True):
+        row[...] = now = turned(now, moving, step)
+    begins = np.take_along_axis(made, np.argmax(~np.isnan(made), axis=0)[None], axis=0)
+    return np.nan_to_num(np.where(np.isnan(made), begins, made)).astype(np.float32)
+
+
+def directions(velocity: np.ndarray) -> np.ndarray:
+    """Directions (T, …) of velocities (T, …, 2), rad, continuous; at rest the last one, at first the next."""
+    angle, rows = np.arctan2(velocity[..., 1], velocity[..., 0]), np.arange(len(velocity))
+    moving = np.hypot(velocity[..., 0], velocity[..., 1]) > AT_REST
+    last = np.maximum.accumulate(np.where(moving, rows.reshape(-1, *[1] * (angle.ndim - 1)), -1), axis=0)
+    first = np.where(moving.any(axis=0), moving.argmax(axis=0), 0)
+    return np.unwrap(np.take_along_axis(angle, np.where(last < 0, first, last), axis=0), axis=0)

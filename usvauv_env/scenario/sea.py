@@ -19,7 +19,7 @@ MAX_VORTICES = 64
 SMALLEST_PERIOD = 7.5  # core radii δ; the images' cores, left out, are then e^{−(L/2)²/(2δ²)} < 1e-3 of a velocity
 TOGETHER = 16  # vortices; of more than these no more are taken to lie at one place
 VORTEX_PEAK = 0.6382 / (2 * math.pi)  # largest speed of a Lamb–Oseen vortex over Γ/δ
-INFRAGRAVITY = 1.2e-3  # 1/s, α1 of `usvauv.env.sea.build.long_wave_rms`
+INFRAGRAVITY = 1.2e-3  # 1/s, α1 of `usvauv.env.sea.long_waves.long_wave_rms`
 FASTEST_WATER = 40.0  # m/s, of all vortices in one place, where they hardly are; the fastest tidal streams reach 11
 
 WaveHeight = Annotated[float, Field(ge=0.001, le=30)]

@@ -10,8 +10,9 @@ import numpy as np
 import torch
 
 from usvauv.env.scenario import Scenario, ScenarioError
-from usvauv.env.sea.build import LARGEST_SEED, build_sea, build_short_waves, check_sea, fine_cells, whole_number
-from usvauv.env.sea.long_waves import SeaWatch
+from usvauv.env.sea.long_waves import build_sea, check_sea, fine_cells
+from usvauv.env.sea.storm import build_short_waves
+from usvauv.env.sea.water import LARGEST_SEED, SeaWatch, whole_number
 from usvauv.env.site.site import Site
 from usvauv.kernels import runtime
 from usvauv.kernels.flow import vortex
@@ -66,7 +67,7 @@ class SeaSimulation:
         seed: from 0 to 2⁶⁴ − 1, as of `World`.
         shape: cells (nx, ny).
         interval: time of one `advance`, s.
-        vortices: as of `usvauv.env.world.water.first_vortices`; none by default.
+        vortices: as of `usvauv.env.world.tables.first_vortices`; none by default.
 
     Attributes:
         site: the place. long_waves: the solver. storm: the short waves.
@@ -75,7 +76,7 @@ class SeaSimulation:
         steady: whether the current is constant in time.
 
     Raises:
-        ScenarioError: the seed is out of range, or as `usvauv.env.sea.build.check_sea`.
+        ScenarioError: the seed is out of range, or as `usvauv.env.sea.long_waves.check_sea`.
         MemoryNeeded: likewise.
     """
 

@@ -36,7 +36,7 @@ from usvauv.env.site.waves import Partition, WaveSpectrum
 from usvauv.kernels import runtime
 from usvauv.kernels.flow import airy
 from usvauv.kernels.flow.at_depth import deep_columns
-from usvauv.kernels.launch import Launch
+from usvauv.kernels.functions import Launch
 
 System = Storm | WaveSpectrum  # each with significant_height (m), peak_period (s) and direction of travel (rad)
 
@@ -263,6 +263,21 @@ def build_storm(
             2 * math.pi * phase,
         )
     return AirySea(*drawn, depth=depth, gravity=gravity, levels=levels, step=step)
+
+
+def build_short_waves(site: Site, seas: Sequence[tuple[int, int]]) -> AirySea:
+    """The storm upon the seas of `build_sea`, with velocities at the levels `usvauv.kernels.types.Level`."""
+    scenario, depth = site.scenario, site.mean_depth
+    levels = 0.0, -min(scenario.auv.depth, depth)
+    return build_storm(
+        scenario.storm,
+        wave_systems(site),
+        depth=depth,
+        gravity=scenario.sea.gravity,
+        levels=levels,
+        seas=seas,
+        step=scenario.mission.step if scenario.auv.dynamic else None,
+    )
 
 
 def _sectors(system: System, random: np.random.Generator, count: int) -> np.ndarray:

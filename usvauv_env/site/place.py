@@ -159,11 +159,6 @@ def time_attributes(start: str, beginning: str) -> dict[str, str]:
     }
 
 
-def start_of(units: str) -> str:
-    """The start that `time_attributes` was given, by the units that it gave."""
-    return units.partition(" since ")[2].replace(" ", "T")
-
-
 def numbers(option: str, text: str, form: str, unit: str = " in metres") -> list[float]:
     """Comma-separated numbers, as many as `form` names, for example X,Y.
 

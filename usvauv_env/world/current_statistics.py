@@ -1,4 +1,4 @@
-"""The current at the AUVs by the scenario: its largest speed, and its model as a process for the tracker.
+"""The current at the AUVs by the scenario: its mean square, and its model as a process for the tracker.
 
 The current of a moving AUV is not an Ornstein–Uhlenbeck process but a sum of eddies it passes through, orbital motion
 and long waves, each smooth. For a filter with the memory m only its mean square increment D(m) matters. So the model is
@@ -17,7 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from usvauv.env.scenario import Scenario
-from usvauv.env.sea.build import long_wave_rms, speed_bound
+from usvauv.env.sea.long_waves import long_wave_rms
 from usvauv.env.sea.storm import density, wave_systems
 from usvauv.env.site.site import Site
 from usvauv.kernels.flow import airy
@@ -26,7 +26,6 @@ from usvauv.kernels.types import Level
 
 LATTICE = 0.7716  # limit of Σ' e^{−α n²}/n² + π ln α at small α, over the points n of the square lattice but 0
 FOREVER = 1e9  # s, correlation time of a current that does not change
-LEAST_CURRENT_BOUND = 0.1  # m/s; a box without extent is not a valid space
 
 
 def current_parts(site: Site) -> list[tuple[float, float]]:
@@ -117,30 +116,6 @@ def current_model(site: Site, link: np.ndarray) -> tuple[float, float]:
     noise = np.exp(link[:, acoustic_link.POWER] * np.log(q) - link[:, acoustic_link.LEVEL])
     fix_variance = float(noise.mean()) + (scenario.usbl.attitude_error * z) ** 2
     return ornstein_uhlenbeck(current_parts(site), fix_variance, scenario.mission.step)
-
-
-def current_bound(site: Site) -> float:
-    """Largest speed of the water at an AUV, m/s.
-
-    The sum of all vortices' peak speeds, which no superposition exceeds, the fastest real current, the bound of the
-    long waves, and six times the rms orbital speed of the storm at cruise depth, exceeded less than once in 10⁸ if
-    Gaussian.
-    """
-    scenario = site.scenario
-    current = scenario.current
-    shallowest = scenario.auv.shallowest
-    fade = math.exp(-shallowest / current.decay_depth) if current.decay_depth else 1.0
-    peak = current.fastest * fade + speed_bound(site)
-    if (flow := site.current) is not None:
-        peak += float(np.linalg.norm(flow.velocity[:, Level.cruise], axis=-1).max())
-    orbital = []
-    for waves in wave_systems(site):
-        depth, gravity = site.mean_depth, scenario.sea.gravity
-        omega, S = density(waves, scenario.storm.shortest_wave, depth, gravity)
-        C, _ = airy.decay(airy.wavenumber(omega, depth, gravity), -min(shallowest, depth), depth)
-        orbital.append(6 * waves.significant_height / 4 * math.sqrt(np.sum((omega * C) ** 2 * S) / np.sum(S)))
-    peak += math.hypot(*orbital)
-    return max(1.001 * peak, LEAST_CURRENT_BOUND)  # 0.1 % covers single precision
 
 
 def eddies(

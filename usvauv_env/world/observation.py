@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from usvauv.env.scenario import Scenario, ScenarioError
+from usvauv.env.sea.water import current_bound
 from usvauv.env.site.site import Site
-from usvauv.env.world.current_statistics import current_bound
 from usvauv.kernels.errors import choices
 from usvauv.kernels.mission import observation as kernel
 from usvauv.kernels.mission.observation import BEAM_ANGLE, BEAM_CELL, BEAMS, PROFILE_POINTS

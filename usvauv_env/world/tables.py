@@ -14,16 +14,19 @@ import torch
 from usvauv.env.scenario import Scenario
 from usvauv.env.scenario.team import CLEAREST, Nodes
 from usvauv.env.sea.storm import total_height, wave_systems
+from usvauv.env.sea.water import Seeds, current_bound
 from usvauv.env.site.place import far_position
 from usvauv.env.site.site import Site
 from usvauv.env.site.sound_speed import SoundSpeedProfile
 from usvauv.env.world.boat_strategies import BoatStrategy, StrategyChoice
-from usvauv.env.world.current_statistics import FOREVER, current_bound, current_model
+from usvauv.env.world.current_statistics import FOREVER, current_model
 from usvauv.env.world.observation import ObservationLayout, observation_terms
+from usvauv.kernels import runtime
 from usvauv.kernels.flow.vortex import Eddies
 from usvauv.kernels.mission import target_rules
 from usvauv.kernels.mission.boat_motion import CONTROL_TIME, DRIFT_TIME
 from usvauv.kernels.mission.columns import Action, Information, Parameter, Schedule, Sensor
+from usvauv.kernels.mission.run import draw_vortices
 from usvauv.kernels.mission.tasks.data_collection import LEAST_RATE, arrival_table
 from usvauv.kernels.mission.vehicles import Motion
 from usvauv.kernels.mission.worlds import Program
@@ -51,6 +54,7 @@ from usvauv.kernels.vehicles.vehicle import vehicles
 OWN_NOISE_FREQUENCY = 15000.0  # Hz, at which a scenario gives it
 DEPTH_TIME = 20.0  # s, in which the error of an AUV's depth changes
 SPEED_RESPONSE = Parameter.names[Parameter.span("speed_memory", "speed_noise_rest")]
+BOUNDARIES = Parameter.names[Parameter.span("array_depth", "bottom_absorption")]
 SERVICE_FILL = 0.65  # share of a full buffer that a typical service takes, for the boat's foresight
 GATE = 16  # of the receiver of coded pulses, chips
 STRONGEST = 50.0  # m/s, up to which Wu's drag of the sea surface is meant
@@ -234,7 +238,7 @@ def kernel_tables(site: Site, strategy: StrategyChoice) -> dict[str, np.ndarray]
         "strategy_arguments": strategy.numbers or [0.0],
         "rule_numbers": target_rules.parse(s.nodes.target_rule)[1] or [0.0],
         "task_parameters": [given.get(name, default) for name, default in task.parameters] or [0.0],
-        "otter": otter.table_of(s.otter.model_dump()),
+        "otter": otter.table_of(s.otter.model_dump()) if s.boat.model == "otter" else [0.0],
         "reward_weights": weights,
         "bed": site.bed,
     }
@@ -399,7 +403,7 @@ def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
         "reference_speed": s.reference.straight_speed,
         "reference_rate": rate,
         "service_time": SERVICE_FILL * s.nodes.payload / rate,
-        **dict(zip(Parameter.names[Parameter.span("array_depth", "bottom_absorption")], boundaries(site), strict=True)),
+        **dict(zip(BOUNDARIES, boundaries(site), strict=True)),
     }
     return np.array([float(numbers[name]) for name in Parameter.names], np.float32)
 
@@ -434,3 +438,23 @@ def fixed_vortices(scenario: Scenario) -> np.ndarray:
         x, y = far_position("current.centres", centre, scenario) if isinstance(centre, str) else centre
         row[:] = (x, y, circulation, 0.5 * (current.core_radius_min + current.core_radius_max))
     return table
+
+
+def first_vortices(scenario: Scenario, seed: int, arch: str = "auto") -> torch.Tensor:
+    """The vortices of world 0 of a seed as its first episode begins, (1, V, 4) as in `usvauv.kernels.flow.vortex`.
+
+    Raises:
+        ScenarioError: the seed is out of range.
+        RuntimeUnavailable: `arch` cannot be used here.
+    """
+    seeds = Seeds.of(seed, 1)
+    device = runtime.start(arch).device
+    site, drawn = Site(scenario), torch.zeros((1, scenario.current.vortices, 4), device=device)
+    if drawn.numel():
+        parameters, fixed = (
+            torch.from_numpy(np.ascontiguousarray(table, np.float32)).to(device)
+            for table in (pack_parameters(site, link_table(site)), fixed_vortices(scenario))
+        )
+        clock = torch.zeros((1, 2), dtype=torch.int32, device=device)
+        draw_vortices(parameters, fixed, torch.from_numpy(seeds.keys()).to(device), clock, drawn)
+    return drawn

@@ -13,9 +13,9 @@ import numpy as np
 import torch
 
 from usvauv.env.scenario import Scenario, ScenarioError
-from usvauv.env.sea.build import whole_number
 from usvauv.env.sea.long_waves import LongWaves
 from usvauv.env.sea.storm import AirySea
+from usvauv.env.sea.water import Seeds, WorldWater, whole_number
 from usvauv.env.site.site import Site
 from usvauv.env.storage.memory import require
 from usvauv.env.world import tables
@@ -36,12 +36,11 @@ from usvauv.env.world.state import (
     padded_length,
     unused_arrays,
 )
-from usvauv.env.world.water import Seeds, WorldWater
 from usvauv.kernels import runtime
 from usvauv.kernels.errors import DivergenceError, blaming
 from usvauv.kernels.flow import current, vortex
 from usvauv.kernels.flow.vortex import Vortex
-from usvauv.kernels.launch import DeviceFlag, Launch
+from usvauv.kernels.functions import DeviceFlag, Launch
 from usvauv.kernels.mission.columns import (
     AuvColumn,
     BoatColumn,

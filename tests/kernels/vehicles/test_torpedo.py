@@ -13,8 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from tests.kernels.vehicles.reference import Reference, Water, lamb
 from usvauv.kernels import runtime
-from usvauv.kernels.functions import kernel
-from usvauv.kernels.launch import Launch
+from usvauv.kernels.functions import Launch, kernel
 from usvauv.kernels.types import array1
 from usvauv.kernels.vehicles import torpedo
 from usvauv.kernels.vehicles.fleet import Fleet

@@ -3,22 +3,39 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import torch
 
-from usvauv.env.scenario import Scenario, ScenarioError
-from usvauv.env.sea.build import LARGEST_SEED, boundary_waves, build_sea, build_short_waves, fine_cells, whole_number
-from usvauv.env.sea.long_waves import LongWaves, SeaWatch
-from usvauv.env.sea.storm import AirySea
+from usvauv.env.scenario import ScenarioError
+from usvauv.env.sea.long_waves import LongWaves, NonlinearSeas, boundary_waves, build_sea, fine_cells, speed_bound
+from usvauv.env.sea.storm import AirySea, build_short_waves, density, wave_systems
 from usvauv.env.site.site import Site
-from usvauv.env.world import tables
 from usvauv.kernels import runtime
-from usvauv.kernels.mission.run import draw_vortices
+from usvauv.kernels.errors import DivergenceError
+from usvauv.kernels.flow import airy
+from usvauv.kernels.functions import DeviceFlag
 from usvauv.kernels.types import Level
+
+LARGEST_SEED = (1 << 64) - 1
+DRY = 1e4  # m, above every elevation where land may be dry
+LEAST_CURRENT_BOUND = 0.1  # m/s; a box without extent is not a valid space
+NAMED = 8  # of the worlds on a sea, in a message
+ROUNDING = 1e-6  # of a ratio of times
+
+
+def whole_number(name: str, value: object, least: int, most: int) -> int:
+    """A whole number of any type as Python's.
+
+    Raises:
+        ScenarioError: it is another thing, or out of range.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | np.integer) or not least <= value <= most:
+        raise ScenarioError(f"{name} = {value!r}: must be a whole number from {least} to {most}")
+    return int(value)
 
 
 @dataclass(frozen=True)
@@ -78,8 +95,45 @@ class Seeds:
         return [(int(seeds[sea // realisations]), int(sea % realisations)) for sea in seas], own
 
 
-NAMED = 8  # of the worlds on a sea, in a message
-ROUNDING = 1e-6  # of a ratio of times
+class SeaWatch:
+    """Advances long waves and looks at their elevation.
+
+    Args:
+        sea: to be watched.
+        deepest: depth of still water at the deepest place, m; the elevation of a linear sea stays within it.
+        named: index of a sea → what to call it in a message.
+    """
+
+    def __init__(self, sea: LongWaves, deepest: float, named: Callable[[int], str] = lambda index: "the sea") -> None:
+        self._sea = sea
+        self._named = named
+        self._limit = DRY if isinstance(sea, NonlinearSeas) else deepest
+        self._flag = DeviceFlag(sea.fields[0], self._limit)
+
+    def advance(self) -> None:
+        """One interval.
+
+        Raises:
+            DivergenceError: the sea is not finite or has run away.
+        """
+        sea = self._sea
+        try:
+            sea.advance()
+        except FloatingPointError as error:
+            index, problem = error.args
+            raise DivergenceError(f"{self._named(index)}: {problem}") from None
+        if self._flag.raised():
+            index, value = self._worst()
+            problem = f"the elevation is {value:g} m at {sea.time:g} s: must be within {self._limit:g} m"
+            raise DivergenceError(f"{self._named(index)}: {problem}")
+
+    def _worst(self) -> tuple[int, float]:
+        """The sea that has the first elevation out of bounds, and that elevation, m."""
+        elevation = torch.from_numpy(self._sea.elevation())
+        elevation = elevation.reshape(-1, self._sea.ny * self._sea.nx)
+        places = (~(elevation.abs() <= self._limit)).nonzero()
+        index, cell = places[0].tolist() if len(places) else (0, 0)
+        return index, float(elevation[index, cell])
 
 
 class WorldWater:
@@ -228,21 +282,25 @@ class WorldWater:
             runtime.upload(self._flow.at(min(time, self._flow.times[-1])), self.stream)
 
 
-def first_vortices(scenario: Scenario, seed: int, arch: str = "auto") -> torch.Tensor:
-    """The vortices of world 0 of a seed as its first episode begins, (1, V, 4) as in `usvauv.kernels.flow.vortex`.
+def current_bound(site: Site) -> float:
+    """Largest speed of the water at an AUV, m/s.
 
-    Raises:
-        ScenarioError: the seed is out of range.
-        RuntimeUnavailable: `arch` cannot be used here.
+    The sum of all vortices' peak speeds, which no superposition exceeds, the fastest real current, the bound of the
+    long waves, and six times the rms orbital speed of the storm at cruise depth, exceeded less than once in 10⁸ if
+    Gaussian.
     """
-    seeds = Seeds.of(seed, 1)
-    device = runtime.start(arch).device
-    site, drawn = Site(scenario), torch.zeros((1, scenario.current.vortices, 4), device=device)
-    if drawn.numel():
-        parameters, fixed = (
-            torch.from_numpy(np.ascontiguousarray(table, np.float32)).to(device)
-            for table in (tables.pack_parameters(site, tables.link_table(site)), tables.fixed_vortices(scenario))
-        )
-        clock = torch.zeros((1, 2), dtype=torch.int32, device=device)
-        draw_vortices(parameters, fixed, torch.from_numpy(seeds.keys()).to(device), clock, drawn)
-    return drawn
+    scenario = site.scenario
+    current = scenario.current
+    shallowest = scenario.auv.shallowest
+    fade = math.exp(-shallowest / current.decay_depth) if current.decay_depth else 1.0
+    peak = current.fastest * fade + speed_bound(site)
+    if (flow := site.current) is not None:
+        peak += float(np.linalg.norm(flow.velocity[:, Level.cruise], axis=-1).max())
+    orbital = []
+    for waves in wave_systems(site):
+        depth, gravity = site.mean_depth, scenario.sea.gravity
+        omega, S = density(waves, scenario.storm.shortest_wave, depth, gravity)
+        C, _ = airy.decay(airy.wavenumber(omega, depth, gravity), -min(shallowest, depth), depth)
+        orbital.append(6 * waves.significant_height / 4 * math.sqrt(np.sum((omega * C) ** 2 * S) / np.sum(S)))
+    peak += math.hypot(*orbital)
+    return max(1.001 * peak, LEAST_CURRENT_BOUND)  # 0.1 % covers single precision
