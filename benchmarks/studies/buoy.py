@@ -25,7 +25,7 @@ from matplotlib.figure import Figure
 from usvauv.env.render.style import Ground, write_pair
 from usvauv.env.scenario import Scenario
 from usvauv.env.scenario.sea import Storm
-from usvauv.env.sea.storm import build_storm
+from usvauv.env.sea.storm import draw_storm
 from usvauv.kernels.positioning import sonar
 
 RECORD = Path(__file__).with_name("ndbc-44005-2012.csv")
@@ -55,9 +55,9 @@ def mean_period(storm: Storm, shortest_wave: float) -> float:
     """√(m0/m2) of drawn component waves, s."""
     storm = storm.model_copy(update={"spectrum": "jonswap", "shortest_wave": shortest_wave})
     seas = [(2026, index) for index in range(SEAS)]
-    sea = build_storm(storm, storm.systems, depth=200.0, gravity=GRAVITY, levels=(0.0, -100.0), seas=seas)
-    energy = sea.amplitude**2
-    return 2 * math.pi * math.sqrt(energy.sum() / (energy * sea.omega**2).sum())
+    amplitude, omega, _, _ = draw_storm(storm, storm.systems, seas, depth=200.0, gravity=GRAVITY)
+    energy = amplitude**2
+    return 2 * math.pi * math.sqrt(energy.sum() / (energy * omega**2).sum())
 
 
 def at_ten_metres(wind: float) -> float:

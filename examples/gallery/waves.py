@@ -15,7 +15,7 @@ import numpy as np
 import xarray
 
 from usvauv.env import Scenario
-from usvauv.env.sea.storm import build_short_waves
+from usvauv.env.sea.water import build_short_waves
 from usvauv.env.site.site import Site
 
 # %%

@@ -22,7 +22,8 @@ from usvauv.cli.sea_view.figure import measured, spectrum, target_spectrum
 from usvauv.env import Scenario, World
 from usvauv.env.sea.long_waves import build_sea
 from usvauv.env.sea.simulation import SeaSimulation
-from usvauv.env.sea.storm import build_short_waves, cumulative
+from usvauv.env.sea.storm import cumulative
+from usvauv.env.sea.water import build_short_waves
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site
 

@@ -9,7 +9,7 @@ import torch
 from tests.links import EVERY_STEP
 from tests.usvauv_env.test_world import run, steer
 from usvauv.env import Scenario, World
-from usvauv.env.sea.storm import build_short_waves
+from usvauv.env.sea.water import build_short_waves
 from usvauv.env.site.site import Site
 from usvauv.kernels.flow import airy
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn, TallyColumn

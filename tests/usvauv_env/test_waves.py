@@ -9,7 +9,8 @@ from tests.usvauv_env.ocean_files import cmems, write
 from tests.usvauv_env.wave_files import era5, fields, partitions, scenario_of, spectrum_of, waves_of, ww3
 from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.scenario.sea import Storm
-from usvauv.env.sea.storm import band, build_short_waves, cumulative, total_height, wave_systems
+from usvauv.env.sea.storm import band, cumulative, total_height, wave_systems
+from usvauv.env.sea.water import build_short_waves
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site
 from usvauv.env.site.waves import WaveSpectrum

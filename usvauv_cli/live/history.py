@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
-from usvauv.env.sea.storm import AirySea
+from usvauv.env.sea.water import AirySea
 from usvauv.env.world.world import World
 
 MOST_STATES = 900  # states

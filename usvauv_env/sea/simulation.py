@@ -11,8 +11,7 @@ import torch
 
 from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.env.sea.long_waves import build_sea, check_sea, fine_cells
-from usvauv.env.sea.storm import build_short_waves
-from usvauv.env.sea.water import LARGEST_SEED, SeaWatch, whole_number
+from usvauv.env.sea.water import LARGEST_SEED, SeaWatch, build_short_waves, whole_number
 from usvauv.env.site.site import Site
 from usvauv.kernels import runtime
 from usvauv.kernels.flow import vortex

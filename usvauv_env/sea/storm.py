@@ -27,16 +27,12 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import torch
 
 from usvauv.env.scenario import ScenarioError
 from usvauv.env.scenario.sea import Storm
 from usvauv.env.site.site import Site
 from usvauv.env.site.waves import Partition, WaveSpectrum
-from usvauv.kernels import runtime
 from usvauv.kernels.flow import airy
-from usvauv.kernels.flow.at_depth import deep_columns
-from usvauv.kernels.functions import Launch
 
 System = Storm | WaveSpectrum  # each with significant_height (m), peak_period (s) and direction of travel (rad)
 
@@ -50,68 +46,7 @@ NARROWEST = 1000.0  # spreading, as the field of a scenario has it
 BED_CELLS = 128  # along the longer side, at which an uneven bed is compared with the storm
 BED_DEPTHS = 400  # that are compared
 SHOALING = 0.1  # share of the height by which a wave may shoal before the storm is wrong
-SEAS_A_MICROSECOND = 8  # of which a thread sets the phases
 BREAKING = 0.6  # height over depth, as `Scenario` has it
-
-
-class AirySea:
-    """Seas of given components at any time.
-
-    Args:
-        amplitude, omega, direction, phase: a (m), ω > 0 (rad/s), direction of travel θ (rad from east towards north), φ
-            (rad), each (seas, N); N may be 0.
-        depth: h, m.
-        gravity: g, m/s².
-        levels: heights z of the water velocities, −h ≤ z ≤ 0, m.
-        step: mission step, s, where the motion is wanted at any depth too, as `usvauv.kernels.flow.at_depth` has it.
-
-    Attributes:
-        k: wave number (seas, N), rad/m.
-        wave: table of the components for kernels, torch (seas, groups, columns, LANES); see `usvauv.kernels.flow.airy`.
-        time: s.
-    """
-
-    def __init__(
-        self,
-        amplitude: np.ndarray,
-        omega: np.ndarray,
-        direction: np.ndarray,
-        phase: np.ndarray,
-        *,
-        depth: float,
-        gravity: float,
-        levels: Sequence[float],
-        step: float | None = None,
-    ) -> None:
-        device = runtime.start().device
-        self.amplitude, self.omega, self.direction, self.phase = amplitude, omega, direction, phase
-        self.k = airy.wavenumber(omega, depth, gravity)
-        deep = deep_columns(amplitude, self.k, omega, depth, step) if step else ()
-        packed = airy.pack(amplitude, self.k, direction, omega, depth=depth, levels=levels, more=deep)
-        self.wave = torch.tensor(packed, device=device)
-        start, frequency = (torch.tensor(airy.group(part / airy.TWO_PI), device=device) for part in (phase, omega))
-        self._clock = torch.zeros(1, dtype=torch.float64, device=device)
-        serial = runtime.better_alone(len(omega) // SEAS_A_MICROSECOND)
-        times = start, frequency, self._clock
-        self._set_phases = Launch(airy.set_phases, *times, self.wave, serial) if omega.size else None
-        self.set_time(0.0)
-
-    def set_time(self, time: float) -> None:
-        """Set the time, s. Phases are reduced in double precision, so that late times lose no digits."""
-        self.time = time
-        if self._set_phases:
-            self._clock.fill_(time)
-            self._set_phases()
-
-    def components(self, sea: int) -> np.ndarray:
-        """Waves of one sea: a (m), kx, ky (rad/m), ω (rad/s), φ (rad), (N, 5)."""
-        k, direction = self.k[sea], self.direction[sea]
-        own = self.amplitude[sea], k * np.cos(direction), k * np.sin(direction), self.omega[sea], self.phase[sea]
-        return np.stack(own, axis=-1)
-
-    def elevation(self, sea: int, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Elevation of one sea on the grid of the points x (X,) and y (Y,), (Y, X) float32, m."""
-        return elevation(self.components(sea), x, y, self.time)
 
 
 def elevation(waves: np.ndarray, x: np.ndarray, y: np.ndarray, time: float) -> np.ndarray:
@@ -217,25 +152,18 @@ def _as_storm(part: Partition, storm: Storm) -> Storm:
     )
 
 
-def build_storm(
-    storm: Storm,
-    systems: Sequence[System],
-    *,
-    depth: float,
-    gravity: float,
-    levels: Sequence[float],
-    seas: Sequence[tuple[int, int]],
-    step: float | None = None,
-) -> AirySea:
-    """Seas at t = 0; each depends on its seed and index alone.
+def draw_storm(
+    storm: Storm, systems: Sequence[System], seas: Sequence[tuple[int, int]], *, depth: float, gravity: float
+) -> np.ndarray:
+    """Component waves of seas, each by its seed and index alone: a (m), ω (rad/s), θ and φ (rad), (4, seas, N).
 
     Args:
         storm: number of components, and `shortest_wave`, where spectra are cut off: the variance of the slope grows as
             the logarithm of 1/`shortest_wave`.
         systems: spectra and their parameters. Hs = 4 √m0 is that of the waves above `shortest_wave`. Tp is for "tma"
             that of the JONSWAP spectrum it is made from; "pm" takes γ = 1.
-        depth, gravity, levels, step: as for `AirySea`.
         seas: seed, any non-negative integer below 2¹²⁸, and index of each sea.
+        depth, gravity: h (m) and g (m/s²).
 
     Raises:
         ValueError: an unknown spectrum, or a cut-off that leaves less than twice the peak's frequency.
@@ -262,22 +190,7 @@ def build_storm(
             _directions(system, frequency, sector),
             2 * math.pi * phase,
         )
-    return AirySea(*drawn, depth=depth, gravity=gravity, levels=levels, step=step)
-
-
-def build_short_waves(site: Site, seas: Sequence[tuple[int, int]]) -> AirySea:
-    """The storm upon the seas of `build_sea`, with velocities at the levels `usvauv.kernels.types.Level`."""
-    scenario, depth = site.scenario, site.mean_depth
-    levels = 0.0, -min(scenario.auv.depth, depth)
-    return build_storm(
-        scenario.storm,
-        wave_systems(site),
-        depth=depth,
-        gravity=scenario.sea.gravity,
-        levels=levels,
-        seas=seas,
-        step=scenario.mission.step if scenario.auv.dynamic else None,
-    )
+    return drawn
 
 
 def _sectors(system: System, random: np.random.Generator, count: int) -> np.ndarray:
@@ -306,7 +219,7 @@ def cut_off(shortest_wave: float, depth: float, gravity: float) -> float:
 
 
 def density(system: System, shortest_wave: float, depth: float, gravity: float) -> tuple[np.ndarray, np.ndarray]:
-    """Frequencies ω (rad/s) up to the cut-off's and S(ω) up to a factor, each (FINE,); errors as for `build_storm`."""
+    """Frequencies ω (rad/s) up to the cut-off's and S(ω) up to a factor, each (FINE,); errors as for `draw_storm`."""
     if isinstance(system, Storm):
         return band(system.spectrum, system.peak_period, system.gamma, shortest_wave, depth, gravity)
     f = system.frequencies
@@ -320,7 +233,7 @@ def band(
     """Frequencies ω from half the peak's to the cut-off's, and S(ω) up to a factor, each (FINE,).
 
     S = ω⁻⁵ exp(−1.25 (ωp/ω)⁴) γ^exp(−(ω/ωp − 1)²/2σ²), σ = 0.07 below the peak and 0.09 above; "tma" times
-    Φ = tanh²(kh)/(1 + 2kh/sinh 2kh). Arguments and errors as for `build_storm`.
+    Φ = tanh²(kh)/(1 + 2kh/sinh 2kh). Arguments and errors as for `draw_storm`.
     """
     if spectrum not in SHAPES[1:]:
         raise ValueError(f"spectrum: {spectrum!r} is not one of {', '.join(SHAPES)}")

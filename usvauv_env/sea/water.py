@@ -12,15 +12,17 @@ import torch
 
 from usvauv.env.scenario import ScenarioError
 from usvauv.env.sea.long_waves import LongWaves, NonlinearSeas, boundary_waves, build_sea, fine_cells, speed_bound
-from usvauv.env.sea.storm import AirySea, build_short_waves, density, wave_systems
+from usvauv.env.sea.storm import density, draw_storm, elevation, wave_systems
 from usvauv.env.site.site import Site
 from usvauv.kernels import runtime
 from usvauv.kernels.errors import DivergenceError
 from usvauv.kernels.flow import airy
-from usvauv.kernels.functions import DeviceFlag
+from usvauv.kernels.flow.at_depth import deep_columns
+from usvauv.kernels.functions import DeviceFlag, Launch
 from usvauv.kernels.types import Level
 
 LARGEST_SEED = (1 << 64) - 1
+SEAS_A_MICROSECOND = 8  # of which a thread sets the phases of the storm
 DRY = 1e4  # m, above every elevation where land may be dry
 LEAST_CURRENT_BOUND = 0.1  # m/s; a box without extent is not a valid space
 NAMED = 8  # of the worlds on a sea, in a message
@@ -93,6 +95,75 @@ class Seeds:
         seeds, which = np.unique(self.seed, return_inverse=True)
         seas, own = np.unique(which * realisations + self.index % realisations, return_inverse=True)
         return [(int(seeds[sea // realisations]), int(sea % realisations)) for sea in seas], own
+
+
+class AirySea:
+    """Seas of given components at any time.
+
+    Args:
+        amplitude, omega, direction, phase: a (m), ω > 0 (rad/s), direction of travel θ (rad from east towards north), φ
+            (rad), each (seas, N); N may be 0.
+        depth: h, m.
+        gravity: g, m/s².
+        levels: heights z of the water velocities, −h ≤ z ≤ 0, m.
+        step: mission step, s, where the motion is wanted at any depth too, as `usvauv.kernels.flow.at_depth` has it.
+
+    Attributes:
+        k: wave number (seas, N), rad/m.
+        wave: table of the components for kernels, torch (seas, groups, columns, LANES); see `usvauv.kernels.flow.airy`.
+        time: s.
+    """
+
+    def __init__(
+        self,
+        amplitude: np.ndarray,
+        omega: np.ndarray,
+        direction: np.ndarray,
+        phase: np.ndarray,
+        *,
+        depth: float,
+        gravity: float,
+        levels: Sequence[float],
+        step: float | None = None,
+    ) -> None:
+        device = runtime.start().device
+        self.amplitude, self.omega, self.direction, self.phase = amplitude, omega, direction, phase
+        self.k = airy.wavenumber(omega, depth, gravity)
+        deep = deep_columns(amplitude, self.k, omega, depth, step) if step else ()
+        packed = airy.pack(amplitude, self.k, direction, omega, depth=depth, levels=levels, more=deep)
+        self.wave = torch.tensor(packed, device=device)
+        start, frequency = (torch.tensor(airy.group(part / airy.TWO_PI), device=device) for part in (phase, omega))
+        self._clock = torch.zeros(1, dtype=torch.float64, device=device)
+        serial = runtime.better_alone(len(omega) // SEAS_A_MICROSECOND)
+        times = start, frequency, self._clock
+        self._set_phases = Launch(airy.set_phases, *times, self.wave, serial) if omega.size else None
+        self.set_time(0.0)
+
+    def set_time(self, time: float) -> None:
+        """Set the time, s. Phases are reduced in double precision, so that late times lose no digits."""
+        self.time = time
+        if self._set_phases:
+            self._clock.fill_(time)
+            self._set_phases()
+
+    def components(self, sea: int) -> np.ndarray:
+        """Waves of one sea: a (m), kx, ky (rad/m), ω (rad/s), φ (rad), (N, 5)."""
+        k, direction = self.k[sea], self.direction[sea]
+        own = self.amplitude[sea], k * np.cos(direction), k * np.sin(direction), self.omega[sea], self.phase[sea]
+        return np.stack(own, axis=-1)
+
+    def elevation(self, sea: int, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """Elevation of one sea on the grid of the points x (X,) and y (Y,), (Y, X) float32, m."""
+        return elevation(self.components(sea), x, y, self.time)
+
+
+def build_short_waves(site: Site, seas: Sequence[tuple[int, int]]) -> AirySea:
+    """The storm upon the seas of `build_sea`, with velocities at the levels `usvauv.kernels.types.Level`."""
+    scenario = site.scenario
+    water = {"depth": site.mean_depth, "gravity": scenario.sea.gravity}
+    drawn = draw_storm(scenario.storm, wave_systems(site), seas, **water)
+    step = scenario.mission.step if scenario.auv.dynamic else None
+    return AirySea(*drawn, **water, levels=(0.0, -min(scenario.auv.depth, site.mean_depth)), step=step)
 
 
 class SeaWatch:

@@ -14,8 +14,7 @@ import torch
 
 from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.env.sea.long_waves import LongWaves
-from usvauv.env.sea.storm import AirySea
-from usvauv.env.sea.water import Seeds, WorldWater, whole_number
+from usvauv.env.sea.water import AirySea, Seeds, WorldWater, whole_number
 from usvauv.env.site.site import Site
 from usvauv.env.storage.memory import require
 from usvauv.env.world import tables
@@ -634,7 +633,7 @@ class World:
         return elevation + self.storm.elevation(int(self._water.sea_index[world]), x, y)
 
     def short_waves(self, world: int = 0) -> np.ndarray:
-        """The waves of the storm upon a world's sea, (N, 5), see `usvauv.env.sea.storm.AirySea.components`."""
+        """The waves of the storm upon a world's sea, (N, 5), see `usvauv.env.sea.water.AirySea.components`."""
         return self.storm.components(int(self._water.sea_index[world]))
 
     def long_waves(self, pixels: int, world: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

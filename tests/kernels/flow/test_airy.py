@@ -10,7 +10,8 @@ from scipy.integrate import quad, trapezoid
 from scipy.signal import welch
 
 from usvauv.env.scenario.sea import Storm
-from usvauv.env.sea.storm import AirySea, band, build_storm, spread
+from usvauv.env.sea.storm import band, draw_storm, spread
+from usvauv.env.sea.water import AirySea
 from usvauv.kernels.flow import airy
 
 G, H = 9.81, 120.0
@@ -34,7 +35,8 @@ STORM = {
 def storm(**changes) -> AirySea:
     about = {**STORM, **changes}
     section = Storm.model_construct(**{name: about.pop(name) for name in Storm.model_fields})  # also what it refuses
-    return build_storm(section, section.systems, **about)
+    levels, water = about.pop("levels"), {name: about[name] for name in ("depth", "gravity")}
+    return AirySea(*draw_storm(section, section.systems, **about), **water, levels=levels)
 
 
 def single(a=1.0, omega=0.6, direction=0.0, phase=0.0, depth=H, levels=(0.0,)) -> AirySea:

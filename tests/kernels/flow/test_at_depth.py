@@ -7,7 +7,7 @@ import pytest
 import taichi as ti
 import torch
 
-from usvauv.env.sea.storm import AirySea
+from usvauv.env.sea.water import AirySea
 from usvauv.kernels.flow import airy, at_depth
 from usvauv.kernels.flow.current import Water
 from usvauv.kernels.flow.vortex import Eddies, sample_current
