@@ -35,7 +35,7 @@ class TestTraining:
             return mean_reward(ToyWorld(toy, 64, seed=99), policy)
 
         untrained = score(trainer.policy())
-        figures = trainer.train(32_000)
+        figures = trainer.train(25_600)
         learned = score(trainer.policy())
         random, middle, fast, best = (
             score(name) for name in ("random", "straight:1.7", "straight:2.0", "straight:2.2")

@@ -4,6 +4,8 @@ import math
 
 import pytest
 
+from tests.usvauv_cli.work import Here
+from usvauv.cli.sweep import perform
 from usvauv.env import Scenario
 from usvauv.env.world import regime
 
@@ -44,13 +46,14 @@ def test_the_gain_counts_in_the_height():
     assert "sea.equations" not in verdicts(*area, *POOL, "sea.irregular_period_min=160")
 
 
-def test_a_study_warns_once_for_all_its_runs(run_usvauv, tmp_path):
+def test_a_study_warns_once_for_all_its_runs(run_usvauv, tmp_path, monkeypatch):
+    monkeypatch.setattr(perform, "Local", lambda jobs, cores: Here())
     study = tmp_path / "study.toml"
-    runs = '[common]\nscenario = "ideal"\nset = ["mission.duration=2", "nodes.rate_law=shannon"]\n'
+    runs = '[common]\nscenario = "extreme"\nset = ["mission.duration=2", "storm.peak_period=8"]\n'
     study.write_text(runs + '[[runs]]\npolicy = ["straight:1.3", "straight:1.4"]\n[evaluation]\nepisodes = 1\n')
     code, _, err = run_usvauv("sweep", study, "--out", tmp_path / "done")
-    assert (code, err.count("warning: nodes.rate_law: the data link carries")) == (0, 1)
-    study.write_text(study.read_text().replace("nodes.rate_law=shannon", "acoustics.source_level=90"))
+    assert (code, err.count("warning: storm.peak_period: ")) == (0, 1)
+    study.write_text(study.read_text().replace("storm.peak_period=8", "acoustics.source_level=90"))
     assert run_usvauv("sweep", study, "--out", tmp_path / "never")[0] == 2
 
 
@@ -108,11 +111,9 @@ def test_an_error_ends_with_2(run_usvauv):
 
 
 def test_commands_warn_once_and_refuse(run_usvauv, tmp_path):
-    command = ["eval", "ideal", "--episodes", "1", "--policy", "straight", "--out", str(tmp_path / "x.csv")]
-    code, out, err = run_usvauv(
-        *command, "--set", "mission.duration=2", "--set", "nodes.rate_law=shannon", *_set(SOUND)
-    )
-    assert (code, err.count("warning: nodes.rate_law: the data link carries")) == (0, 1)
+    command = ["eval", "extreme", "--episodes", "1", "--policy", "straight", "--out", str(tmp_path / "x.csv")]
+    code, out, err = run_usvauv(*command, *_set(["mission.duration=2", "storm.peak_period=8"]))
+    assert (code, err.count("warning: storm.peak_period: ")) == (0, 1)
     assert "warning" not in out
     code, _, err = run_usvauv(*command, "--force", "--set", "acoustics.source_level=90")
     assert code == 2

@@ -175,7 +175,7 @@ class TestSpaces:
     @pytest.mark.parametrize(
         "scenario",
         [
-            Scenario.load("ideal"),
+            Scenario.load("extreme"),
             Scenario.load("extreme", ["observation.current=vector", "auv.count=16"]),
         ],
         ids=lambda scenario: f"{scenario.name}-{scenario.auv.count}",
@@ -210,7 +210,7 @@ class TestSpaces:
             "acoustics.source_level=260",
         ]
         scenario = Scenario.load("extreme", deep)
-        envs = gymnasium.make_vec(NAME, num_envs=16, scenario=scenario, usv="hold:0,0")
+        envs = gymnasium.make_vec(NAME, num_envs=16, scenario=scenario)
         observation, _ = envs.reset(seed=1)
         assert envs.world.observation.abs().max() > 2
         assert observation in envs.observation_space

@@ -80,10 +80,10 @@ def test_the_budget_is_the_error_of_missions(device, slant):
     changes += ["usbl.heading_error=0.004", "acoustics.sound_speed_error=2", "usbl.lever_arm_error=0.05"]
     changes += ["usbl.gnss_error=0.3"]
     scenario = Scenario.load("ideal", [*QUIET, *changes])
-    world = World(scenario, 40000, 6, usv="hold:500,500")
+    world = World(scenario, 40000, 6, usv="centroid")
     world.reset()
     auv = world.auv.double().cpu().numpy()
-    away = np.hypot(np.linalg.norm(auv[..., :2] - 500, axis=-1), 40)
+    away = np.hypot(np.linalg.norm(auv[..., :2] - world.boat.double().cpu().numpy()[..., :2], axis=-1), 40)
     near = np.abs(away / slant - 1) < 0.05
     assert near.sum() > 100
     error = np.linalg.norm(auv[..., AuvColumn.span("fix_x", "fix_y")] - auv[..., :2], axis=-1)[near]

@@ -240,10 +240,10 @@ class TestStart:
 
 def test_a_person_reads_what_a_world_is():
     scenario = Scenario.load("extreme", ["mission.duration=40"])
-    world = World(scenario, 3, np.int64(7), "centroid", "nearest")
+    world = World(scenario, 3, np.int64(7), "hold:90,90")
     assert repr(world).splitlines() == [
         f"World of 3 missions, seed 7, on {world.device}",
-        "  boat centroid, targets nearest, 40 steps of 1 s",
+        f"  boat hold:90,90, targets {scenario.nodes.target_rule}, 40 steps of 1 s",
         f"  observation {tuple(world.reset().shape)}, action (3, 2, 2)",
         *(f"  {line}" for line in repr(world.scenario).splitlines()),
     ]

@@ -28,7 +28,7 @@ def after_service(rule: str, backlog: list[float]) -> int:
     with the horizontal d the last number is − 3.75, − 0.5, − 3.75. The other AUV heads for node 0, −5.59.
     """
     overrides = ["nodes.count=5", "nodes.arrival_rates=[0]", f"nodes.target_rule={rule}"]
-    world = World(Scenario.load("paper-ideal", overrides), usv="hold:100,100")
+    world = World(Scenario.load("paper-ideal", overrides))
     world.reset()
     world.node[0, :, NodeColumn.x] = torch.tensor([50.0, 100.0, 175.0, 110.0, 25.0])
     world.node[0, :, NodeColumn.y] = 100.0

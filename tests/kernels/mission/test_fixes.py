@@ -129,7 +129,7 @@ class TestLost:
 
     def test_other_draws_do_not_move(self):
         """Losing fixes changes no other random number: nodes, vortices and the fixes that remain are the same."""
-        whole, holed = voyage([], usv="hold:90,90"), voyage(["usbl.packet_loss=0.5"], usv="hold:90,90")
+        whole, holed = voyage([]), voyage(["usbl.packet_loss=0.5"])
         np.testing.assert_array_equal(whole.node_position, holed.node_position)
         np.testing.assert_array_equal(whole.vortex, holed.vortex)
         heard = holed.fix_flags[0] == usbl.DETECTED
@@ -195,7 +195,7 @@ class TestModels:
 class TestTracker:
     @pytest.mark.parametrize("extra", [[], ["tracker.current_reading=0.1"]])
     def test_estimates_are_better_and_as_good_as_they_say(self, extra):
-        settings = {"worlds": 128, "policy": "crab", "usv": "fim"}
+        settings = {"worlds": 128, "policy": "crab"}
         fixes, tracked = voyage([], **settings), voyage(["tracker.enabled=true", *extra], **settings)
         error = [np.linalg.norm(t.estimate - t.auv_position, axis=-1)[10:] for t in (fixes, tracked)]
         assert np.median(error[1]) < (0.55 if extra else 0.68) * np.median(error[0])

@@ -157,7 +157,7 @@ def test_choices(rule, value):
 
 def test_a_world_does_not_depend_on_those_beside_it():
     """`rollout` has numbers of its own for each world."""
-    scenario = Scenario.load("extreme", CALM)
+    scenario = Scenario.load("ideal", CALM)
     many, one = (World(scenario, count, 9, targets="rollout", first_world=first) for count, first in ((4, 0), (1, 2)))
     for world in (many, one):
         world.reset()
@@ -269,7 +269,7 @@ class TestKnowledge:
     def test_estimates(self):
         """Counts and exposures from what every visit found, as NumPy adds them up."""
         overrides = [*EVERY_STEP, "nodes.information=visits", "nodes.start_backlog=0", "nodes.arrival_rates=[1,2,9]"]
-        world = World(Scenario.load("ideal", overrides), 4, seed=1, targets="rate")
+        world = World(Scenario.load("ideal", overrides), 4, seed=1, targets="tour")
         mean, variance = 4.0, 38 / 3
         count, exposure = np.full((4, 30), mean**2 / variance), np.full((4, 30), mean / variance)
         last, weights = np.zeros((4, 30)), 0
@@ -389,7 +389,7 @@ class TestKnowledge:
 
     def test_without_communication_each_knows_its_own_visits(self):
         overrides = [*EVERY_STEP, "nodes.information=own-visits", "nodes.count=20", "auv.count=2"]
-        world = World(Scenario.load("ideal", overrides), 4, seed=2, targets="rate")
+        world = World(Scenario.load("ideal", overrides), 4, seed=2, targets="rollout")
         visits = np.zeros((4, 2, 20), bool)
         for _, before, after in run(world, 300):
             for w, k in np.argwhere((before.hover == 0) & (after.hover > 0)):
@@ -406,8 +406,9 @@ class TestKnowledge:
     )
     def test_without_communication_each_keeps_to_its_sector(self, rule):
         """Sectors are the cycles of the rule `sectors`; they do not depend on the rule."""
-        scenario = Scenario.load("ideal", [*EVERY_STEP, "nodes.information=own-visits", "auv.count=3"])
-        world, sectors = (World(scenario, 6, seed=2, targets=name) for name in (rule, "sectors"))
+        changes = [*EVERY_STEP, "auv.count=3"]
+        sectors = World(Scenario.load("ideal", changes), 6, seed=2, targets="sectors")
+        world = World(Scenario.load("ideal", [*changes, "nodes.information=own-visits"]), 6, seed=2, targets=rule)
         sectors.reset()
         owner = np.zeros((6, 30), int)
         for w in range(6):

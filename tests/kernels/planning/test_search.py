@@ -31,9 +31,9 @@ class TestPlan:
     @pytest.mark.parametrize("K", [2, 4, 8])
     @pytest.mark.parametrize("code", CODES.values(), ids=CODES)
     def test_finds_the_global_maximum(self, device, code, K):
-        """For each objective 1000 layouts: near-collinear, coincident, in corners, outside the box, at any depth."""
+        """For each objective 500 layouts: near-collinear, coincident, in corners, outside the box, at any depth."""
         link = table(device, K, attitude_error=0.0017, systematic=K == 4)
-        points = all_kinds(42, K, 10 * K + code)
+        points = all_kinds(14 + 56 // K, K, 10 * K + code)
         out = search.plan_batch(link, points.to(device), code=code, width=AREA, length=AREA).double().cpu()
         assert out[:, :2].min() >= 0
         assert out[:, :2].max() <= AREA
@@ -43,10 +43,10 @@ class TestPlan:
         # The value can be a sum of 2K logarithms in single precision.
         assert ((out[:, 2] - reached).abs() / (5 + reached.abs())).max() < 2e-6
 
-    @pytest.mark.parametrize("K", [3, 6])
+    @pytest.mark.parametrize(("K", "layouts"), [(3, 30), (6, 12)])
     @pytest.mark.parametrize("name", slowly([name for name in CODES if name[0] in "ds"], "d phase"))
-    def test_unequal_links(self, device, name, K):
-        for side, link, points in unequal_links(K, 1000 + K, 12, 30):
+    def test_unequal_links(self, device, name, K, layouts):
+        for side, link, points in unequal_links(K, 1000 + K, 12, layouts):
             out = search.plan_batch(link.to(device), points.to(device), code=CODES[name], width=side, length=side)
             out = out.double().cpu()
             reached = log_objective(out[:, :2], points.double(), link.double(), CODES[name])

@@ -3,6 +3,7 @@
 Comparisons of samples are tests at a stated significance with fixed seeds.
 """
 
+import functools
 import math
 
 import numpy as np
@@ -19,19 +20,23 @@ OFFSET = (70.0, -45.0, -104.0)
 PERIODS = 10
 
 
+@functools.cache
+def tables_of(device, signal, chips, bandwidth, gate):
+    """Codes (none of a tone), carriers, Hz, and tables of the pulses of two AUVs."""
+    if signal == "tone":
+        return None, (12000.0, 15000.0), pulse.tones(2, PERIODS, device)
+    code, carriers = pulse.codes(2, chips), (31000.0, 25000.0)
+    return code, carriers, pulse.pulses(code, carriers, bandwidth, gate, device)
+
+
 class Batch:
     """Pulses of the second AUV from one place, its range spread over a chip and more, and statistical fixes of it."""
 
     def __init__(self, device, signal="code", *, chips=80, bandwidth=8000.0, gate=8, offset=OFFSET, slope=(0.0, 0.0),
                  **sonar):  # fmt: skip
         self.device, self.slope, self.offset, self.bandwidth = device, slope, np.array(offset), bandwidth
-        carriers = (31000.0, 25000.0) if signal == "code" else (12000.0, 15000.0)
+        self.code, carriers, self.tables = tables_of(device, signal, chips, bandwidth, gate)
         self.carrier, spacing = carriers[1], 0.02 if signal == "code" else 0.033
-        if signal == "code":
-            self.code = pulse.codes(2, chips)
-            self.tables = pulse.pulses(self.code, carriers, bandwidth, gate, device)
-        else:
-            self.tables = pulse.tones(2, PERIODS, device)
         self.sonar = acoustic_link.Sonar(
             **{"spacing": spacing, "sound_speed": C, "path": "transponder", "signal": signal, "periods": PERIODS,
                "pulse_length": chips / bandwidth, "bandwidth": bandwidth} | sonar
