@@ -79,7 +79,7 @@ class TestPlugin:
 
 def test_simulate(tmp_path):
     done = usvauv(
-        *("simulate", "extreme", "--policy", "straight:1.5", "--usv", "hold:50,60", "--seed", 3, "--duration", 8),
+        *("simulate", "extreme", "--policy", "straight:1.5", "--seed", 3, "--duration", 8),
         *("--out", "a.mp4", "--size", "640x360", "--fps", 10, "--trace", "a.nc", "--set", "sea.fine_cells=64"),
         cwd=tmp_path,
     )
@@ -91,7 +91,7 @@ def test_simulate(tmp_path):
         assert (stream.width, stream.height, stream.average_rate) == (640, 360, 10)
         assert sum(1 for _ in container.decode(video=0)) == 8
     trace = Trace.load(tmp_path / "a.nc")
-    assert (trace.policy, trace.usv, trace.seed) == ("straight:1.5", "hold:50,60", 3)
+    assert (trace.policy, trace.seed) == ("straight:1.5", 3)
     assert trace.surface.shape == (8, 64, 64)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.mp4", "a.nc"]
 
@@ -306,7 +306,7 @@ def test_a_command_says_what_it_does_before_it_imports_what_takes_long(tmp_path,
 
 
 def test_ctrl_c_ends_a_training_run_cleanly(tmp_path):
-    command = ["train", "extreme", "--usv", "hold:50,60", "--out", "run", "--worlds", "8", "--steps", "100000000"]
+    command = ["train", "extreme", "--out", "run", "--worlds", "8", "--steps", "100000000"]
     with subprocess.Popen(
         [*COMMAND, *command], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as run:

@@ -162,7 +162,7 @@ def test_the_command_prints_its_address_and_ctrl_c_ends_it():
     start = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
     start += "; from usvauv.cli.app import main; main()"
     process = subprocess.Popen(
-        [sys.executable, "-c", start, "live", "extreme", "--usv", "hold:50,60"],  # compiled in `test_cli`
+        [sys.executable, "-c", start, "live", "extreme"],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -182,9 +182,7 @@ def test_a_failed_run_is_shown_and_a_killed_one_done_again(tmp_path, run_usvauv,
     (tmp_path / "own.py").write_text(MINE)
     monkeypatch.delitem(sys.modules, "own", raising=False)  # of another test
     monkeypatch.syspath_prepend(tmp_path)  # which processes that are started take over
-    usv = 'usv = "hold:50,60"'  # compiled in `test_cli`
-    policy = 'policy = ["own:Good", "own:Bad", "own:Killed"]'
-    text = f"[common]\n{SHORT}\n{usv}\n[[runs]]\n{policy}\n[evaluation]\nepisodes = 3"
+    text = f'[common]\n{SHORT}\n[[runs]]\npolicy = ["own:Good", "own:Bad", "own:Killed"]\n[evaluation]\nepisodes = 3'
     written(tmp_path, text)
     code, said, complaints = run_usvauv("sweep", "study.toml", "--out", "a", "--jobs", "1")
     assert code == 2
