@@ -101,7 +101,6 @@ def _export_policy(
 
 
 def _export_trace(context: typer.Context, path: Path, to: str, out: Path | None, episode: int) -> None:
-    from usvauv.env import Trace
     from usvauv.env.exchange import FOLDERS, WRITERS, export_trace
 
     if to not in WRITERS:
@@ -110,10 +109,7 @@ def _export_trace(context: typer.Context, path: Path, to: str, out: Path | None,
         target = out or Path(path.stem)
     else:
         target = options.writable(context, out or Path(f"{path.stem}.{to}"), "--out", (f".{to}",))
-    trace = Trace.load(path)
-    episodes = trace.power.shape[1]
-    if not 0 <= episode < episodes:
-        raise UserError(f"--episode {episode}: {path} has episodes 0 to {episodes - 1}")
+    trace = options.loaded(path, episode)
     if to in FOLDERS:
         options.make_folder(target)
         options.keep_others(context, target, "--out")

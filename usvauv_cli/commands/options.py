@@ -19,7 +19,7 @@ from usvauv.cli.terminal import counted
 from usvauv.kernels.errors import UserError
 
 if TYPE_CHECKING:
-    from usvauv.env import Scenario
+    from usvauv.env import Scenario, Trace
     from usvauv.env.render.video import Video
 
 ScenarioName = Annotated[str, typer.Argument(metavar="SCENARIO", help="Shipped name or path of a TOML file.")]
@@ -285,6 +285,16 @@ def check_shown(video: Video, length: float, *scenarios: Scenario) -> None:
             Vehicle.parse(video.follow, scenario)
     except UserError as error:
         raise UserError(f"--{error}") from None
+
+
+def loaded(path: Path, episode: int) -> Trace:
+    """The trace in a file, which must have an episode of that number."""
+    from usvauv.env import Trace
+
+    trace = Trace.load(path)
+    if not 0 <= episode < (count := trace.power.shape[1]):
+        raise UserError(f"--episode {episode}: {path} has episodes 0 to {count - 1}")
+    return trace
 
 
 def _parse_at(text: str) -> float | tuple[float, float]:

@@ -181,8 +181,6 @@ def replay(
 
     `usvauv replay mission.nc --out mission.geojson`
     """
-    from usvauv.env import Trace
-
     out = out or Path(f"{traces[0].stem}.mp4")
     mapped = out.suffix.lower() == ".geojson"
     if len(traces) > (1 if mapped else 2):
@@ -195,12 +193,7 @@ def replay(
                 raise UserError(f"--{name} {value}: is for videos and pictures; {out} shows the whole area and mission")
         options.writable(context, out, "--out", (".geojson",))
     video = None if mapped else options.checked_video(context, out)
-    recorded = [Trace.load(path) for path in traces]
-    for path, trace in zip(traces, recorded, strict=True):
-        worlds = trace.power.shape[1]
-        if not 0 <= episode < worlds:
-            raise UserError(f"--episode {episode}: {path} has episodes 0 to {worlds - 1}")
-    recorded = [trace.episode(episode) for trace in recorded]
+    recorded = [options.loaded(path, episode).episode(episode) for path in traces]
     if video is None:
         from usvauv.env.exchange import geojson
 

@@ -242,53 +242,31 @@ def perform_all(
         flush=True,
     )
     files = tuple(plugins.loaded())
-    board = Board(list(left.values()))
-    with signs_in(folder) as signs, board.bar:
-
-        def ended(result: Ended) -> None:
-            if result.how != "done":
-                place = left[result.name].place(folder)
-                place.mkdir(parents=True, exist_ok=True)
-                with atomic_write(place / FAILURE) as partial_file:
-                    partial_file.write_text(f"{result.details or result.words}\n", encoding="utf-8")
-            board.ended(result)
-
-        def watch() -> None:
-            found = {key: reported(signs, key) for key in board.unfinished}
-            board.update({key: units for key, units in found.items() if units is not None})
-
-        tasks = [
-            Task(
-                key,
-                partial(perform, piece.definition, piece.evaluate, piece.place(folder).resolve()),
-                signs,
-                threads,
-                arch,
-                files,
-            )
-            for key, piece in left.items()
-        ]
-        conduct(make_engine(), tasks, signs, ended, watch)
+    with signs_in(folder) as signs:
+        board = Board(left, folder, signs)
+        tasks = []
+        for key, piece in left.items():
+            do = partial(perform, piece.definition, piece.evaluate, piece.place(folder).resolve())
+            tasks.append(Task(key, do, signs, threads, arch, files))
+        with board.bar:
+            conduct(make_engine(), tasks, signs, board.ended, board.watch)
     if not board.failed:
         return ""
-    where = folder / "runs"
     failed = f"{board.failed} of {terminal.counted(len(pieces), 'run')} failed"
-    return f"{failed}, see {where}/*/{FAILURE}; the same command tries them again"
+    return f"{failed}, see {folder / 'runs'}/*/{FAILURE}; the same command tries them again"
 
 
 class Board:
-    """Shows how far runs are while `bar` is a context, and a line for each that ends.
+    """Shows how far runs are while `bar`, of all work, is a context, and a line for each that ends.
 
     Attributes:
-        unfinished: keys of the runs that have not ended.
-        failed: number of those that failed.
-        bar: of all work.
+        failed: number of those that failed; how is written into their folders.
     """
 
-    def __init__(self, pieces: Sequence[Piece]) -> None:
-        self._pieces = {piece.key: piece for piece in pieces}
-        self._work = {key: piece.work for key, piece in self._pieces.items()}
-        self.unfinished = dict.fromkeys(self._pieces)
+    def __init__(self, pieces: Mapping[str, Piece], folder: Path, signs: Path) -> None:
+        self._pieces, self._folder, self._signs = pieces, folder, signs
+        self._work = {key: piece.work for key, piece in pieces.items()}
+        self._unfinished = dict.fromkeys(pieces)
         self.failed = 0
         self._done = dict[str, float]()  # work by run
         self._console = Console(markup=False, emoji=False, highlight=False)
@@ -303,26 +281,35 @@ class Board:
             speed_estimate_period=RECENT,
         )
         self._all = self.bar.add_task("", total=sum(self._work.values()))
-        self.update({})
+        self._show()
 
     def ended(self, result: Ended) -> None:
         """Show that a run has ended."""
-        del self.unfinished[result.name]
-        bad = result.how != "done"
-        self.failed += bad
-        self.update({result.name: self._work[result.name]})
-        piece, number = self._pieces[result.name], len(self._pieces) - len(self.unfinished)
-        how = f"failed: {result.words}" if bad else "done"
+        del self._unfinished[result.name]
+        piece, how = self._pieces[result.name], "done"
+        if result.how != "done":
+            self.failed += 1
+            how, place = f"failed: {result.words}", piece.place(self._folder)
+            place.mkdir(parents=True, exist_ok=True)
+            with atomic_write(place / FAILURE) as partial_file:
+                partial_file.write_text(f"{result.details or result.words}\n", encoding="utf-8")
+        self._done[result.name] = self._work[result.name]
+        self._show()
+        number = len(self._pieces) - len(self._unfinished)
         line = f"{number}/{len(self._pieces)} {piece.method} in {piece.task}, seed {piece.seed}: {how}"
         left = self.bar.tasks[0].time_remaining
-        line += f", about {terminal.duration(left, rough=True)} left" if left and self.unfinished else ""
+        line += f", about {terminal.duration(left, rough=True)} left" if left and self._unfinished else ""
         self._console.print(terminal.wrapped(f"{line} ({result.name})", 2), soft_wrap=True)
 
-    def update(self, done: Mapping[str, float]) -> None:
-        """Show how much work is done of runs."""
-        self._done |= done
-        running = len(self.unfinished.keys() & self._done.keys())
-        count, waiting = len(self._pieces), len(self.unfinished) - running
-        ended = f"{count - len(self.unfinished)} of {count} ended"
+    def watch(self) -> None:
+        """Show what unfinished runs report."""
+        found = {key: reported(self._signs, key) for key in self._unfinished}
+        self._done |= {key: units for key, units in found.items() if units is not None}
+        self._show()
+
+    def _show(self) -> None:
+        running = len(self._unfinished.keys() & self._done.keys())
+        count, waiting = len(self._pieces), len(self._unfinished) - running
+        ended = f"{count - len(self._unfinished)} of {count} ended"
         state = f"{ended}, {running} running, {waiting} waiting, {self.failed} failed"
         self.bar.update(self._all, completed=sum(self._done.values()), description=state)
