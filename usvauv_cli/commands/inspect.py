@@ -81,9 +81,10 @@ def scenarios(
     """
     from usvauv.env import Scenario
 
-    if check:
-        if not scenario:
-            raise UserError("--check: needs a scenario")
+    for option, given in (("--check", check), ("--set", overrides)):
+        if given and not scenario:
+            raise UserError(f"{option}: needs a scenario")
+    if check and scenario:
         from usvauv.env.world import regime
 
         findings = regime.check(Scenario.load(scenario, overrides or ()))

@@ -48,7 +48,10 @@ def simulate(
     speedup: options.Speedup = None,
     at: options.At = None,
     follow: options.Follow = None,
-    trace: Annotated[Path | None, typer.Option(help="Also save everything that happened, as NetCDF.")] = None,
+    trace: Annotated[
+        Path | None,
+        typer.Option(help="Also save everything that happened, as NetCDF; with --compare in the first of the two."),
+    ] = None,
     arch: options.Arch = "auto",
     overrides: options.Overrides = None,
     force: options.Force = False,
