@@ -165,10 +165,10 @@ class Playback:
     """World 0 of a trace of T steps, K AUVs, M nodes and B boats.
 
     Attributes:
-        pace: steps of the mission from one frame to the next. sea: its surface.
+        pace: steps of the mission from one frame to the next. sea: its surface. stations: whether the AUVs keep some.
         time, duration: s. depths: of the AUVs, m. covariance: m².
         boats, auvs, estimated, foreseen, goals: series of places, m.
-        boat_headings: (B,) rad. attitude: (K, 3) of the AUVs, rad.
+        boat_headings: (B,) rad. attitude: (K, 3) of the AUVs, rad. hovering: (T, K) whether they do.
         fill, age: (T, M) data of the nodes over their buffers, and how old it is over `OLD`; stations have none.
         services: (T,) completed so far. delivered: (T,) Mbit so far.
         position_error: (T, K) horizontal distance from the true position to the estimate, m.
