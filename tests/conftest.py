@@ -13,6 +13,28 @@ from usvauv.env import plugins
 from usvauv.kernels import runtime
 from usvauv.kernels.registry import Registry
 
+# Files that take longest, first: at the end a worker would wait for another one's. The commands of the first leave
+# compiled kernels for those of the others.
+LONG = (
+    "usvauv_cli/test_cli.py",
+    "usvauv_env/test_invariants.py",
+    "usvauv_env/test_fixes_in_missions.py",
+    "test_tour.py",
+    "test_docs.py",
+    "kernels/mission/test_fixes.py",
+    "usvauv_env/test_boats.py",
+    "usvauv_cli/test_engines.py",
+    "kernels/test_runtime.py",
+    "kernels/mission/test_target_rules.py",
+    "policies/test_ranks.py",
+    "usvauv_cli/test_sweep.py",
+    "policies/test_training.py",
+    "kernels/planning/test_search.py",
+    "policies/test_guidance.py",
+    "usvauv_env/test_faces.py",
+    "usvauv_env/test_world.py",
+)
+
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--arch", default="auto", help="Where the kernels run: auto, cpu, cuda or vulkan.")
@@ -26,6 +48,11 @@ def pytest_configure(config: pytest.Config) -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     if config.getoption("--arch") != "auto":
         runtime.start(config.getoption("--arch"))
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    order = {f"tests/{file}": place for place, file in enumerate(LONG)}
+    items.sort(key=lambda item: order.get(item.nodeid.partition("::")[0], len(LONG)))
 
 
 def pytest_collection_finish() -> None:

@@ -76,23 +76,27 @@ def in_a_child(program, *arguments, **environment):
     return done.stdout.splitlines(), done.stderr.splitlines()
 
 
-START = "import sys; from usvauv.kernels import runtime; print(runtime.start(sys.argv[1]))"
+START = """
+import sys
+from usvauv.kernels import runtime
+for arch in sys.argv[1:]:
+    try:
+        print(runtime.start(arch))
+    except runtime.RuntimeUnavailable as error:
+        print(error, file=sys.stderr)
+"""
 
 
-@pytest.mark.parametrize(
-    ("arch", "said"),
-    [
-        ("metal", "arch: 'metal': allowed are auto, cpu, cuda, vulkan"),
-        ("cuda", "arch: 'cuda' was asked for, but torch sees no CUDA device here"),
-        ("vulkan", "arch: 'vulkan' was asked for, but Taichi finds no such device here"),
-    ],
-)
-def test_a_missing_device_is_an_error(arch, said):
+def test_a_missing_device_is_an_error():
     """Taichi by itself would take the CPU."""
     nowhere = {"VK_ICD_FILENAMES": "/nowhere.json", "VK_DRIVER_FILES": "/nowhere.json", "CUDA_VISIBLE_DEVICES": ""}
-    out, err = in_a_child(START, arch, **nowhere)
+    out, err = in_a_child(START, "metal", "cuda", "vulkan", **nowhere)
     assert out == []
-    assert err[-1].endswith(said)
+    assert err == [
+        "arch: 'metal': allowed are auto, cpu, cuda, vulkan",
+        "arch: 'cuda' was asked for, but torch sees no CUDA device here",
+        "arch: 'vulkan' was asked for, but Taichi finds no such device here",
+    ]
 
 
 def test_vulkan_on_a_cpu_is_refused():
@@ -105,6 +109,7 @@ def test_vulkan_on_a_cpu_is_refused():
     assert "vulkan" in out[-1]
 
 
+@pytest.mark.usefixtures("device")
 def test_what_vulkan_cannot_do_is_refused(monkeypatch):
     monkeypatch.setattr(runtime, "_running", runtime.Runtime("vulkan", torch.device("cpu"), 2))
     with pytest.raises(runtime.Unsupported, match=r"^arch: 'vulkan' does not serve here: .*nonlinear sea"):
@@ -211,24 +216,3 @@ def test_damaged_files_of_kernels_are_set_aside_and_made_anew(tmp_path):
     assert [line for line in done.stdout.splitlines() if line[:1] == "["][-13:] == 13 * ["[2.0, 2.0, 2.0] True 1"]
     said = [line for line in done.stderr.splitlines() if line.startswith("usvauv: compiled kernels in ")]
     assert len(said) == 11, done.stderr
-
-
-METHOD = """
-import usvauv.env
-import taichi as ti
-
-@ti.data_oriented
-class Other:
-    @ti.kernel
-    def three(self) -> ti.i32:
-        return 3
-
-ti.init(arch=ti.cpu)
-print(Other().three())
-"""
-
-
-def test_kernels_of_others_may_be_methods(tmp_path):
-    (tmp_path / "method.py").write_text(METHOD)
-    done = subprocess.run([sys.executable, str(tmp_path / "method.py")], capture_output=True, text=True, timeout=300)
-    assert done.stdout.splitlines()[-1:] == ["3"], done.stderr
