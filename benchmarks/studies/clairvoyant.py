@@ -29,7 +29,6 @@ LEVELS = {150: 144, 200: 146, 300: 149}  # horizontal range, m → source level,
 @ti.func
 def clairvoyant(worlds: ti.template(), w, b):
     """As `belief`, with foresight that is the truth."""
-    boat_strategies.foresee(worlds, w, b)
     for k in range(worlds.estimate.shape[1]):
         for axis in ti.static(range(2)):
             worlds.foresight[w, k, ForesightColumn.x + axis] = worlds.auv[w, k, AuvColumn.x + axis]

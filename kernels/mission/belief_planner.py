@@ -230,6 +230,14 @@ def foresee(worlds: ti.template(), w, k):
 
 
 @func
+def foresee_served(worlds: ti.template(), w, b):
+    """`foresee` of the AUVs that boat b serves."""
+    for k in range(worlds.estimate.shape[1]):
+        if boat_motion.serves(worlds, w, b, k):
+            foresee(worlds, w, k)
+
+
+@func
 def begin(worlds: ti.template(), w, k):
     """AUV k is where it is deployed, on its way to a node that is not chosen yet."""
     foresight = ti.static(worlds.foresight)
@@ -239,6 +247,12 @@ def begin(worlds: ti.template(), w, k):
     foresight[w, k, ForesightColumn.hovers] = 0.0
     foresight[w, k, ForesightColumn.speed] = worlds.p[Parameter.reference_speed]
     foresight[w, k, ForesightColumn.elapsed] = 0.0
+
+
+@func
+def foreseen_place(worlds: ti.template(), w, k) -> vec2:
+    """Where AUV k is foreseen at present, m."""
+    return vec2(worlds.foresight[w, k, ForesightColumn.x], worlds.foresight[w, k, ForesightColumn.y])
 
 
 @func
@@ -260,11 +274,48 @@ def hearing_range(worlds: ti.template(), k, z, farthest) -> ti.f32:
 
 
 @func
-def expected_loss(worlds: ti.template(), w, boat, first: ti.i32, where: vec2, ranges: each_auv, limit) -> ti.f32:
+def hearing_ranges(worlds: ti.template(), w, b) -> each_auv:
+    """`hearing_range` of each AUV that boat b serves, m."""
+    ranges = each_auv(0.0)
+    for k in range(worlds.estimate.shape[1]):
+        if boat_motion.serves(worlds, w, b, k):
+            ranges[k] = hearing_range(worlds, k, reception.height(worlds, w, b, k), worlds.p[Parameter.diagonal])
+    return ranges
+
+
+@func
+def auv_of(worlds: ti.template(), n: ti.i32) -> ti.i32:
+    """The AUV that goal n of `goal_of` is, or NO_AUV."""
+    return ti.select(n < worlds.estimate.shape[1], n, NO_AUV)
+
+
+@func
+def goal_of(worlds: ti.template(), w, b, n: ti.i32) -> vec2:
+    """Goal n of boat b, m: AUV n where it is foreseen, K the mean of all that it serves, K + 1 the goal that it has."""
+    count = worlds.estimate.shape[1]
+    goal = vec2(worlds.boat[w, b, BoatColumn.goal_x], worlds.boat[w, b, BoatColumn.goal_y])
+    if n < count:
+        goal = foreseen_place(worlds, w, n)
+    elif n == count:
+        goal = vec2(0.0, 0.0)
+        for k in range(count):
+            if boat_motion.serves(worlds, w, b, k):
+                goal += foreseen_place(worlds, w, k) / boat_motion.num_served(worlds, w, b)
+    return goal
+
+
+@func
+def is_goal(worlds: ti.template(), w, b, n: ti.i32):
+    """Whether goal n is one of boat b: AUVs that it does not serve are none."""
+    return n >= worlds.estimate.shape[1] or boat_motion.serves(worlds, w, b, n)
+
+
+@func
+def expected_loss(worlds: ti.template(), w, boat, n: ti.i32, ranges: each_auv, limit) -> ti.f32:
     """Mean squared variance of the own positions of the AUVs that a boat serves, per axis (m⁴), over the horizon.
 
     Args:
-        first: the AUV that the boat visits first, or NO_AUV: it goes to `where`, m.
+        n: of the goal that the boat goes to first, see `goal_of`.
         ranges: `hearing_range` of each AUV, m.
         limit: loss (m⁴) from which on it does not matter: the rollout ends once its sum, which only grows, is above.
     """
@@ -294,8 +345,8 @@ def expected_loss(worlds: ti.template(), w, boat, first: ti.i32, where: vec2, ra
             y[k] = worlds.foresight[w, k, ForesightColumn.y]
             heads_for[k] = worlds.foresight[w, k, ForesightColumn.heads_for]
             hovers[k] = worlds.foresight[w, k, ForesightColumn.hovers]
-    goal = where
-    visited = first
+    goal = goal_of(worlds, w, boat, n)
+    visited = auv_of(worlds, n)
     total = 0.0
     terms = STEPS * boat_motion.num_served(worlds, w, boat)
     heading = 0.0
@@ -358,12 +409,6 @@ def expected_loss(worlds: ti.template(), w, boat, first: ti.i32, where: vec2, ra
 
 
 @func
-def foreseen_place(worlds: ti.template(), w, k) -> vec2:
-    """Where AUV k is foreseen at present, m."""
-    return vec2(worlds.foresight[w, k, ForesightColumn.x], worlds.foresight[w, k, ForesightColumn.y])
-
-
-@func
 def least_certain(worlds: ti.template(), w, b) -> ti.i32:
     """The AUV of boat b that is least certain of its own position, or NO_AUV."""
     least = NO_AUV
@@ -374,42 +419,6 @@ def least_certain(worlds: ti.template(), w, b) -> ti.i32:
             least = k
             largest = a
     return least
-
-
-@func
-def plan(worlds: ti.template(), w, b) -> vec2:
-    """The goal of boat b with the least expected loss, or the least certain AUV where that is hardly more, m."""
-    count = worlds.estimate.shape[1]
-    middle = vec2(0.0, 0.0)
-    ranges = each_auv(0.0)
-    for k in range(count):
-        if boat_motion.serves(worlds, w, b, k):
-            ranges[k] = hearing_range(worlds, k, reception.height(worlds, w, b, k), worlds.p[Parameter.diagonal])
-            middle += foreseen_place(worlds, w, k) / boat_motion.num_served(worlds, w, b)
-    usual = least_certain(worlds, w, b)
-    last = vec2(worlds.boat[w, b, BoatColumn.goal_x], worlds.boat[w, b, BoatColumn.goal_y])
-    best = foreseen_place(worlds, w, usual)
-    chosen = usual
-    least = (1.0 - MARGIN) * expected_loss(worlds, w, b, usual, best, ranges, NO_LIMIT)
-    for candidate in range(count + 2):
-        first = NO_AUV
-        goal = last
-        other = candidate != usual
-        if candidate < count:
-            other = other and boat_motion.serves(worlds, w, b, candidate)
-            first = candidate
-            goal = foreseen_place(worlds, w, candidate)
-        elif candidate == count:
-            goal = middle
-        if other:
-            loss = expected_loss(worlds, w, b, first, goal, ranges, least)
-            if loss < least:
-                least = loss
-                best = goal
-                chosen = first
-    worlds.boat[w, b, BoatColumn.visits] = ti.cast(chosen, ti.f32)
-    worlds.boat[w, b, BoatColumn.planned] = ti.cast(worlds.clock[w, 1], ti.f32) * worlds.p[Parameter.step]
-    return best
 
 
 @func
@@ -444,6 +453,51 @@ def is_due(worlds: ti.template(), w, b, patience):
     near = worlds.p[Parameter.top_speed] * INTERVAL + worlds.p[Parameter.dead_band]
     due = due or away.norm() < near
     return worlds.clock[w, 1] == 1 or (due and over >= INTERVAL)
+
+
+@func
+def place_of(worlds: ti.template(), b, n):
+    """Where in the workspace `weigh` writes, behind what is the target rule's."""
+    return worlds.workspace.shape[1] - 1 - b * (worlds.estimate.shape[1] + 2) - n
+
+
+@func
+def weigh(worlds: ti.template(), w, b, n):
+    """Write the loss of goal n of boat b, where a plan is due, for `plan` to read."""
+    if boat_motion.num_served(worlds, w, b) > 0 and is_due(worlds, w, b, PATIENCE) and is_goal(worlds, w, b, n):
+        loss = expected_loss(worlds, w, b, n, hearing_ranges(worlds, w, b), NO_LIMIT)
+        worlds.workspace[w, place_of(worlds, b, n)] = loss
+
+
+@func
+def loss_of(worlds: ti.template(), w, b, n: ti.i32, ranges: each_auv, limit) -> ti.f32:
+    """`expected_loss`, or what `weigh` has written."""
+    loss = 0.0
+    if ti.static(worlds.program.weighs_apart):
+        loss = worlds.workspace[w, place_of(worlds, b, n)]
+    else:
+        loss = expected_loss(worlds, w, b, n, ranges, limit)
+    return loss
+
+
+@func
+def plan(worlds: ti.template(), w, b) -> vec2:
+    """The goal of boat b with the least expected loss, or the least certain AUV where that is hardly more, m."""
+    ranges = each_auv(0.0)
+    if ti.static(not worlds.program.weighs_apart):
+        ranges = hearing_ranges(worlds, w, b)
+    usual = least_certain(worlds, w, b)
+    best = usual
+    least = (1.0 - MARGIN) * loss_of(worlds, w, b, usual, ranges, NO_LIMIT)
+    for n in range(worlds.estimate.shape[1] + 2):
+        if n != usual and is_goal(worlds, w, b, n):
+            loss = loss_of(worlds, w, b, n, ranges, least)
+            if loss < least:
+                least = loss
+                best = n
+    worlds.boat[w, b, BoatColumn.visits] = ti.cast(auv_of(worlds, best), ti.f32)
+    worlds.boat[w, b, BoatColumn.planned] = ti.cast(worlds.clock[w, 1], ti.f32) * worlds.p[Parameter.step]
+    return goal_of(worlds, w, b, best)
 
 
 @func

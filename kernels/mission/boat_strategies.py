@@ -28,17 +28,8 @@ def centroid(worlds: ti.template(), w, b) -> vec2:
 
 
 @func
-def foresee(worlds: ti.template(), w, b):
-    """Foresee the AUVs that boat b serves."""
-    for k in range(worlds.estimate.shape[1]):
-        if boat_motion.serves(worlds, w, b, k):
-            belief_planner.foresee(worlds, w, k)
-
-
-@func
 def visit(worlds: ti.template(), w, b) -> vec2:
     """Goes to the AUV that is least certain of its own position, where it expects it to be."""
-    foresee(worlds, w, b)
     goal = boat_motion.boat_place(worlds, w, b)
     least = belief_planner.least_certain(worlds, w, b)
     if least != belief_planner.NO_AUV:
@@ -47,16 +38,8 @@ def visit(worlds: ti.template(), w, b) -> vec2:
 
 
 @func
-def belief(worlds: ti.template(), w, b) -> vec2:
-    """Plans visits: goes where AUVs' uncertainty of their own positions will cost least over the minutes to come."""
-    foresee(worlds, w, b)
-    return belief_planner.go(worlds, w, b)
-
-
-@func
 def agent(worlds: ti.template(), w, b) -> vec2:
     """Goes where the actions lead that `World.step(action, boat_action)` is given: to train boats from Python."""
-    foresee(worlds, w, b)
     return vec2(worlds.boat[w, b, BoatColumn.goal_x], worlds.boat[w, b, BoatColumn.goal_y])
 
 
@@ -137,6 +120,6 @@ HOLD = Strategy(start=hold, goal=hold)
 CENTROID = Strategy(start=centroid, goal=centroid)
 AGENT = Strategy(start=begin_foresight, goal=agent, foresees=True)
 VISIT = Strategy(start=begin_foresight, goal=visit, foresees=True)
-BELIEF = Strategy(start=begin_foresight, goal=belief, foresees=True)
+BELIEF = Strategy(start=begin_foresight, goal=belief_planner.go, foresees=True, weigh=belief_planner.weigh)
 FIM = Strategy(start=fim, goal=fim)
 FIM_GREEDY = Strategy(start=fim_anywhere, goal=fim_greedy)

@@ -431,7 +431,7 @@ class Action(Columns):
 class Phase(Columns):
     """What a launch does: begin episodes, advance them by a step, or by one part of it after another.
 
-    On a CPU a step in parts is `move`, `ride`, `answer` and `look`, on a GPU `act` and `look_round`.
+    On a CPU a step in parts is `move`, `ride`, `answer` and `look`, on a GPU `begin`, `weigh`, `end` and `look_round`.
     """
 
     reset: int
@@ -440,7 +440,10 @@ class Phase(Columns):
     ride: int
     answer: int
     look: int
-    act: int
+    begin: int
+    weigh: int
+    end: int
+    begin_and_end: int
     look_round: int
 
 

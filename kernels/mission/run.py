@@ -15,7 +15,7 @@ from usvauv.kernels.flow import airy
 from usvauv.kernels.flow.current import Water
 from usvauv.kernels.flow.vortex import Vortex
 from usvauv.kernels.functions import func, kernel
-from usvauv.kernels.mission import boat_motion, fixes, motion, observation, reception, vehicles
+from usvauv.kernels.mission import belief_planner, boat_motion, fixes, motion, observation, reception, vehicles
 from usvauv.kernels.mission.columns import AuvColumn, Draw, EstimateColumn, Parameter, Phase, Schedule, Sensor
 from usvauv.kernels.mission.tasks import rewards
 from usvauv.kernels.mission.worlds import ARRAYS, Program, Rows, Worlds, address, key, uniforms
@@ -186,9 +186,24 @@ def move_auvs(worlds: ti.template(), w):
 
 
 @func
-def plan(worlds: ti.template(), w):
-    """Decide which boat serves which AUV, and where the boats go."""
+def prepare(worlds: ti.template(), w):
+    """Decide which boat serves which AUV, and foresee where AUVs are."""
     boat_motion.assign_boats(worlds, w, boat_motion.HYSTERESIS)
+    if ti.static(worlds.program.strategy.foresees):
+        for b in range(worlds.boat.shape[1]):
+            belief_planner.foresee_served(worlds, w, b)
+
+
+@func
+def weigh(worlds: ti.template(), w, n):
+    """Loss of a goal of a boat, numbered through all boats' goals."""
+    each = worlds.auv.shape[1] + 2
+    worlds.program.strategy.weigh(worlds, w, n // each, n % each)
+
+
+@func
+def plan(worlds: ti.template(), w):
+    """Decide where the boats go."""
     for b in range(worlds.boat.shape[1]):
         boat_motion.set_goal(worlds, w, b, worlds.program.strategy.goal(worlds, w, b))
 
@@ -238,17 +253,34 @@ def begin_chosen(worlds: ti.template(), w):
         begin_episode(worlds, w)
 
 
-STEP = (move_auvs, plan, move_boats, ride, locate, end_step)
+BEGIN, END = (move_auvs, prepare), (plan, move_boats, ride, locate, end_step)
 STAGES = {
     Phase.reset: (begin_chosen,),
-    Phase.step: (*STEP, look),
-    Phase.move: (move_auvs, plan, move_boats),
+    Phase.step: (*BEGIN, *END, look),
+    Phase.move: (*BEGIN, plan, move_boats),
     Phase.ride: (ride,),
     Phase.answer: (locate, end_step),
     Phase.look: (look,),
-    Phase.act: STEP,
+    Phase.begin: BEGIN,
+    Phase.weigh: (weigh,),
+    Phase.end: END,
+    Phase.begin_and_end: (*BEGIN, *END),
     Phase.look_round: (look_round,),
 }
+
+
+def launches(program: Program) -> tuple[int, ...]:
+    """Phases that make a mission step."""
+    phases: tuple[int, ...] = (Phase.step,)
+    if program.in_lanes:
+        phases = Phase.move, Phase.ride, Phase.answer, Phase.look
+    elif program.weighs_apart:
+        phases = Phase.begin, Phase.weigh, Phase.end, Phase.look_round
+    elif program.in_threads:
+        phases = Phase.begin_and_end, Phase.look_round
+    return phases
+
+
 TOGETHER = 32  # worlds that a thread takes through a stage, whose code stays in its cache, before it begins the next
 BLOCK = 32  # threads of a block on a GPU: few, so that some thousand worlds keep all its multiprocessors busy
 
@@ -260,16 +292,20 @@ def together(program: Program) -> int:
 
 def block(program: Program) -> int | None:
     """Of `ti.loop_config`."""
-    return 1 if program.in_lanes else BLOCK if program.on_gpu else None
+    return 1 if program.in_lanes else BLOCK if program.in_threads else None
+
+
+def goals(boats: Any, auvs: Any) -> Any:  # of Taichi or Python
+    """Number of all boats' goals, see `usvauv.kernels.mission.belief_planner.goal_of`."""
+    return boats * (auvs + 2)
 
 
 @func
-def run_stage(worlds: ti.template(), stage: ti.template(), n):
-    """A stage of all worlds, or of the AUV, of iteration n."""
+def run_stage(worlds: ti.template(), stage: ti.template(), n, threads):
+    """A stage of all worlds, or of a member of one, of iteration n."""
     count = ti.static(together(worlds.program))
-    if ti.static(stage == look_round):
-        num_auvs = worlds.auv.shape[1]
-        stage(worlds, n // num_auvs, n % num_auvs)
+    if ti.static(stage in (look_round, weigh)):
+        stage(worlds, n // threads, n % threads)
     elif ti.static(count == 1):
         stage(worlds, n)
     else:
@@ -301,15 +337,19 @@ PASSED = [f"Rows.of({name}, ARRAYS[{name!r}])" if array.axes[:1] == "W" else nam
 SOURCE = f"""
 def run({", ".join(f"{name}: PARAMETERS[{name!r}]" for name in PARAMETERS)}):
     count = ti.static(together(program))
-    members = auv.shape[1] if ti.static(phase == Phase.look_round) else 1
+    threads = 1  # of a world: one, or one for each AUV or each goal of each boat
+    if ti.static(phase == Phase.look_round):
+        threads = auv.shape[1]
+    elif ti.static(phase == Phase.weigh):
+        threads = goals(boat.shape[1], auv.shape[1])
     ti.loop_config(serialize=program.serial, block_dim=ti.static(block(program)))
-    for n in range((clock.shape[0] * members + count - 1) // count):
+    for n in range((clock.shape[0] * threads + count - 1) // count):
         water = ti.static(Water(vortex, stream, p[Parameter.width], p[Parameter.length], bed, eta, U, V,
                                 unit_x, unit_y, nx, ny, sea_index, wave, program.eddies))
         pulses = ti.static(Pulses(pulse_envelope, pulse_output, pulse_rate, program.tone))
         worlds = ti.static(Worlds(program, water, pulses, {", ".join(PASSED)}))
         for stage in ti.static(STAGES[phase]):
-            run_stage(worlds, stage, n)
+            run_stage(worlds, stage, n, threads)
 """
 
 
@@ -325,7 +365,7 @@ def kernel_of(source: str, **names: Any) -> Callable[..., Any]:
 # Begins the next episode of each world w with `chosen[w]` ≠ 0, or advances all worlds by one mission step. Many worlds
 # take the step by four launches, `Phase.ride` and `Phase.look`, sums of vortices and waves, with vectors in registers.
 # For few worlds launches take longer than they save, and of plugins' functions nobody knows whether they compile so.
-# On a GPU the last part of a step has a thread for each AUV.
+# On a GPU the last part of a step has a thread for each AUV, and a boat's plan by rollouts one for each goal.
 run = kernel_of(
     SOURCE,
     ti=ti,
@@ -340,5 +380,6 @@ run = kernel_of(
     STAGES=STAGES,
     together=together,
     block=block,
+    goals=goals,
     run_stage=run_stage,
 )

@@ -41,12 +41,14 @@ class Strategy(NamedTuple):
     Attributes:
         start: (worlds, w, b) → vec2, where boat b begins, m; the AUVs' estimated positions are then the true ones.
         goal: (worlds, w, b) → vec2, where it should be next, m.
-        foresees: it foresees the AUVs' ways, see `usvauv.kernels.mission.belief_planner`.
+        foresees: the AUVs' ways are foreseen before each goal, see `usvauv.kernels.mission.belief_planner`.
+        weigh: (worlds, w, b, n), writes the loss of goal n of K + 2 where `goal` will compare them; None: it does all.
     """
 
     start: Callable[..., Any]
     goal: Callable[..., Any]
     foresees: bool = False
+    weigh: Callable[..., Any] | None = None
 
 
 class Program(NamedTuple):
@@ -75,7 +77,7 @@ class Program(NamedTuple):
         passing: nodes are served in passing, not hovering.
         serial: the calling thread does all worlds: for few worlds on a CPU waking another thread takes longer.
         in_lanes: the parts of a step are launches of their own, some in vectors, see `usvauv.kernels.mission.run`.
-        on_gpu: it runs on a GPU.
+        in_threads: they are, and some have a thread for each AUV or each goal of a boat.
     """
 
     task: Task
@@ -100,7 +102,12 @@ class Program(NamedTuple):
     passing: bool
     serial: bool = False
     in_lanes: bool = False
-    on_gpu: bool = False
+    in_threads: bool = False
+
+    @property
+    def weighs_apart(self) -> bool:
+        """Whether a launch of its own computes the losses of boats' goals."""
+        return self.in_threads and self.strategy.weigh is not None
 
 
 class Array(NamedTuple):

@@ -49,7 +49,7 @@ from usvauv.kernels.mission.columns import (
     NodeColumn,
     Phase,
 )
-from usvauv.kernels.mission.run import PARAMETERS, draw_vortices, run
+from usvauv.kernels.mission.run import PARAMETERS, draw_vortices, goals, launches, run
 from usvauv.kernels.mission.target_rules import target_rules
 from usvauv.kernels.mission.tasks.task import tasks
 from usvauv.kernels.mission.vehicles import ROWS, move
@@ -271,7 +271,7 @@ class World:
     @property
     def rule_workspace(self) -> torch.Tensor:
         """What the target rule has left in its workspace, (W, ≥ 1)."""
-        return self._constants["workspace"]
+        return self._constants["workspace"][:, : tables.rule_workspace(self.scenario)]
 
     @property
     def begun(self) -> bool:
@@ -555,12 +555,16 @@ class World:
         uploaded = tables.kernel_tables(self.site, self.strategy)
         program = tables.program(self.site, self.strategy.strategy, uploaded["link"])
         serial = runtime.better_alone(self.num_worlds * self.num_auvs)
-        in_lanes = runtime.start().on_cpu and not (serial or self._plugins())
+        known = not self._plugins()  # of plugins' functions nobody knows what they read and whether they compile so
+        on_cpu = runtime.start().on_cpu
+        in_lanes, in_threads = known and on_cpu and not serial, known and not on_cpu
+        program = program._replace(serial=serial, in_lanes=in_lanes, in_threads=in_threads)
+        losses = goals(self.scenario.boat.count, self.num_auvs) if program.weighs_apart else 0
         return {
             **{name: torch.from_numpy(table).to(self.device) for name, table in uploaded.items()},
             "key": torch.from_numpy(self.seeds.keys()).to(self.device),
-            "program": program._replace(serial=serial, in_lanes=in_lanes, on_gpu=not runtime.start().on_cpu),
-            "workspace": self._zeros(self.num_worlds, tables.rule_workspace(self.scenario)),
+            "program": program,
+            "workspace": self._zeros(self.num_worlds, tables.rule_workspace(self.scenario) + losses),
             "pulse_envelope": self._pulses.envelope,
             "pulse_output": self._pulses.noise,
             "pulse_rate": self._pulses.rate,
@@ -583,13 +587,7 @@ class World:
         plugins = self._plugins()  # whose Taichi functions may not compile
         with blaming(plugins, ScenarioError) if plugins else nullcontext():
             self._reset = self._mission(arguments, Phase.reset)
-            program = arguments["program"]
-            phases: tuple[int, ...] = (Phase.step,)
-            if program.in_lanes:
-                phases = Phase.move, Phase.ride, Phase.answer, Phase.look
-            elif program.on_gpu and not plugins:  # which may read what another AUV's thread writes
-                phases = Phase.act, Phase.look_round
-            self._step = tuple(self._mission(arguments, phase) for phase in phases)
+            self._step = tuple(self._mission(arguments, phase) for phase in launches(arguments["program"]))
             self._deploy, self._sail = (
                 self._moving(phase, arguments) if self.scenario.auv.dynamic else None
                 for phase in (Phase.reset, Phase.step)
