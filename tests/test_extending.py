@@ -19,7 +19,6 @@ from usvauv.kernels.vehicles.vehicle import Command
 ROOT = Path(__file__).parents[1]
 OWN_POLICY = ROOT / "examples" / "own_policy.py"
 EXAMPLES = [OWN_POLICY, *sorted((ROOT / "examples" / "plugins").glob("*.py"))]
-CALL = "import sys; sys.argv[0] = 'usvauv'; from usvauv.cli.app import main; main()"
 LINE_1 = ", in {}/broken.py, line 1 (set USVAUV_TRACEBACK=1 to see where it comes from)"
 SHORT = ("--set", "mission.duration=60", "--episodes", "2")
 
@@ -123,14 +122,12 @@ def test_vehicle(evaluated):
     assert auvs.numpy("r") == pytest.approx([1.5 / 12.0, -1.5 / 12.0, 0.0])
 
 
-def test_a_policy_of_ones_own(tmp_path):
-    """By MODULE:CLASS it gives the rows that `evaluate` gives for the class, in `eval` and beside a shipped policy.
-
-    In a process of its own, which imports the module from the working directory.
-    """
+def test_a_policy_of_ones_own(tmp_path, run_usvauv, monkeypatch):
+    """By MODULE:CLASS it gives the rows that `evaluate` gives for the class, in `eval` and beside a shipped policy."""
     shutil.copy(OWN_POLICY, tmp_path)
-    chosen = ("eval", "ideal", "--policy", "own_policy:Nearing", "--policy", "straight", *SHORT)
-    subprocess.run([sys.executable, "-c", CALL, *chosen], cwd=tmp_path, check=True, timeout=300)
+    monkeypatch.setattr(sys, "path", [*sys.path])  # which gets the working directory
+    monkeypatch.delitem(sys.modules, "own_policy", raising=False)  # of another test
+    assert run_usvauv("eval", "ideal", "--policy", "own_policy:Nearing", "--policy", "straight", *SHORT)[0] == 0
     with (tmp_path / "metrics.csv").open() as stream:
         rows = list(csv.DictReader(stream))
     assert [row.pop("policy") for row in rows] == ["own_policy:Nearing"] * 2 + ["straight"] * 2

@@ -12,11 +12,11 @@ from usvauv.env import Scenario, ScenarioError, World
 from usvauv.kernels.mission.target_rules import learned
 from usvauv.kernels.mission.target_rules.learned import FEATURES, HEAD, Decision, Feature
 
-UNEQUAL = (*CALM, "nodes.arrival_rates=[1,4,30]")
+UNEQUAL = (*CALM, "nodes.arrival_rates=[1,4,30]", "nodes.information=visits")
 
 
 def test_untrained_is_the_rule_rollout():
-    scenario = Scenario.load("ideal", [*UNEQUAL, "nodes.information=visits"])
+    scenario = Scenario.load("ideal", UNEQUAL)
     names = "learned:untrained", f"rollout:{learned.HORIZON:g}"
     mine, other = (World(scenario, 8, seed=2, targets=name) for name in names)
     for one, two in zip(choices(mine, 300), choices(other, 300), strict=True):
@@ -27,7 +27,7 @@ def test_untrained_is_the_rule_rollout():
 
 def test_draws_follow_the_scores():
     """How often AUV 0's first node is the best one, and the lowest-numbered one, beside its probabilities."""
-    world = World(Scenario.load("ideal", [*UNEQUAL]), 4000, seed=4, targets="learned:untrained")
+    world = World(Scenario.load("ideal", UNEQUAL), 4000, seed=4, targets="learned:untrained")
     world.rule_numbers[learned.EXPLORE] = 1.0
     world.rule_numbers[learned.WEIGHTS] = 0.7
     world.reset()
@@ -47,7 +47,7 @@ def test_draws_are_those_of_a_world_alone():
     """Each AUV and node has a draw of its own, however many worlds there are."""
     first = []
     for worlds in (3, 40):
-        world = World(Scenario.load("ideal", [*UNEQUAL]), worlds, seed=4, targets="learned:untrained")
+        world = World(Scenario.load("ideal", UNEQUAL), worlds, seed=4, targets="learned:untrained")
         world.rule_numbers[learned.EXPLORE] = 1.0
         world.reset()
         first.append(learned.decisions(world.rule_workspace, 12, 3)[:3, :, Decision.chosen].clone())
