@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import platform
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -95,10 +96,11 @@ def describe() -> dict[str, object]:
     }
 
 
-def best_time(work: Callable[[], object], seconds: float = 1.0, rounds: int = 3) -> float:
-    """Seconds of one call: warmed up, synchronised, repeated for about `seconds` a round, the best round's mean.
+def best_time(work: Callable[[], object], seconds: float = 1.0, rounds: int = 3, least: int = 1) -> float:
+    """Seconds of one call: warmed up, synchronised, repeated for about `seconds` in all, the best round's mean.
 
-    The best and not the mean of the rounds, because other programs can only make a round longer.
+    The best and not the mean of the rounds, because other programs can only make a round longer. Where calls differ in
+    what they do, `least` says how many make a round that is like any other.
     """
     work()
     _synchronize()
@@ -106,8 +108,8 @@ def best_time(work: Callable[[], object], seconds: float = 1.0, rounds: int = 3)
     work()
     _synchronize()
     once = time.perf_counter() - begin
-    repeats = max(1, round(seconds / max(once, 1e-9) / rounds))
-    best = once
+    repeats = max(least, round(seconds / max(once, 1e-9) / rounds))
+    best = math.inf
     for _ in range(rounds):
         begin = time.perf_counter()
         for _ in range(repeats):

@@ -14,14 +14,15 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-import torch
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from benchmarks.machine import command_line, describe
+from benchmarks.worlds import CYCLE, LEAD, stepper
 from usvauv.env import Scenario, World
 from usvauv.env.render.style import Ground, write_pair
 from usvauv.kernels import runtime
@@ -33,7 +34,7 @@ BASE = {RECKONING: PLAN, "exchanges": RECKONING}  # of what a version leaves a p
 ROUNDS = 15
 
 
-def seconds(world: World, work, repeats: int) -> float:
+def seconds(work: Callable[[], None], repeats: int) -> float:
     """Mean time of a call in one round."""
     begin = time.perf_counter()
     for _ in range(repeats):
@@ -63,22 +64,16 @@ def measure(scenario: str, worlds: int) -> dict[str, float]:
         name: World(Scenario.load(scenario, settings), worlds, usv=usv)
         for name, (usv, settings) in variants(scenario).items()
     }
-    count = versions["whole"].num_auvs
-    action = 2 * torch.rand((worlds, count, 2), generator=torch.Generator().manual_seed(0)) - 1
-    move = action.to(versions["whole"].device)
-    works = {}
-    for name, world in versions.items():
-        world.reset()
-        works[name] = lambda world=world: world.step(move)
+    works = {name: stepper(world, None) for name, world in versions.items()}
+    for work in works.values():
+        for _ in range(LEAD):
+            work()
     works["long waves"] = versions["whole"].sea.advance
-    repeats = max(3, 3000 // worlds)
+    repeats = max(CYCLE, 3000 // worlds)
     best = dict.fromkeys(works, float("inf"))
     for _ in range(ROUNDS):
         for name, work in works.items():
-            world = versions.get(name, versions["whole"])
-            world.reset()
-            work()
-            best[name] = min(best[name], seconds(world, work, min(repeats, world.steps - 1)))
+            best[name] = min(best[name], seconds(work, repeats))
     whole, waves = best["whole"], best.pop("long waves")
     parts = {"long waves": waves} | {
         part: max(best[BASE.get(part, "whole")] - without, 0.0) for part, without in best.items() if part != "whole"

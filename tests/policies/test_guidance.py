@@ -210,9 +210,9 @@ class TestPassingFrame:
         observation, same = world.reset(), []
         for _ in range(40):
             action = heuristic.act(observation)
-            plain = frame.decode(observation, torch.zeros(8, 2, 2))
+            plain = frame.decode(observation, torch.zeros_like(action))
             same.append(((plain - action).abs() < 0.01).all(-1))
-            offset = frame.decode(observation, torch.tensor([0.5, -0.25]).expand(8, 2, 2))
+            offset = frame.decode(observation, torch.tensor([0.5, -0.25]).to(action).expand(8, 2, 2))
             observation = world.step(action)[0]
         assert torch.stack(same).float().mean() > 0.95  # the course of `pass` is the true one, with the storm in it
         auv = world.scenario.auv

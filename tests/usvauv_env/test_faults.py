@@ -100,7 +100,7 @@ def test_a_world_that_diverged_begins_anew_alone(world):
     with pytest.raises(DivergenceError):
         until_seen(lambda: world.step(torch.zeros(WORLDS, 2, 2)))
     with pytest.raises(DivergenceError, match=r"^world 12 at .*"):
-        world.reset(torch.arange(WORLDS) == 1)
+        until_seen(lambda: world.reset(torch.arange(WORLDS) == 1))
     world.reset(torch.arange(WORLDS) == 2)
     world.step(torch.zeros(WORLDS, 2, 2))
 
