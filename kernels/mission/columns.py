@@ -26,6 +26,7 @@ Covariance = Annotated[int, Range(-1e25, 1e25)]
 Velocity = Annotated[int, Range(-100.0, 100.0)]
 BoatVelocity = Annotated[int, Range(-1.001e4, 1.001e4)]
 Displacement = Annotated[int, Range(-1e6, 1e6)]
+Turn = Annotated[int, Range(-7.0, 7.0)]
 Slope = Annotated[int, Range(-1e3, 1e3)]
 Amount = Annotated[int, Range(0.0, 1e12)]  # of packets, Mbit, Mbit/s or m
 Flag = Annotated[int, Range(0.0, 1.0, whole=True)]
@@ -202,7 +203,6 @@ class AuvColumn(StateColumns):
     depth_error: Annotated[int, Range(-1e3, 1e3)]  # below its cruise depth, m
 
 
-Turn = Annotated[int, Range(-7.0, 7.0)]
 Rate = Annotated[int, Range(-1e3, 1e3)]
 Depth = Annotated[int, Range(-1e3, 2e4)]
 Memory = Annotated[int, Range(-1e12, 1e12)]
@@ -403,6 +403,12 @@ class BoatColumn(StateColumns):
     effort: Annotated[int, Range(0.0, 1.001)]  # speed through the water in the last step over the top speed
     gnss_x: Annotated[int, Range(-1e3, 1e3)]  # error of its own position, m
     gnss_y: Annotated[int, Range(-1e3, 1e3)]
+    mounting_pitch: Turn  # errors of its array that last for an episode: of the mounting, rad
+    mounting_roll: Turn
+    turn: Turn  # of the heading, rad
+    arm_ahead: Annotated[int, Range(-1e3, 1e3)]  # of the lever arm, m
+    arm_left: Annotated[int, Range(-1e3, 1e3)]
+    slowness: Annotated[int, Range(0.0, 100.0)]  # of sound over that which fixes are computed with
     asked: AuvOrNone  # the AUV that it asked last
     visits: AuvOrNone  # the AUV that it goes to, −1 for none
     planned: Duration  # when it planned last, s

@@ -110,12 +110,25 @@ def turned_by(way: vec2, angle: ti.f32) -> vec2:
 
 
 @func
+def draw_lasting_errors(worlds: ti.template(), w, b):
+    """Draw the errors of boat b that last for an episode: of mounting, heading, lever arm and speed of sound."""
+    p = ti.static(worlds.p)
+    boat = ti.static(worlds.boat)
+    lasting = normals(worlds, w, Draw.calibration, b)
+    lever = normals(worlds, w, Draw.lever_arm, b)
+    for axis in ti.static(range(2)):
+        boat[w, b, BoatColumn.mounting_pitch + axis] = p[Parameter.alignment_error] * lasting[axis]
+        boat[w, b, BoatColumn.arm_ahead + axis] = p[Parameter.lever_arm_error] * lever[axis]
+    boat[w, b, BoatColumn.turn] = p[Parameter.heading_error] * lasting[2]
+    boat[w, b, BoatColumn.slowness] = 1.0 / (1.0 + p[Parameter.sound_speed_error] * lasting[3])
+
+
+@func
 def array_pose(worlds: ti.template(), w, b) -> ArrayPose:
     """Pose of the array of boat b in this step, the same for all AUVs.
 
-    Errors of mounting, heading, lever arm and speed of sound last for an episode, those of pitch and roll are new in
-    each step, that of the boat's position is a Gauss–Markov process. Mounting, lever arm, pitch and roll turn with an
-    Otter; the array of a point heads east.
+    Errors of pitch and roll are new in each step, that of the boat's position is a Gauss–Markov process, for the others
+    see `draw_lasting_errors`. Mounting, lever arm, pitch and roll turn with an Otter; the array of a point heads east.
     """
     p = ti.static(worlds.p)
     boat = ti.static(worlds.boat)
@@ -126,22 +139,20 @@ def array_pose(worlds: ti.template(), w, b) -> ArrayPose:
         slope = turned_by(slope, -heading)
     angles = usbl.attitude(slope)
     noise = normals(worlds, w, Draw.attitude, b)
-    lasting = random.normals(address(worlds, w, 0, Draw.calibration, b), key(worlds, w))
-    lever = random.normals(address(worlds, w, 0, Draw.lever_arm, b), key(worlds, w))
     error = p[Parameter.attitude_error] * vec2(noise[0], noise[1])
-    error += p[Parameter.alignment_error] * vec2(lasting[0], lasting[1])
+    error += vec2(boat[w, b, BoatColumn.mounting_pitch], boat[w, b, BoatColumn.mounting_roll])
     gnss = vec2(boat[w, b, BoatColumn.gnss_x], boat[w, b, BoatColumn.gnss_y])
     axes = usbl.array_axes(angles)
-    arm = p[Parameter.lever_arm_error] * vec2(lever[0], lever[1])
+    arm = vec2(boat[w, b, BoatColumn.arm_ahead], boat[w, b, BoatColumn.arm_left])
     if ti.static(worlds.program.otter):
         axes = usbl.turned(axes, heading)
         arm = turned_by(arm, heading)
     return ArrayPose(
         boat=b,
         axes=axes,
-        measured=usbl.turned(usbl.array_axes(angles + error), heading + p[Parameter.heading_error] * lasting[2]),
+        measured=usbl.turned(usbl.array_axes(angles + error), heading + boat[w, b, BoatColumn.turn]),
         displaced=gnss + arm,
-        slowness=1.0 / (1.0 + p[Parameter.sound_speed_error] * lasting[3]),
+        slowness=boat[w, b, BoatColumn.slowness],
         effort=boat[w, b, BoatColumn.effort],
         heading=heading,
     )

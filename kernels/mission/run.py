@@ -152,6 +152,7 @@ def begin_episode(worlds: ti.template(), w):
     for b in range(worlds.boat.shape[1]):
         boat_motion.ride_waves(worlds, w, b)
         boat_motion.renew_gnss_error(worlds, w, b)
+        reception.draw_lasting_errors(worlds, w, b)
         pose = reception.array_pose(worlds, w, b)
         for k in range(num_auvs):
             if boat_motion.serves(worlds, w, b, k):
