@@ -127,11 +127,12 @@ class TestCopies:
         held.fetch()
         assert both.tolist() == [[308.0] * 6, [401.0] * 6]
 
-    def test_flag(self, device):
+    @pytest.mark.parametrize("shape", [(3, 4), (3, 1 << 18)])
+    def test_flag(self, device, shape):
         """Both bounds belong to what is allowed, and what is not a number is outside; wherever it stands."""
-        numbers = torch.zeros((3, 4), device=device)
+        numbers = torch.zeros(shape, device=device)
         held = DeviceArrays((numbers,))
-        for place in ((0, 0), (1, 2), (2, 3)):
+        for place in ((0, 0), (1, 2), (2, -1)):
             for value, outside in ((2.5, True), (2.0, False), (-2.0, False), (-2.5, True), (float("nan"), True)):
                 numbers[place] = value
                 flag = DeviceFlag(held.arguments[0], 2.0)
