@@ -77,9 +77,9 @@ class Vortex(Columns):
     delta: int  # core radius, m
 
 
-# Rows of the workspace of a step, LANES vortices side by side: vortices with δ², what `carry` finds, where centres
-# began, and the weighted mean of the stages' velocities.
-Work = columns("x", "y", "Gamma", "width2", "u", "v", "start_x", "start_y", "mean_u", "mean_v")
+# Rows of the workspace of a step: vortices with δ², what `carry` finds, where centres began, the weighted mean of the
+# stages' velocities, and a part of what `carry_across` finds.
+Work = columns("x", "y", "Gamma", "width2", "u", "v", "start_x", "start_y", "mean_u", "mean_v", "back_u", "back_v")
 
 
 @func
@@ -171,21 +171,28 @@ def current(vortex: ti.template(), w: ti.i32, x, y, period: ti.template()):
 
 
 @func
-def load(vortex: ti.template(), work: ti.template(), w: ti.i32, period: ti.template()):
-    """Put the vortices of a world into the workspace; lanes beyond the last vortex have no circulation."""
+def spot(w, v, across: ti.template()):
+    """Block, group and lane of vortex v of world w in the workspace.
+
+    The vortices of a world are LANES side by side, or `across` worlds, each group being a vortex of all of them.
+    """
+    block, group, lane = w, v // LANES, v % LANES
+    if ti.static(across):
+        block, group, lane = w // LANES, v, w % LANES
+    return block, group, lane
+
+
+@func
+def load(vortex: ti.template(), work: ti.template(), w: ti.i32, period: ti.template(), across: ti.template()):
+    """Put the vortices of a world into the workspace; lanes without a vortex have no circulation."""
     scale = per_length(period)
     for v in range(vortex.shape[1]):
-        g, n = v // LANES, v % LANES
+        b, g, n = spot(w, v, across)
         delta = vortex[w, v, Vortex.delta] * scale
-        work[w, Work.start_x, g][n] = vortex[w, v, Vortex.x] * scale
-        work[w, Work.start_y, g][n] = vortex[w, v, Vortex.y] * scale
-        work[w, Work.Gamma, g][n] = vortex[w, v, Vortex.Gamma]
-        work[w, Work.width2, g][n] = FAR * delta * delta
-    for g in range(work.shape[2]):
-        work[w, Work.x, g] = work[w, Work.start_x, g]
-        work[w, Work.y, g] = work[w, Work.start_y, g]
-        work[w, Work.mean_u, g] = lanes(0.0)
-        work[w, Work.mean_v, g] = lanes(0.0)
+        work[b, Work.start_x, g][n] = vortex[w, v, Vortex.x] * scale
+        work[b, Work.start_y, g][n] = vortex[w, v, Vortex.y] * scale
+        work[b, Work.Gamma, g][n] = vortex[w, v, Vortex.Gamma]
+        work[b, Work.width2, g][n] = FAR * delta * delta
 
 
 @func
@@ -253,9 +260,36 @@ def carry(work: ti.template(), w: ti.i32, count: ti.i32, period: ti.template()):
         work[w, Work.v, g] = v
 
 
+@func
+def carry_across(work: ti.template(), b: ti.i32, period: ti.template()):
+    """`carry` where worlds lie side by side; the same sums in the same order as in one ring of vortices."""
+    count = work.shape[2]
+    for i in range(count):
+        for axis in ti.static(range(2)):
+            work[b, Work.u + axis, i] = lanes(0.0)
+            work[b, Work.back_u + axis, i] = lanes(0.0)
+    for turn in range(1, count // 2 + 1):
+        for i in range(count):
+            j = i + turn
+            if j >= count:
+                j -= count
+            x, y = work[b, Work.x, i] - work[b, Work.x, j], work[b, Work.y, i] - work[b, Work.y, j]
+            along = induced(x, y, work[b, Work.width2, i] + work[b, Work.width2, j], period)
+            for axis in ti.static(range(2)):
+                work[b, Work.u + axis, i] = work[b, Work.u + axis, i] + work[b, Work.Gamma, j] * along[axis]
+            if 2 * turn < count:  # else both of a pair meet the other
+                for axis in ti.static(range(2)):
+                    owed = work[b, Work.back_u + axis, j] - work[b, Work.Gamma, i] * along[axis]
+                    work[b, Work.back_u + axis, j] = owed
+    for i in range(count):
+        for axis in ti.static(range(2)):
+            work[b, Work.u + axis, i] = work[b, Work.u + axis, i] + work[b, Work.back_u + axis, i]
+
+
 @kernel
 def _evolve(
     serial: ti.template(),
+    across: ti.template(),
     vortex: array3,
     work: blocks3,
     dt: ti.f32,
@@ -263,31 +297,43 @@ def _evolve(
     mutual: ti.i32,
     eddies: ti.template(),
 ):
+    size = ti.static(LANES if across else 1)  # worlds of a block
     ti.loop_config(serialize=serial)
-    for w in range(vortex.shape[0]):
+    for b in range(work.shape[0]):
         count = vortex.shape[1]
+        end = ti.min(size * (b + 1), vortex.shape[0])
         scale = per_length(eddies.period)
         share = ti.static(0.5 / math.pi / (eddies.period or 1.0) * eddies.column)
         if mutual != 0:
-            load(vortex, work, w, eddies.period)
+            for w in range(size * b, end):
+                load(vortex, work, w, eddies.period, across)
+            for g in range(work.shape[2]):
+                for axis in ti.static(range(2)):
+                    work[b, Work.x + axis, g] = work[b, Work.start_x + axis, g]
+                    work[b, Work.mean_u + axis, g] = lanes(0.0)
             for stage in range(3):
-                carry(work, w, count, eddies.period)
+                if ti.static(across):
+                    carry_across(work, b, eddies.period)
+                else:
+                    carry(work, b, count, eddies.period)
                 weight = (stage + 2.0) / 9.0
                 time = dt * (stage + 2.0) / 4.0  # of the next stage
                 grown = ti.select(stage == 0, 2.0, 1.0) * viscosity * dt * FAR * scale * scale
                 for g in range(work.shape[2]):
                     for axis in ti.static(range(2)):
-                        velocity = share * work[w, Work.u + axis, g]
-                        work[w, Work.mean_u + axis, g] = work[w, Work.mean_u + axis, g] + weight * velocity
-                        work[w, Work.x + axis, g] = work[w, Work.start_x + axis, g] + (time * scale) * velocity
-                    work[w, Work.width2, g] = work[w, Work.width2, g] + grown
+                        velocity = share * work[b, Work.u + axis, g]
+                        work[b, Work.mean_u + axis, g] = work[b, Work.mean_u + axis, g] + weight * velocity
+                        work[b, Work.x + axis, g] = work[b, Work.start_x + axis, g] + (time * scale) * velocity
+                    work[b, Work.width2, g] = work[b, Work.width2, g] + grown
+        for w in range(size * b, end):
             for v in range(count):
-                for axis in ti.static(range(2)):
-                    place = vortex[w, v, axis] + dt * work[w, Work.mean_u + axis, v // LANES][v % LANES]
-                    vortex[w, v, axis] = within(place, axis, eddies)
-        for v in range(count):
-            delta = vortex[w, v, Vortex.delta]
-            vortex[w, v, Vortex.delta] = ti.sqrt(delta * delta + 4.0 * viscosity * dt)
+                if mutual != 0:
+                    _, g, n = spot(w, v, across)
+                    for axis in ti.static(range(2)):
+                        place = vortex[w, v, axis] + dt * work[b, Work.mean_u + axis, g][n]
+                        vortex[w, v, axis] = within(place, axis, eddies)
+                delta = vortex[w, v, Vortex.delta]
+                vortex[w, v, Vortex.delta] = ti.sqrt(delta * delta + 4.0 * viscosity * dt)
 
 
 @kernel
@@ -374,11 +420,13 @@ def evolution(vortex: torch.Tensor, dt: float, viscosity: float, mutual: bool, e
     if not runtime.start().on_cpu:
         velocity = vortex.new_zeros((3, worlds, count, 2))
         return Launch(_evolve_each, vortex, velocity, dt, viscosity, bool(mutual), eddies)
-    work = vortex.new_zeros((worlds, len(Work.names), -(-count // LANES), LANES))
-    work[:, Work.width2] = 1.0  # of lanes beyond the last vortex: `induced` divides by it
+    across = worlds >= LANES >= count
+    blocks, groups = (-(-worlds // LANES), count) if across else (worlds, -(-count // LANES))
+    work = vortex.new_zeros((blocks, len(Work.names), groups, LANES))
+    work[:, Work.width2] = 1.0  # of lanes without a vortex: `induced` divides by it
     serial = runtime.better_alone(worlds * count)
     settings = runtime.vectors_in_registers()
-    return Launch(_evolve, serial, vortex, work, dt, viscosity, int(mutual), eddies, settings=settings)
+    return Launch(_evolve, serial, across, vortex, work, dt, viscosity, int(mutual), eddies, settings=settings)
 
 
 def sample_current(vortex: torch.Tensor, points: torch.Tensor, period: float = 0.0) -> torch.Tensor:

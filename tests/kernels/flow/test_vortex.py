@@ -130,6 +130,18 @@ class TestEvolution:
         end = carried(device, [(80.0, 50.0, Gamma, delta), (120.0, 50.0, -Gamma, delta)], 1.0, 300)[-1]
         assert np.abs(end[:, :2] - [(80, 50 + 300 * speed), (120, 50 + 300 * speed)]).max() < 2e-3
 
+    @pytest.mark.parametrize("count", [1, 8, 9, 17])
+    def test_a_world_moves_as_ever_beside_others(self, device, count):
+        """In worlds side by side and in one by one, and where their number fills no vector."""
+        low, high = torch.tensor([[0.0, 0.0, -200.0, 18.0], [200.0, 200.0, 200.0, 25.0]])
+        many = (low + (high - low) * torch.rand((20, count, 4), generator=torch.Generator().manual_seed(1))).to(device)
+        few = many[-3:].clone()
+        for vortex in (many, few):
+            step = evolution(vortex, 1.0, 0.1, True)
+            for _ in range(5):
+                step()
+        assert torch.equal(many[-3:], few)
+
     def test_invariants(self, device):
         """Circulation to the last bit; without viscosity the centre of circulation and the turning moment Σ Γ X²."""
         history = carried(device, STRONG, 1.0, 1000)
