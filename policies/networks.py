@@ -72,20 +72,23 @@ class StackedMLP(nn.Module):
             self.weights[-1].mul_(output_gain)
             self.biases[-1].mul_(output_gain)
 
-    def forward(self, x: Tensor, /) -> Tensor:
-        """Outputs (S, B, outputs) for inputs (S, B, inputs)."""
-        layers = list(zip(self.weights, self.biases, strict=True))
-        plain = not (torch.is_grad_enabled() or self.layer_norm) and x.device.type == "cpu"
+    def forward(self, x: Tensor, /, learned: int | None = None) -> Tensor:
+        """Outputs (S, B, outputs) for inputs (S, B, inputs); see `Layers` for `learned`."""
+        weights, biases = (
+            self.weights._parameters.values(),
+            self.biases._parameters.values(),
+        )  # a list is slow
+        if self.layer_norm or learned is not None:
+            return Layers.apply(x, self.layer_norm, learned, *weights, *biases)
+        layers = list(zip(weights, biases, strict=True))
+        plain = not torch.is_grad_enabled() and x.device.type == "cpu"
         if plain and x.shape[1] >= FUSED and torch.backends.mkldnn.is_available():
             each = [_fused(own, [(w[index], b[index, 0]) for w, b in layers]) for index, own in enumerate(x)]
             return torch.stack(each) if len(each) > 1 else each[0].unsqueeze(0)
-        *hidden, (weight, bias) = layers
+        *hidden, last = layers
         for w, b in hidden:
-            x = NormalisedLayer.apply(x, w, b) if self.layer_norm else torch.baddbmm(b, x, w).relu_()
-        if weight.shape[-1] == 1:
-            # On a CPU a matrix product with a single column takes four times as long, its gradient ten times.
-            return (x * weight.mT).sum(-1, keepdim=True) + bias
-        return torch.baddbmm(bias, x, weight)
+            x = torch.baddbmm(b, x, w).relu_()
+        return _last(x, *last)
 
 
 def _fused(x: Tensor, layers: Sequence[tuple[Tensor, Tensor]]) -> Tensor:
@@ -96,31 +99,66 @@ def _fused(x: Tensor, layers: Sequence[tuple[Tensor, Tensor]]) -> Tensor:
     return x
 
 
-class NormalisedLayer(torch.autograd.Function):
-    """A hidden layer whose outputs are normalised before their ReLU: with y = x W + b less its mean over the outputs,
-    max(0, z), z = y / √(mean y² + ε). The mean is taken off the weights, which are fewer.
+def _last(x: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
+    if weight.shape[-1] == 1:
+        # On a CPU a matrix product with a single column takes four times as long, its gradient ten times.
+        return (x * weight.mT).sum(-1, keepdim=True) + bias
+    return torch.baddbmm(bias, x, weight)
+
+
+class Layers(torch.autograd.Function):
+    """A network as one operation to autograd.
+
+    With `normalise` hidden layers are normalised before their ReLU: with y = x W + b less its mean over the outputs of
+    the layer they are max(0, z), z = y / √(mean y² + ε). The mean is taken off the weights, which are fewer. Weights
+    have the gradient of the first `learned` rows of the batch alone (None: of all); what enters has that of all.
     """
 
     @staticmethod
-    def forward(ctx: Any, x: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
-        weight = _centred(weight)
-        z = torch.baddbmm(_centred(bias), x, weight)
-        scale = torch.linalg.vector_norm(z, dim=-1, keepdim=True).square_().div_(z.shape[-1]).add_(EPSILON).rsqrt_()
-        z.mul_(scale)
-        ctx.save_for_backward(x, weight, z, scale)
-        return z.relu()
+    def forward(ctx: Any, x: Tensor, normalise: bool, learned: int | None, *parameters: Tensor) -> Tensor:
+        half, kept, scale = len(parameters) // 2, [], None
+        for weight, bias in zip(parameters[: half - 1], parameters[half:-1], strict=True):
+            if normalise:
+                weight, bias = _centred(weight), _centred(bias)
+            z = torch.baddbmm(bias, x, weight)
+            if normalise:
+                square = torch.linalg.vector_norm(z, dim=-1, keepdim=True).square_()
+                scale = square.div_(z.shape[-1]).add_(EPSILON).rsqrt_()
+                z.mul_(scale)
+            kept += x, weight, z, scale
+            x = z.relu()
+        ctx.learned = learned
+        ctx.save_for_backward(*kept, x, parameters[half - 1])
+        return _last(x, parameters[half - 1], parameters[-1])
 
     @staticmethod
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
-        x, weight, z, scale = ctx.saved_tensors
-        gradient = torch.ops.aten.threshold_backward(gradient, z, 0.0)
-        of_y = torch.addcmul(gradient, z, (gradient * z).mean(-1, keepdim=True), value=-1.0).mul_(scale)
-        to_x, to_weight, to_bias = ctx.needs_input_grad
-        return (
-            torch.bmm(of_y, weight.mT) if to_x else None,
-            _centred(torch.bmm(x.mT, of_y)) if to_weight else None,
-            _centred(of_y.sum(1, keepdim=True)) if to_bias else None,
-        )
+        *kept, x, weight = ctx.saved_tensors
+        rows, of_weights, of_biases = slice(ctx.learned), [], []
+
+        def weigh(x: Tensor) -> tuple[Tensor, Tensor]:
+            """Gradients of weights and biases of the layer that x enters."""
+            own, x = gradient[:, rows], x[:, rows]
+            to_weight = (x * own).sum(1).unsqueeze(-1) if own.shape[-1] == 1 else torch.bmm(x.mT, own)
+            return to_weight, own.sum(1, keepdim=True)
+
+        to_x, learning = ctx.needs_input_grad[0], ctx.needs_input_grad[3] and ctx.learned != 0
+        if learning:
+            to_weight, to_bias = weigh(x)
+            of_weights, of_biases = [to_weight], [to_bias]
+        while kept:
+            gradient = gradient * weight.mT if weight.shape[-1] == 1 else torch.bmm(gradient, weight.mT)
+            x, weight, z, scale = kept[-4:]
+            del kept[-4:]
+            gradient = torch.ops.aten.threshold_backward(gradient, z, 0.0)
+            if scale is not None:
+                gradient = torch.addcmul(gradient, z, (gradient * z).mean(-1, keepdim=True), value=-1.0).mul_(scale)
+            if learning:
+                to_weight, to_bias = weigh(x)
+                of_weights.insert(0, to_weight if scale is None else _centred(to_weight))
+                of_biases.insert(0, to_bias if scale is None else _centred(to_bias))
+        parameters = (*of_weights, *of_biases) if learning else (None,) * (len(ctx.needs_input_grad) - 3)
+        return torch.bmm(gradient, weight.mT) if to_x else None, None, None, *parameters
 
 
 def _centred(value: Tensor) -> Tensor:
@@ -153,6 +191,11 @@ class GaussianActor(StackedMLP):
     def forward(self, observation: Tensor, /) -> Tensor:
         """The mode's action, (S, B, A) in [−1, 1]."""
         return torch.tanh(super().forward(observation)).chunk(2, dim=-1)[0]
+
+    def draw(self, observation: Tensor, noise: Tensor) -> Tensor:
+        """The action of `sample` alone."""
+        mean, log_std = self._distribution(observation)
+        return torch.tanh(mean + log_std.exp() * noise)
 
     def sample(self, observation: Tensor, noise: Tensor) -> tuple[Tensor, Tensor]:
         """The action (S, B, A) made of standard normal noise (S, B, A), and its log-probability density (S, B)."""
@@ -193,16 +236,23 @@ class Critic(nn.Module):
         self.of_state = StackedMLP(stack, (sizes.observation, *hidden, 1), generator, layer_norm)
         self.of_action = StackedMLP(stack, (both, *hidden, 1), generator, layer_norm)
 
-    def forward(self, observation: Tensor, action: Tensor) -> Tensor:
-        """Values (C, S, B)."""
-        stack, batch, _ = observation.shape
+    def forward(self, observation: Tensor, action: Tensor, learned: int | None = None) -> Tensor:
+        """Values (C, S, n B) of n B actions, n of each observation: those of all observations n times in turn.
+
+        Args:
+            learned: the weights have the gradient of the first so many actions alone; None: of all.
+        """
+        times = action.shape[1] // observation.shape[1]
 
         def each(x: Tensor) -> Tensor:
-            return x.expand(self.critics, -1, -1, -1).reshape(self.critics * stack, batch, -1)
+            return x.expand(self.critics, -1, -1, -1).flatten(0, 1)
 
-        value = self.of_state(each(observation))
-        value = value + self.of_action(each(torch.cat((observation, ACTION_GAIN * action), -1)))
-        return value.view(self.critics, stack, batch)
+        of_state = self.of_state(each(observation))
+        if learned is not None:
+            of_state = torch.cat((of_state[:, :learned], of_state.detach().repeat(1, times, 1)[:, learned:]), 1)
+        both = torch.cat((observation.repeat(1, times, 1), ACTION_GAIN * action), -1)
+        value = of_state + self.of_action(each(both), learned)
+        return value.view(self.critics, *action.shape[:2])
 
 
 def stack(value: Tensor, shared: bool, seeds: int = 1) -> Tensor:

@@ -12,7 +12,7 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from usvauv.policies.algorithms.learner import Batch, Learner, Settings, frozen
+from usvauv.policies.algorithms.learner import Batch, Learner, Settings
 from usvauv.policies.networks import Critic, DeterministicActor, Sizes
 
 
@@ -44,8 +44,7 @@ class DeterministicLearner(Learner[DeterministicActor]):
 
     def update_actor_and_targets(self, observation: Tensor) -> None:
         """One gradient step of the actor up the first critic's value, and a soft update of every target network."""
-        with frozen(self.critics):
-            loss = -self.critics(observation, self.actor(observation))[0].mean(-1)
+        loss = -self.critics(observation, self.actor(observation), learned=0)[0].mean(-1)
         self.gradient_step("actor", loss.sum())
         self.soft_update(self.target_critics, self.critics)
         self.soft_update(self.target_actor, self.actor)

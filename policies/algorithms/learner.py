@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from types import MappingProxyType
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
@@ -118,16 +117,6 @@ class Settings(Protocol):
     def updates(self) -> int: ...
 
 
-@contextmanager
-def frozen(networks: nn.Module) -> Iterator[None]:
-    """A gradient goes through the networks to what enters them; weights have none, which saves half of the work."""
-    networks.requires_grad_(False)
-    try:
-        yield
-    finally:
-        networks.requires_grad_(True)
-
-
 class Learner(nn.Module, Generic[Actor]):
     """S independent learners of one algorithm. All tensors have the leading axis S; losses are summed over it.
 
@@ -193,11 +182,15 @@ class Learner(nn.Module, Generic[Actor]):
         for optimiser in self.optimisers.values():
             optimiser.set_rate(share * self.config.learning_rate)
 
-    def gradient_step(self, name: str, loss: Tensor) -> None:
-        """One step of the named optimiser, along the gradient of `loss` with respect to its own parameters only."""
-        optimiser = self.optimisers[name]
-        gradients = torch.autograd.grad(loss, optimiser.parameters)
-        optimiser.step(gradients if self.join is None else self.join(gradients))
+    def gradient_step(self, names: str | Sequence[str], loss: Tensor) -> None:
+        """One step of the named optimisers, along the gradient of `loss` with respect to their own parameters only."""
+        optimisers = [self.optimisers[name] for name in ([names] if isinstance(names, str) else names)]
+        gradients = torch.autograd.grad(loss, [own for optimiser in optimisers for own in optimiser.parameters])
+        gradients = list(gradients if self.join is None else self.join(gradients))
+        for optimiser in optimisers:
+            count = len(optimiser.parameters)
+            optimiser.step(gradients[:count])
+            del gradients[:count]
 
     @torch.no_grad()
     def soft_update(self, targets: nn.Module, networks: nn.Module) -> None:

@@ -61,7 +61,7 @@ class PPO(Learner[GaussianActor]):
 
     @torch.no_grad()
     def explore(self, observation: Tensor, noise: Tensor) -> Tensor:
-        return self.actor.sample(observation, noise)[0]
+        return self.actor.draw(observation, noise)
 
     def learn(self, batch: Batch) -> dict[str, Tensor]:
         return self.update(batch)  # which averages after each gradient step
@@ -89,12 +89,10 @@ class PPO(Learner[GaussianActor]):
         """Learn from a minibatch; the figures of `update`."""
         value = self.value(observation).squeeze(-1)
         value_loss = (value - target).square().mean(-1)
-        self.gradient_step("value", value_loss.sum())
-
         log_ratio = self.actor.log_density(observation, action) - before
         ratio = log_ratio.exp()
         gain = torch.minimum(ratio * advantage, ratio.clamp(1.0 - CLIP, 1.0 + CLIP) * advantage)
-        self.gradient_step("actor", -gain.mean(-1).sum())
+        self.gradient_step(("value", "actor"), value_loss.sum() - gain.mean(-1).sum())
         self.average()
         return torch.stack((value_loss.mean(), value.mean(), (ratio - 1.0 - log_ratio).mean())).detach()
 

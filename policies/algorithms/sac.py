@@ -11,7 +11,7 @@ import copy
 import torch
 from torch import Tensor, nn
 
-from usvauv.policies.algorithms.learner import Batch, Learner, Settings, frozen
+from usvauv.policies.algorithms.learner import Batch, Learner, Settings
 from usvauv.policies.networks import Critic, GaussianActor, Sizes
 
 
@@ -24,6 +24,8 @@ class SAC(Learner[GaussianActor]):
         critics      minimise Σ_i mean (Q_i(s, a) − y)²
         actor        minimises mean (α ln π(ã|s) − min_i Q_i(s, ã)), ã ~ π(s)
         temperature  ln α falls by the gradient of −ln α mean (ln π(ã|s) − A), A components of an action
+
+    All take their step at once, along the gradients at the weights before it.
     """
 
     @staticmethod
@@ -44,7 +46,7 @@ class SAC(Learner[GaussianActor]):
 
     @torch.no_grad()
     def explore(self, observation: Tensor, noise: Tensor) -> Tensor:
-        return self.actor.sample(observation, noise)[0]
+        return self.actor.draw(observation, noise)
 
     def update(self, batch: Batch) -> dict[str, Tensor]:
         alpha = self.log_alpha.detach().exp()
@@ -54,17 +56,14 @@ class SAC(Learner[GaussianActor]):
             next_value = self.target_critics(batch.next_observation, next_action).amin(0) - alpha * next_log_density
             target = batch.reward + batch.discount * next_value
 
-        value = self.critics(batch.observation, batch.action)
-        critic_loss = (value - target).square().mean(-1).sum(0)
-        self.gradient_step("critics", critic_loss.sum())
-
         action, log_density = self.actor.sample(batch.observation, self.normal(batch.action.shape))
-        with frozen(self.critics):
-            actor_loss = (alpha * log_density - self.critics(batch.observation, action).amin(0)).mean(-1)
-        self.gradient_step("actor", actor_loss.sum())
-
+        actions, size = torch.cat((batch.action, action), 1), target.shape[-1]
+        value, found = self.critics(batch.observation, actions, learned=size).split(size, -1)
+        critic_loss = (value - target).square().mean(-1).sum(0)
+        actor_loss = (alpha * log_density - found.amin(0)).mean(-1)
         surprise = (log_density.detach() + self.target_entropy).mean(-1, keepdim=True)
-        self.gradient_step("temperature", -(self.log_alpha * surprise).sum())
+        loss = critic_loss.sum() + actor_loss.sum() - (self.log_alpha * surprise).sum()
+        self.gradient_step(("critics", "actor", "temperature"), loss)
 
         self.soft_update(self.target_critics, self.critics)
         self.updates += 1

@@ -13,7 +13,7 @@ from tests.policies.toy import LEARNING, seeded
 from usvauv.policies.algorithms import ALGORITHMS, Batch, Rollout, Sizes, ppo
 from usvauv.policies.algorithms.learner import Adam
 from usvauv.policies.learned import Standardizer
-from usvauv.policies.networks import GaussianActor, StackedMLP
+from usvauv.policies.networks import Critic, GaussianActor, StackedMLP
 from usvauv.policies.training.exploration import CorrelatedNoise
 from usvauv.policies.training.replay import Replay
 
@@ -146,6 +146,23 @@ class TestNetworks:
         alone = torch.stack([self.alone(network, index, x[index]) for index in range(2)])
         expected = torch.autograd.grad(alone.square().sum(), parameters)
         torch.testing.assert_close(found, expected, rtol=1e-3, atol=1e-5)
+
+    @pytest.mark.parametrize("layer_norm", [False, True])
+    def test_a_critic_learns_from_the_first_actions_alone(self, layer_norm):
+        """The others, here a second for each observation, have the gradient of their values."""
+        critic = Critic(2, Sizes(3, 4, 2), (8,), seeded(), layer_norm)
+        observation = torch.randn((3, 10, 4), generator=seeded(1))
+        actions = torch.rand((3, 20, 2), generator=seeded(2)).requires_grad_()
+        value, other = critic(observation, actions, learned=10).split(10, -1)
+        first, second = (critic(observation, part) for part in actions.split(10, 1))
+        torch.testing.assert_close((value, other), (first, second))
+        loss, expected = value.square().sum() + other.exp().sum(), first.square().sum()
+        parameters = list(critic.parameters())
+        torch.testing.assert_close(
+            torch.autograd.grad(loss, parameters, retain_graph=True), torch.autograd.grad(expected, parameters)
+        )
+        of_second = torch.autograd.grad(second.exp().sum(), actions)[0][:, 10:]
+        torch.testing.assert_close(torch.autograd.grad(loss, actions)[0][:, 10:], of_second)
 
     def test_the_squashed_density_integrates_to_one(self):
         actor = GaussianActor(1, (3, 8, 2), seeded(), output_gain=0.0)
