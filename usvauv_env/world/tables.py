@@ -162,15 +162,13 @@ class DataLink(NamedTuple):
             return max(1e-6 * rate_laws[nodes.rate_law](nodes.bandwidth, nodes.rate_max, snr), LEAST_RATE)
 
 
-def closest_range(site: Site) -> float:
-    """Slant range of a typical service over the mean bed, m: at the hover radius, in passing half way in its range."""
-    share = 0.5 if site.scenario.nodes.service == "passing" else 1.0
-    return math.hypot(site.scenario.height_over_nodes, share * site.scenario.service_radius)
-
-
 def reference_rate(site: Site) -> float:
-    """Rate of the data link at `closest_range`, Mbit/s."""
-    return DataLink.of(site).rate(site.scenario.nodes, closest_range(site))
+    """Rate of the data link in a typical service over the mean bed: at the hover radius, or half way in the range of
+    one in passing, Mbit/s.
+    """
+    share = 0.5 if site.scenario.nodes.service == "passing" else 1.0
+    slant = math.hypot(site.scenario.height_over_nodes, share * site.scenario.service_radius)
+    return DataLink.of(site).rate(site.scenario.nodes, slant)
 
 
 def sound_profile(site: Site) -> SoundSpeedProfile:
@@ -263,18 +261,6 @@ def own_noise(scenario: Scenario, frequency: float) -> float:
     return boat_noise(frequency, boat.top_speed, boat.noise_level, OWN_NOISE_FREQUENCY, boat.top_speed)
 
 
-def accuracy(scenario: Scenario) -> Accuracy:
-    """Errors of a fix beside noise."""
-    usbl = scenario.usbl
-    return Accuracy(
-        attitude=usbl.attitude_error,
-        alignment=usbl.alignment_error,
-        heading=usbl.heading_error,
-        sound_speed=scenario.acoustics.sound_speed_error / scenario.acoustics.sound_speed,
-        position=math.hypot(usbl.lever_arm_error, usbl.gnss_error),
-    )
-
-
 def link_table(site: Site) -> np.ndarray:
     """Acoustic constants of each AUV's positioning link, see `usvauv.kernels.positioning.acoustic_link`."""
     s = site.scenario
@@ -288,7 +274,13 @@ def link_table(site: Site) -> np.ndarray:
         "planner_noise": s.planner.noise,
         "reference_range": s.auv.depth,
         "own_noise": partial(own_noise, s),
-        "accuracy": accuracy(s),
+        "accuracy": Accuracy(
+            attitude=s.usbl.attitude_error,
+            alignment=s.usbl.alignment_error,
+            heading=s.usbl.heading_error,
+            sound_speed=s.acoustics.sound_speed_error / s.acoustics.sound_speed,
+            position=math.hypot(s.usbl.lever_arm_error, s.usbl.gnss_error),
+        ),
     }
     return link_constants(carriers(s), Sonar(**given | computed))
 
