@@ -101,7 +101,7 @@ def batches(
     table: GrowingTable,
     on_step: Callable[[int], None],
     on_trace: Callable[[Trace, int], None],
-) -> Iterator[dict[Combination, list[dict[str, Any]]]]:
+) -> Iterator[Mapping[Combination, Sequence[Mapping[str, Any]]]]:
     """Rows of all combinations, batch after batch; those that the table does not have yet are run and added to it.
 
     Args:

@@ -28,20 +28,16 @@ CURVE_COLUMNS = ("method", "condition", "run", "steps", "episode_equivalents", "
 DASHES = {"ISC": "-", "ESC": (0, (4, 2))}
 
 
-def table_runs(settings: Settings) -> list[Piece]:
-    """The runs that Table 2 needs."""
-    keys = [method.key for method in settings.methods]
-    return [*_learned(settings, keys), *(heuristic(settings, policy) for policy in HEURISTICS)]
-
-
-def curve_runs(settings: Settings) -> list[Piece]:
-    """The runs that Fig. 3 needs."""
-    return _learned(settings, LEARNING)
-
-
-def _learned(settings: Settings, methods: Sequence[str]) -> list[Piece]:
+def learned_runs(settings: Settings, methods: Sequence[str]) -> list[Piece]:
+    """The runs of some methods, in both conditions, of all seeds."""
     scenarios = paper.CONDITIONS.values()
     return [learned(settings, key, name, seed) for seed in settings.seeds for key in methods for name in scenarios]
+
+
+def table_runs(settings: Settings) -> list[Piece]:
+    """The runs that Table 2 needs; Fig. 3 takes those of `LEARNING`."""
+    keys = [method.key for method in settings.methods]
+    return [*learned_runs(settings, keys), *(heuristic(settings, policy) for policy in HEURISTICS)]
 
 
 def table_rows(settings: Settings, folder: Path) -> list[Row]:

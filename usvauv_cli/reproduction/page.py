@@ -10,6 +10,7 @@ import json
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
+from functools import partial
 from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
@@ -50,7 +51,7 @@ PAPER = {
     "fig3": Target(
         "Fig. 3, made again",
         "Figure 3: learning curves of the three algorithms",
-        learning.curve_runs,
+        partial(learning.learned_runs, methods=learning.LEARNING),
         learning.make_curves,
     ),
     "fig4a": Target(
@@ -106,9 +107,9 @@ def reproduce(
         if wanted != [WIDE]:
             sections.append(conventions_section(settings))
         page = folder / f"{name}.md"
-        with atomic_write(page) as partial:
+        with atomic_write(page) as partial_file:
             text = "\n\n".join([f"# {title}", *sections, made_section(pieces, settings, folder, command)])
-            partial.write_text(f"{text}\n", encoding="utf-8")
+            partial_file.write_text(f"{text}\n", encoding="utf-8")
     return page
 
 

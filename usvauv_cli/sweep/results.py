@@ -181,7 +181,7 @@ def _figures(
     def shown(of: Mapping[str, Any]) -> dict[str, Any]:
         return {method: about for method, about in of.items() if method in short}
 
-    made = []
+    made: list[document.Drawn] = []
     if tasks := {task: shown(of) for task, of in islice(results["tasks"].items(), TASKS)}:
         about = "Mean over runs, with 95 % intervals of the bootstrap over runs."
         made.append(("scores", partial(draw_scores, tasks, short, score), "Scores", about))

@@ -130,7 +130,7 @@ def _figures(comparison: Comparison, scenario: Scenario, recordings: Recordings)
     drawn, points = front_episodes(len(comparison.combinations)), len(recorded[0].episode.tracks[0])
     some = f", the first {drawn} of each" if drawn < comparison.episodes else ""
     thinned = f"; each way is drawn through {points} of {steps} points" if points < steps else ""
-    made = [
+    made: list[document.Drawn] = [
         (
             "errors",
             partial(errors, names, recorded, steps * scenario.mission.step),
