@@ -259,8 +259,8 @@ def spectrum(
         style.mlab.csd(one, other, count, 1 / step, style.mlab.detrend_mean, window, count - max(1, count // 2))
         for one, other in zip(records.T, (records if beside is None else beside).T, strict=True)
     ]
-    density = np.mean([each for each, _ in found], axis=0)[1:]
-    return found[0][1][1:], density.real if beside is None else density
+    density = np.mean([np.asarray(each) for each, _ in found], axis=0)[1:]
+    return np.asarray(found[0][1])[1:], density.real if beside is None else density
 
 
 def measured(records: np.ndarray, step: float, piece: float) -> Waves:
@@ -272,7 +272,7 @@ def measured(records: np.ndarray, step: float, piece: float) -> Waves:
     heave, *slopes = np.moveaxis(records, -1, 0)
     frequency, density = spectrum(heave, step, piece)
     steepness = sum(spectrum(slope, step, piece)[1] for slope in slopes)
-    moment = np.array([-spectrum(heave, step, piece, slope)[1].imag for slope in slopes])  # (2, F)
+    moment = np.array([-np.imag(spectrum(heave, step, piece, slope)[1]) for slope in slopes])  # (2, F)
     share = np.sqrt(density / np.maximum(steepness, 1e-30))
     length = np.hypot(*(moment * share).sum(1)) / density.sum()
     peak = slice(max(int(density.argmax()) - 1, 0), int(density.argmax()) + 2)
