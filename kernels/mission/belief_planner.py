@@ -42,6 +42,7 @@ SLOWEST = 1e-3  # m/s, of a foreseen AUV
 BISECTIONS = 8  # of the hearing range, from the area's diagonal on
 MARGIN = 0.03  # share by which another goal's loss must be below that of going to the least certain AUV
 NO_LIMIT = 3e38  # m⁴
+OTHER_GOALS = 2  # of a boat beside the AUVs, see `goal_of`
 NO_AUV = -1  # the index of a goal that is no AUV
 STRAYING = 0.3  # standard deviation per axis of an AUV's velocity from the one foreseen, over the reference speed
 
@@ -458,7 +459,7 @@ def is_due(worlds: ti.template(), w, b, patience):
 @func
 def place_of(worlds: ti.template(), b, n):
     """Where in the workspace `weigh` writes, behind what is the target rule's."""
-    return worlds.workspace.shape[1] - 1 - b * (worlds.estimate.shape[1] + 2) - n
+    return worlds.workspace.shape[1] - 1 - b * (worlds.estimate.shape[1] + OTHER_GOALS) - n
 
 
 @func
@@ -489,7 +490,7 @@ def plan(worlds: ti.template(), w, b) -> vec2:
     usual = least_certain(worlds, w, b)
     best = usual
     least = (1.0 - MARGIN) * loss_of(worlds, w, b, usual, ranges, NO_LIMIT)
-    for n in range(worlds.estimate.shape[1] + 2):
+    for n in range(worlds.estimate.shape[1] + OTHER_GOALS):
         if n != usual and is_goal(worlds, w, b, n):
             loss = loss_of(worlds, w, b, n, ranges, least)
             if loss < least:

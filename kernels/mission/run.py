@@ -16,6 +16,7 @@ from usvauv.kernels.flow.current import Water
 from usvauv.kernels.flow.vortex import Vortex
 from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.mission import belief_planner, boat_motion, fixes, motion, observation, reception, vehicles
+from usvauv.kernels.mission.belief_planner import OTHER_GOALS
 from usvauv.kernels.mission.columns import AuvColumn, Draw, EstimateColumn, Parameter, Phase, Schedule, Sensor
 from usvauv.kernels.mission.tasks import rewards
 from usvauv.kernels.mission.worlds import ARRAYS, Program, Rows, Worlds, address, key, uniforms
@@ -198,7 +199,7 @@ def prepare(worlds: ti.template(), w):
 @func
 def weigh(worlds: ti.template(), w, n):
     """Loss of a goal of a boat, numbered through all boats' goals."""
-    each = worlds.auv.shape[1] + 2
+    each = worlds.auv.shape[1] + OTHER_GOALS
     worlds.program.strategy.weigh(worlds, w, n // each, n % each)
 
 
@@ -296,11 +297,6 @@ def block(program: Program) -> int | None:
     return 1 if program.in_lanes else BLOCK if program.in_threads else None
 
 
-def goals(boats: Any, auvs: Any) -> Any:  # of Taichi or Python
-    """Number of all boats' goals, see `usvauv.kernels.mission.belief_planner.goal_of`."""
-    return boats * (auvs + 2)
-
-
 @func
 def run_stage(worlds: ti.template(), stage: ti.template(), n, threads):
     """A stage of all worlds, or of a member of one, of iteration n."""
@@ -342,7 +338,7 @@ def run({", ".join(f"{name}: PARAMETERS[{name!r}]" for name in PARAMETERS)}):
     if ti.static(phase == Phase.look_round):
         threads = auv.shape[1]
     elif ti.static(phase == Phase.weigh):
-        threads = goals(boat.shape[1], auv.shape[1])
+        threads = boat.shape[1] * (auv.shape[1] + OTHER_GOALS)
     ti.loop_config(serialize=program.serial, block_dim=ti.static(block(program)))
     for n in range((clock.shape[0] * threads + count - 1) // count):
         water = ti.static(Water(vortex, stream, p[Parameter.width], p[Parameter.length], bed, eta, U, V,
@@ -381,6 +377,6 @@ run = kernel_of(
     STAGES=STAGES,
     together=together,
     block=block,
-    goals=goals,
+    OTHER_GOALS=OTHER_GOALS,
     run_stage=run_stage,
 )

@@ -232,8 +232,8 @@ class Seeds:
 
     Args:
         runs: new or resumed; each with worlds and a directory of its own.
-        threads: number of threads in which equal shares of the runs learn. Several small stacks learn faster on a CPU
-            than one whose operations are spread over its cores, and on a GPU one does.
+        threads: number of threads in which equal shares of the runs learn on a CPU, where several small stacks do so
+            faster than one whose operations are spread over its cores. On a GPU it is one.
 
     Attributes:
         stopped, interruption: as those of a `Trainer`.
@@ -251,7 +251,7 @@ class Seeds:
                     f"training: seeds {first.config.seed} and {run.config.seed}: settings or scenario differ; they must"
                     " be the same"
                 )
-        self.runs, self.threads = runs, threads
+        self.runs, self.threads = runs, threads if first.world.device.type == "cpu" else 1
         self.stopped = False
         self.interruption = Stop()
 

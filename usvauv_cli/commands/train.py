@@ -181,8 +181,7 @@ def train(
         together, first, config = place not in runs, trainers[0], trainers[0].config
         trainer: Trainer | Seeds = first
         if together:
-            running = runtime.start(arch)
-            trainer = policies.Seeds(trainers, running.threads if running.torch_on_host else 1)
+            trainer = policies.Seeds(trainers, runtime.start(arch).threads)
         name, baseline = policies.default(first.world.scenario), {}
         if ranks.leads:
             baseline = training_table.mean_of(baselines) | {"policy": name, "start": first.frame.start}

@@ -40,6 +40,7 @@ from usvauv.kernels.errors import DivergenceError, blaming
 from usvauv.kernels.flow import current, vortex
 from usvauv.kernels.flow.vortex import Vortex
 from usvauv.kernels.functions import DeviceFlag, Launch
+from usvauv.kernels.mission.belief_planner import OTHER_GOALS
 from usvauv.kernels.mission.columns import (
     AuvColumn,
     BoatColumn,
@@ -49,7 +50,7 @@ from usvauv.kernels.mission.columns import (
     NodeColumn,
     Phase,
 )
-from usvauv.kernels.mission.run import PARAMETERS, draw_vortices, goals, launches, run
+from usvauv.kernels.mission.run import PARAMETERS, draw_vortices, launches, run
 from usvauv.kernels.mission.target_rules import target_rules
 from usvauv.kernels.mission.tasks.task import tasks
 from usvauv.kernels.mission.vehicles import ROWS, move
@@ -559,7 +560,7 @@ class World:
         on_cpu = runtime.start().on_cpu
         in_lanes, in_threads = known and on_cpu and not serial, known and not on_cpu
         program = program._replace(serial=serial, in_lanes=in_lanes, in_threads=in_threads)
-        losses = goals(self.scenario.boat.count, self.num_auvs) if program.weighs_apart else 0
+        losses = self.scenario.boat.count * (self.num_auvs + OTHER_GOALS) if program.weighs_apart else 0
         return {
             **{name: torch.from_numpy(table).to(self.device) for name, table in uploaded.items()},
             "key": torch.from_numpy(self.seeds.keys()).to(self.device),

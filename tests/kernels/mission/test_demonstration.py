@@ -18,7 +18,7 @@ def pair() -> World:
 
 
 def term(world: World, name: str) -> torch.Tensor:
-    return world.reward_terms[..., world.reward_names.index(name)]
+    return world.reward_terms[..., world.reward_names.index(name)].cpu()
 
 
 def after_service(rule: str, backlog: list[float]) -> int:
@@ -57,7 +57,7 @@ def test_an_emptied_node_is_one_of_the_two_best():
 def test_first_targets(pair):
     """The two nodes with the largest λ b/C, the better to AUV 1, wherever they are."""
     pair.reset()
-    node, target = pair.node.double().numpy(), pair.auv[..., AuvColumn.target].long().numpy()
+    node, target = pair.node.double().cpu().numpy(), pair.auv[..., AuvColumn.target].long().cpu().numpy()
     for w in range(16):
         order = np.argsort(node[w, :, NodeColumn.rate] * node[w, :, NodeColumn.backlog], kind="stable")
         assert target[w].tolist() == order[-2:].tolist()
@@ -68,11 +68,11 @@ def test_service_is_paid_from_arrival_to_completion():
     world.reset()
     paid, steps, services = torch.zeros(8), torch.zeros(8), torch.zeros(8)
     for _ in range(400):
-        hovering = world.auv[:, 0, AuvColumn.hover] > 0
+        hovering = world.auv[:, 0, AuvColumn.hover].cpu() > 0
         world.step(steer(world))
         paid += term(world, "service")[:, 0]
         steps += hovering
-        services += (world.auv[:, 0, AuvColumn.hover] > 0) & ~hovering  # begun
+        services += (world.auv[:, 0, AuvColumn.hover].cpu() > 0) & ~hovering  # begun
     assert services.min() > 3
     assert torch.equal(paid, 12 * (steps + services))
 

@@ -30,7 +30,7 @@ def all_kinds(n, K, seed):
 class TestPlan:
     @pytest.mark.parametrize("K", [2, 4, 8])
     @pytest.mark.parametrize("code", CODES.values(), ids=CODES)
-    def test_finds_the_global_maximum(self, device, code, K):
+    def test_finds_the_global_maximum(self, device, rounding, code, K):
         """For each objective 500 layouts: near-collinear, coincident, in corners, outside the box, at any depth."""
         link = table(device, K, attitude_error=0.0017, systematic=K == 4)
         points = all_kinds(14 + 56 // K, K, 10 * K + code)
@@ -39,9 +39,9 @@ class TestPlan:
         assert out[:, :2].max() <= AREA
         reached = log_objective(out[:, :2], points.double(), link.double().cpu(), code)
         gap = best_by_dense_search(points, link.cpu(), code, AREA) - reached
-        assert gap.max() < GAP
+        assert gap.max() < GAP * rounding
         # The value can be a sum of 2K logarithms in single precision.
-        assert ((out[:, 2] - reached).abs() / (5 + reached.abs())).max() < 2e-6
+        assert ((out[:, 2] - reached).abs() / (5 + reached.abs())).max() < 2e-6 * rounding
 
     @pytest.mark.parametrize(("K", "layouts"), [(3, 30), (6, 12)])
     @pytest.mark.parametrize("name", slowly([name for name in CODES if name[0] in "ds"], "d phase"))
