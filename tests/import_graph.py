@@ -6,6 +6,7 @@ for type checkers count like the others. Importing `usvauv.kernels.flow.airy` do
 """
 
 import ast
+import functools
 from collections.abc import Iterator, Mapping, Set
 from pathlib import Path
 
@@ -41,6 +42,7 @@ def imported(path: Path) -> Iterator[str]:
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
 
 
+@functools.cache
 def module_graph() -> Graph:
     """Modules of the four packages and the modules of these that each one imports."""
     files = sources()

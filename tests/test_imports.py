@@ -7,15 +7,15 @@ import pytest
 
 from tests.import_graph import PACKAGES, ROOT, circle, imported, module_graph, room_graph, sources
 
-MODULES = module_graph()
-
 
 def test_no_import_leads_upwards():
     def floor(name: str) -> int:
         package = ".".join(name.split(".")[:2])
         return PACKAGES.index(package) if package in PACKAGES else len(PACKAGES)
 
-    upwards = [(name, target) for name, targets in MODULES.items() for target in targets if floor(target) > floor(name)]
+    upwards = [
+        (name, target) for name, targets in module_graph().items() for target in targets if floor(target) > floor(name)
+    ]
     assert upwards == []
 
 
@@ -43,8 +43,8 @@ def test_what_reads_no_netcdf_and_draws_nothing_loads_no_library_for_it():
 
 
 def test_no_circle_of_modules():
-    assert circle(MODULES) == []
+    assert circle(module_graph()) == []
 
 
 def test_no_circle_of_rooms():
-    assert circle(room_graph(MODULES)) == []
+    assert circle(room_graph(module_graph())) == []
