@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from usvauv.kernels.shallow_water.discretisation import LANES, Packing
-from usvauv.kernels.shallow_water.forcing import PrescribedElevation
+from usvauv.kernels.shallow_water.linear import PrescribedElevation
 
 TIME_STEP, SUBSTEPS = 0.37, 3
 
