@@ -217,6 +217,17 @@ class TestLearners:
         expected = (value - batch.reward - 0.9 * future).square().mean()
         assert float(learner.update(batch)["critic_loss"]) == pytest.approx(float(expected.detach()), rel=1e-5)
 
+    @pytest.mark.parametrize("algorithm", ["sac", "td3", "ddpg"])
+    def test_the_value_of_a_constant_reward_is_its_geometric_sum(self, algorithm):
+        """1 + 1/2 + 1/4 + …; what entropy is worth to SAC is a twentieth of it at first."""
+        config = replace(LEARNING, algorithm=algorithm, hidden=(16,), learning_rate=3e-3)
+        learner = ALGORITHMS[algorithm](Sizes(1, 5, 2), config, seeded())
+        batch = random_batch(1)
+        batch = replace(batch, reward=torch.ones(1, 32), discount=torch.full((1, 32), 0.5))
+        for _ in range(400):
+            value = learner.update(batch)["value"]
+        assert value.item() == pytest.approx(2.0, abs=0.2)
+
     def test_ppo_finds_the_action_that_pays_most(self):
         """Reward −|a − a*|², a* = (0.3, −0.2), in a single step; the value does not depend on the action."""
         learner = ALGORITHMS["ppo"](Sizes(1, 5, 2), replace(LEARNING, updates=4), seeded())
