@@ -234,7 +234,7 @@ def sense_current(worlds: ti.template(), w, k):
     """Store the velocity of the water at AUV k of world w and at each boat of its number, modulo the number of AUVs.
 
     It carries them during the coming step. A profile of the current, if there is one, has been taken with others' by
-    `take_profiles`, or is taken here.
+    `take_profiles`, or is taken here. `add_storm` follows.
     """
     water = ti.static(worlds.water)
     period = ti.static(water.eddies.period)
@@ -261,10 +261,20 @@ def sense_current(worlds: ti.template(), w, k):
             here += current.long_wave_velocity(water, sea, x, y)
         else:
             here = current.velocity(water, Level.cruise, w, x, y)
-        storm = airy.motion(water.wave, sea, Level.cruise, x, y)
-        here += vec2(storm[3], storm[4])
     worlds.auv[w, k, AuvColumn.current_x] = here[0]
     worlds.auv[w, k, AuvColumn.current_y] = here[1]
+
+
+@func
+def add_storm(worlds: ti.template(), w, k):
+    """Add the storm's velocity at AUV k to what `sense_current` has stored; a vehicle has sensed it already."""
+    auv = ti.static(worlds.auv)
+    water = ti.static(worlds.water)
+    if ti.static(not worlds.program.vehicle):
+        x, y = auv[w, k, AuvColumn.x], auv[w, k, AuvColumn.y]
+        storm = airy.motion(water.wave, water.sea_index[w], Level.cruise, x, y)
+        auv[w, k, AuvColumn.current_x] = auv[w, k, AuvColumn.current_x] + storm[3]
+        auv[w, k, AuvColumn.current_y] = auv[w, k, AuvColumn.current_y] + storm[4]
 
 
 OF_NODES = (target, service, next_node)

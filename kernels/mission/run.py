@@ -114,21 +114,50 @@ def begin_estimate(worlds: ti.template(), w, k):
 
 
 @func
-def look_round(worlds: ti.template(), w, k):
-    """What AUV k meets and observes at the beginning of an episode and at the end of a step."""
-    observation.sense_current(worlds, w, k)
+def observe_round(worlds: ti.template(), w, k):
+    """What AUV k observes."""
     observation.write(worlds, w, k)
     if ti.static(worlds.program.tracker):
         fixes.prepare_next_step(worlds, w, k)
 
 
 @func
-def look(worlds: ti.template(), w):
-    """`look_round` of all AUVs of world w."""
+def look_round(worlds: ti.template(), w, k):
+    """What AUV k meets and observes at the beginning of an episode and at the end of a step."""
+    observation.sense_current(worlds, w, k)
+    observation.add_storm(worlds, w, k)
+    observe_round(worlds, w, k)
+
+
+@func
+def sense(worlds: ti.template(), w):
+    """The currents at the AUVs and boats of world w, but for the storm."""
     if ti.static(worlds.program.in_lanes and observation.current_profile in worlds.program.observation):
         observation.take_profiles(worlds, w)
     for k in range(worlds.auv.shape[1]):
-        look_round(worlds, w, k)
+        observation.sense_current(worlds, w, k)
+
+
+@func
+def feel_storm(worlds: ti.template(), w):
+    """The storm at the AUVs of world w, a stage of its own: waves of one world after another come from memory."""
+    for k in range(worlds.auv.shape[1]):
+        observation.add_storm(worlds, w, k)
+
+
+@func
+def observe(worlds: ti.template(), w):
+    """What the AUVs of world w observe."""
+    for k in range(worlds.auv.shape[1]):
+        observe_round(worlds, w, k)
+
+
+@func
+def look(worlds: ti.template(), w):
+    """`look_round` of all AUVs of world w."""
+    sense(worlds, w)
+    feel_storm(worlds, w)
+    observe(worlds, w)
 
 
 @func
@@ -237,7 +266,7 @@ def locate(worlds: ti.template(), w):
 
 @func
 def end_step(worlds: ti.template(), w):
-    """End the mission step, but for `look`."""
+    """End the mission step, but for what the AUVs meet and observe."""
     num_auvs = worlds.auv.shape[1]
     worlds.program.task.update(worlds, w)
     rewards.count_collisions(worlds, w)
@@ -258,11 +287,11 @@ def begin_chosen(worlds: ti.template(), w):
 BEGIN, END = (move_auvs, prepare), (plan, move_boats, ride, locate, end_step)
 STAGES = {
     Phase.reset: (begin_chosen,),
-    Phase.step: (*BEGIN, *END, look),
+    Phase.step: (*BEGIN, *END, sense, feel_storm, observe),
     Phase.move: (*BEGIN, plan, move_boats),
     Phase.ride: (ride,),
     Phase.answer: (locate, end_step),
-    Phase.look: (look,),
+    Phase.look: (sense, feel_storm, observe),
     Phase.begin: BEGIN,
     Phase.weigh: (weigh,),
     Phase.end: END,
