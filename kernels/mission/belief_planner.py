@@ -12,13 +12,9 @@ itself unless another's loss is less by a margin, because rollouts err. It is ke
 it visits, has arrived, or has looked for too long: planned anew in each step, a far AUV would always come second.
 
 One number of each 2 × 2 block of a filter's covariance is enough, half its trace, because drift and fixes treat both
-axes alike: a of the position, b of position and current, c of the current. Over the time t, with f = 1 − e^{−t/τ},
-
-    a ← a + 2τf b + τ²f² c + σ²τ² (2t/τ − 2f − f²) + w t,  b ← (1 − f)(b + τf c) + σ²τf²,  c ← (1 − f)² c + σ² f(2 − f),
-
-σ² and τ variance and memory of the current, or of the log's bias reversed, w of the log's white error. A fix of the
-variance r makes them a r/(a + r), b r/(a + r) and c − b²/(a + r). A rollout takes an AUV to be heard where that is
-probable enough, the uncertainty of its place included to first order.
+axes alike: (a, b, c) of `usvauv.kernels.positioning.tracker.Drift`, with the current's variance and memory, or those of
+the log's bias reversed. A rollout takes an AUV to be heard where that is probable enough, the uncertainty of its place
+included to first order.
 
 Source: a rollout of a base policy is no worse than the base policy where its model holds (Bertsekas, "Rollout, Policy
 Iteration, and Distributed Reinforcement Learning" (2020), §2.3).
@@ -48,17 +44,6 @@ STRAYING = 0.3  # standard deviation per axis of an AUV's velocity from the one 
 
 
 @ti.dataclass
-class Drift:
-    """What a time adrift does to (a, b, c): the factors of the module's head."""
-
-    way: ti.f32  # τ f, s
-    kept: ti.f32  # 1 − f
-    position: ti.f32  # added to a, m²
-    cross: ti.f32  # added to b, m²/s
-    current: ti.f32  # added to c, m²/s²
-
-
-@ti.dataclass
 class Way:
     """Where an AUV is foreseen.
 
@@ -76,33 +61,12 @@ class Way:
 
 
 @func
-def drift_over(worlds: ti.template(), time) -> Drift:
+def drift_over(worlds: ti.template(), time) -> tracker.Drift:
     """The drift of AUVs over a time, s."""
     p = ti.static(worlds.p)
-    variance = p[Parameter.current_variance]
-    tau = p[Parameter.correlation_time]
-    f, spreading = tracker.decayed(time / tau)
-    spread = variance * tau * tau * spreading + p[Parameter.velocity_walk] * time
-    return Drift(
-        way=tau * f, kept=1.0 - f, position=spread, cross=variance * tau * f * f, current=variance * f * (2.0 - f)
+    return tracker.drift_over(
+        time, p[Parameter.current_variance], p[Parameter.correlation_time], p[Parameter.velocity_walk]
     )
-
-
-@func
-def drifted(s: vec3, d: Drift) -> vec3:
-    """(a, b, c) after a drift."""
-    return vec3(
-        s[0] + 2.0 * d.way * s[1] + d.way * d.way * s[2] + d.position,
-        d.kept * (s[1] + d.way * s[2]) + d.cross,
-        d.kept * d.kept * s[2] + d.current,
-    )
-
-
-@func
-def fixed(s: vec3, r) -> vec3:
-    """(a, b, c) after a fix of the variance r, m²."""
-    gain = 1.0 / (s[0] + r)
-    return vec3(s[0] * r * gain, s[1] * r * gain, s[2] - gain * s[1] * s[1])
 
 
 @func
@@ -113,7 +77,7 @@ def own_uncertainty(worlds: ti.template(), w, k) -> vec3:
     s[0] = 0.5 * (track[w, k, tracker.XX] + track[w, k, tracker.YY])
     s[1] = 0.5 * (track[w, k, tracker.XU] + track[w, k, tracker.YV])
     s[2] = 0.5 * (track[w, k, tracker.UU] + track[w, k, tracker.VV])
-    return drifted(s, drift_over(worlds, worlds.exchange[w, k, ExchangeColumn.elapsed]))
+    return tracker.drifted(s, drift_over(worlds, worlds.exchange[w, k, ExchangeColumn.elapsed]))
 
 
 @func
@@ -384,7 +348,7 @@ def expected_loss(worlds: ti.template(), w, boat, n: ti.i32, ranges: each_auv, l
                 y[k] = after.place[1]
                 heads_for[k] = ti.cast(after.node, ti.f32)
                 hovers[k] = after.hovers
-                s = drifted(vec3(a[k], b[k], c[k]), over_step)
+                s = tracker.drifted(vec3(a[k], b[k], c[k]), over_step)
                 if ti.static(worlds.program.vehicle):
                     z = reception.height(worlds, w, boat, k)
                 offset = vec3(after.place[0] - here[0], after.place[1] - here[1], z)
@@ -394,7 +358,7 @@ def expected_loss(worlds: ti.template(), w, boat, n: ti.i32, ranges: each_auv, l
                     spread = s[0] + straying(worlds, elapsed[k])
                     found = reception.expected_reply(worlds, k, offset, effort, spread)
                     if found[0] >= SURE:
-                        s = fixed(s, found[1])
+                        s = tracker.fixed(s, found[1])
                         elapsed[k] = 0.0
                         if k == visited:
                             reached = True

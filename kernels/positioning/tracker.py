@@ -311,6 +311,51 @@ def sense(track: ti.template(), w, k, reading: vec2, variance):
     correct_state(track, w, k, position, current)
 
 
+@ti.dataclass
+class Drift:
+    """What a time t adrift does to half the traces of a covariance's blocks: a of A, b of B, c of C.
+
+    They are enough where drift and fixes treat both axes alike. With f = 1 − e^{−t/τ}, σ² and τ variance and memory of
+    the current, and w the variance that a white error of velocity adds a second (m²/s),
+
+        a ← a + 2τf b + τ²f² c + σ²τ² (2t/τ − 2f − f²) + w t,  b ← (1 − f)(b + τf c) + σ²τf²,  c ← (1 − f)² c + σ² f(2 − f).
+    """
+
+    way: ti.f32  # τ f, s
+    kept: ti.f32  # 1 − f
+    position: ti.f32  # added to a, m²
+    cross: ti.f32  # added to b, m²/s
+    current: ti.f32  # added to c, m²/s²
+
+
+@func
+def drift_over(time, variance, correlation_time, walk) -> Drift:
+    """The drift over a time (s) with σ² (m²/s²), τ (s) and w (m²/s)."""
+    tau = correlation_time
+    f, spreading = decayed(time / tau)
+    spread = variance * tau * tau * spreading + walk * time
+    return Drift(
+        way=tau * f, kept=1.0 - f, position=spread, cross=variance * tau * f * f, current=variance * f * (2.0 - f)
+    )
+
+
+@func
+def drifted(s: vec3, d: Drift) -> vec3:
+    """(a, b, c) after a drift."""
+    return vec3(
+        s[0] + 2.0 * d.way * s[1] + d.way * d.way * s[2] + d.position,
+        d.kept * (s[1] + d.way * s[2]) + d.cross,
+        d.kept * d.kept * s[2] + d.current,
+    )
+
+
+@func
+def fixed(s: vec3, r) -> vec3:
+    """(a, b, c) after a fix of the variance r, m²: a r/(a + r), b r/(a + r) and c − b²/(a + r)."""
+    gain = 1.0 / (s[0] + r)
+    return vec3(s[0] * r * gain, s[1] * r * gain, s[2] - gain * s[1] * s[1])
+
+
 @kernel
 def _follow(
     velocity: array3,

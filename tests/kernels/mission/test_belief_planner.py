@@ -8,7 +8,6 @@ import torch
 
 from usvauv import policies
 from usvauv.env import Scenario, ScenarioError, World
-from usvauv.kernels.mission import belief_planner
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, ExchangeColumn
 from usvauv.kernels.positioning import tracker
 from usvauv.kernels.types import array1, array2, array3, vec3
@@ -20,12 +19,10 @@ VARIANCE, TAU, R = 0.01, 300.0, 16.0
 @ti.kernel
 def drift_and_fix(factors: array1, track: array3, scalars: array2):
     """A track by the tracker, and (a, b, c) of it by the planner, over the same drift and the same fix."""
-    drift = belief_planner.Drift(
-        way=factors[0], kept=factors[1], position=factors[2], cross=factors[3], current=factors[4]
-    )
+    drift = tracker.Drift(way=factors[0], kept=factors[1], position=factors[2], cross=factors[3], current=factors[4])
     for n in range(track.shape[0]):
         s = vec3(track[n, 0, tracker.XX], track[n, 0, tracker.XU], track[n, 0, tracker.UU])
-        s = belief_planner.fixed(belief_planner.drifted(s, drift), R)
+        s = tracker.fixed(tracker.drifted(s, drift), R)
         for c in ti.static(range(3)):
             scalars[n, c] = s[c]
         tracker.drift(track, n, 0, ti.math.vec2(0.0, 0.0), factors[5], VARIANCE, TAU)
