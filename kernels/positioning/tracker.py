@@ -318,7 +318,9 @@ class Drift:
     They are enough where drift and fixes treat both axes alike. With f = 1 − e^{−t/τ}, σ² and τ variance and memory of
     the current, and w the variance that a white error of velocity adds a second (m²/s),
 
-        a ← a + 2τf b + τ²f² c + σ²τ² (2t/τ − 2f − f²) + w t,  b ← (1 − f)(b + τf c) + σ²τf²,  c ← (1 − f)² c + σ² f(2 − f).
+        a ← a + 2τf b + τ²f² c + σ²τ² (2t/τ − 2f − f²) + w t,
+        b ← (1 − f)(b + τf c) + σ²τf²,
+        c ← (1 − f)² c + σ² f(2 − f).
     """
 
     way: ti.f32  # τ f, s
