@@ -196,12 +196,15 @@ class Observed(threading.local):
 
     Attributes:
         observation: of now, (W, K, O).
+        steered: heading and speed that `PassingFrame` found for it.
     """
 
     observation: Tensor
+    steered: tuple[Tensor, Tensor]
 
     def __init__(self, frame: Frame) -> None:
         self.scenario, self.term = frame.scenario, frame.term
+        self.observation = torch.empty(0)
 
     def current(self) -> Tensor:
         """Velocity of the water at each AUV, (W, K, 2), m/s."""
@@ -243,7 +246,8 @@ class PassingFrame(TargetFrame):
 
     def decode(self, observation: Tensor, action: Tensor) -> Tensor:
         auv = self.scenario.auv
-        heading, speed = self._steer(observation)
+        encoded = self.seen.observation is observation  # just before, by a policy
+        heading, speed = self.seen.steered if encoded else self._steer(observation)
         speed = speed + action[..., 1] * (auv.speed_max - auv.speed_min)
         turn = TURN * action[..., 0]
         heading = rotate(components(torch.cos(turn), torch.sin(turn)), heading)
@@ -252,7 +256,8 @@ class PassingFrame(TargetFrame):
     def _steer(self, observation: Tensor) -> tuple[Tensor, Tensor]:
         """Heading and speed of the heuristic."""
         self.seen.observation = observation
-        return self.heuristic.steer(observation)
+        self.seen.steered = self.heuristic.steer(observation)
+        return self.seen.steered
 
 
 class FinsFrame(TargetFrame):

@@ -27,14 +27,14 @@ HOPELESS = 1e6  # J/m, above every cost with headway
 def length(vector: Tensor) -> Tensor:
     """Euclidean norm (...) of vectors (..., 2)."""
     x, y = vector.unbind(-1)
-    return (x.square() + y.square()).sqrt()
+    return (x * x + y * y).sqrt()
 
 
 def unit(vector: Tensor) -> Tensor:
     """Direction of vectors (..., 2); (1, 0) for a zero vector."""
     x, y = vector.unbind(-1)
     x = x + LEAST
-    size = (x.square() + y.square()).sqrt()
+    size = (x * x + y * y).sqrt()
     return components(x / size, y / size)
 
 
