@@ -196,15 +196,14 @@ class Observed(threading.local):
 
     Attributes:
         observation: of now, (W, K, O).
-        steered: heading and speed that `PassingFrame` found for it.
+        encoded: heading and speed that `PassingFrame` found as it encoded `observation`; None once they are decoded.
     """
 
     observation: Tensor
-    steered: tuple[Tensor, Tensor]
+    encoded: tuple[Tensor, Tensor] | None = None
 
     def __init__(self, frame: Frame) -> None:
         self.scenario, self.term = frame.scenario, frame.term
-        self.observation = torch.empty(0)
 
     def current(self) -> Tensor:
         """Velocity of the water at each AUV, (W, K, 2), m/s."""
@@ -239,15 +238,16 @@ class PassingFrame(TargetFrame):
         self.heuristic = Pass(self.start, cast(World, self.seen), PASS_PRICE)
 
     def encode(self, observation: Tensor) -> Tensor:
-        heading, speed = self._steer(observation)
+        self.seen.encoded = heading, speed = self._steer(observation)
         velocity = heading * (speed / self.scenario.auv.speed_max).unsqueeze(-1)
         bearing = unit(self.term(observation, "target"))
         return torch.cat((super().encode(observation), unrotate(velocity, bearing)), -1)
 
     def decode(self, observation: Tensor, action: Tensor) -> Tensor:
         auv = self.scenario.auv
-        encoded = self.seen.observation is observation  # just before, by a policy
-        heading, speed = self.seen.steered if encoded else self._steer(observation)
+        encoded, self.seen.encoded = self.seen.encoded, None  # a policy decodes at once what it encodes
+        of_this = encoded is not None and self.seen.observation is observation
+        heading, speed = encoded if of_this else self._steer(observation)
         speed = speed + action[..., 1] * (auv.speed_max - auv.speed_min)
         turn = TURN * action[..., 0]
         heading = rotate(components(torch.cos(turn), torch.sin(turn)), heading)
@@ -256,8 +256,7 @@ class PassingFrame(TargetFrame):
     def _steer(self, observation: Tensor) -> tuple[Tensor, Tensor]:
         """Heading and speed of the heuristic."""
         self.seen.observation = observation
-        self.seen.steered = self.heuristic.steer(observation)
-        return self.seen.steered
+        return self.heuristic.steer(observation)
 
 
 class FinsFrame(TargetFrame):
