@@ -62,19 +62,22 @@ def _import_matplotlib() -> None:
 
 _import_matplotlib()
 
-# The names are for others too.
+# Names written twice are for others too.
 import matplotlib  # noqa: E402
-from matplotlib import mlab  # noqa: E402, F401
-from matplotlib.axes import Axes  # noqa: E402
+from matplotlib import mlab as mlab  # noqa: E402
+from matplotlib.axes import Axes as Axes  # noqa: E402
 from matplotlib.axis import Axis  # noqa: E402
-from matplotlib.cm import ScalarMappable  # noqa: E402, F401
-from matplotlib.colors import LinearSegmentedColormap, Normalize  # noqa: E402, F401
-from matplotlib.figure import Figure  # noqa: E402
+from matplotlib.cm import ScalarMappable as ScalarMappable  # noqa: E402
+from matplotlib.colors import LinearSegmentedColormap as LinearSegmentedColormap  # noqa: E402
+from matplotlib.colors import Normalize as Normalize  # noqa: E402
+from matplotlib.figure import Figure as Figure  # noqa: E402
 from matplotlib.ft2font import FT2Font  # noqa: E402
-from matplotlib.lines import Line2D  # noqa: E402, F401
-from matplotlib.patches import Ellipse  # noqa: E402, F401
-from matplotlib.patheffects import AbstractPathEffect, withStroke  # noqa: E402, F401
-from matplotlib.ticker import FixedLocator, FormatStrFormatter, LogFormatter, MaxNLocator, NullLocator  # noqa: E402, F401
+from matplotlib.lines import Line2D as Line2D  # noqa: E402
+from matplotlib.patches import Ellipse as Ellipse  # noqa: E402
+from matplotlib.patheffects import AbstractPathEffect as AbstractPathEffect  # noqa: E402
+from matplotlib.patheffects import withStroke as withStroke  # noqa: E402
+from matplotlib.ticker import FixedLocator, FormatStrFormatter, LogFormatter, NullLocator  # noqa: E402
+from matplotlib.ticker import MaxNLocator as MaxNLocator  # noqa: E402
 
 # Yellow, lavender, aqua, rose, violet, olive, pale green, lime.
 CATEGORICAL = ("#f6fe2e", "#c9a0ff", "#94fcf0", "#bf7282", "#a753f5", "#83832f", "#bedea6", "#aab80a")
