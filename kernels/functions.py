@@ -356,7 +356,8 @@ class DeviceFlag:
 
     def __init__(self, numbers: torch.Tensor | DeviceArray, limit: float) -> None:
         running = runtime.start()
-        self._numbers, self._limit = numbers, limit
+        self._numbers: Any = numbers
+        self._limit = limit
         self._outside = torch.zeros(1, dtype=torch.int32, device=running.device)
         self._at_once = running.torch_on_host
         self._mark: Launch | None = None

@@ -72,14 +72,14 @@ class StackedMLP(nn.Module):
             self.weights[-1].mul_(output_gain)
             self.biases[-1].mul_(output_gain)
 
-    def forward(self, x: Tensor, /, learned: int | None = None) -> Tensor:
-        """Outputs (S, B, outputs) for inputs (S, B, inputs); see `Layers` for `learned`."""
-        weights, biases = (
-            self.weights._parameters.values(),
-            self.biases._parameters.values(),
-        )  # a list is slow
-        if self.layer_norm or learned is not None:
-            return Layers.apply(x, self.layer_norm, learned, *weights, *biases)
+    def forward(self, x: Tensor, /, frozen: bool = False) -> Tensor:
+        """Outputs (S, B, outputs) for inputs (S, B, inputs); `frozen` gives a gradient to what enters alone."""
+        weights = [*self.weights._parameters.values()]  # to go through a `ParameterList` is slow
+        biases = [*self.biases._parameters.values()]
+        if frozen:
+            weights, biases = [each.detach() for each in weights], [each.detach() for each in biases]
+        if self.layer_norm:
+            return Layers.apply(x, *weights, *biases)
         layers = list(zip(weights, biases, strict=True))
         plain = not torch.is_grad_enabled() and x.device.type == "cpu"
         if plain and x.shape[1] >= FUSED and torch.backends.mkldnn.is_available():
@@ -107,58 +107,47 @@ def _last(x: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
 
 
 class Layers(torch.autograd.Function):
-    """A network as one operation to autograd.
+    """A network whose hidden layers are normalised before their ReLU, as one operation to autograd.
 
-    With `normalise` hidden layers are normalised before their ReLU: with y = x W + b less its mean over the outputs of
-    the layer they are max(0, z), z = y / √(mean y² + ε). The mean is taken off the weights, which are fewer. Weights
-    have the gradient of the first `learned` rows of the batch alone (None: of all); what enters has that of all.
+    With y = x W + b less its mean over the outputs of the layer they are max(0, z), z = y / √(mean y² + ε). The mean is
+    taken off the weights, which are fewer.
     """
 
     @staticmethod
-    def forward(ctx: Any, x: Tensor, normalise: bool, learned: int | None, *parameters: Tensor) -> Tensor:
-        half, kept, scale = len(parameters) // 2, [], None
-        for weight, bias in zip(parameters[: half - 1], parameters[half:-1], strict=True):
-            if normalise:
-                weight, bias = _centred(weight), _centred(bias)
-            z = torch.baddbmm(bias, x, weight)
-            if normalise:
-                square = torch.linalg.vector_norm(z, dim=-1, keepdim=True).square_()
-                scale = square.div_(z.shape[-1]).add_(EPSILON).rsqrt_()
-                z.mul_(scale)
+    def forward(ctx: Any, x: Tensor, *parameters: Tensor) -> Tensor:
+        half, kept = len(parameters) // 2, []
+        for given, offset in zip(parameters[: half - 1], parameters[half:-1], strict=True):
+            weight = _centred(given)
+            z = torch.baddbmm(_centred(offset), x, weight)
+            square = torch.linalg.vector_norm(z, dim=-1, keepdim=True).square_()
+            scale = square.div_(z.shape[-1]).add_(EPSILON).rsqrt_()
+            z.mul_(scale)
             kept += x, weight, z, scale
             x = z.relu()
-        ctx.learned = learned
         ctx.save_for_backward(*kept, x, parameters[half - 1])
         return _last(x, parameters[half - 1], parameters[-1])
 
     @staticmethod
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
         *kept, x, weight = ctx.saved_tensors
-        rows, of_weights, of_biases = slice(ctx.learned), [], []
-
-        def weigh(x: Tensor) -> tuple[Tensor, Tensor]:
-            """Gradients of weights and biases of the layer that x enters."""
-            own, x = gradient[:, rows], x[:, rows]
-            to_weight = (x * own).sum(1).unsqueeze(-1) if own.shape[-1] == 1 else torch.bmm(x.mT, own)
-            return to_weight, own.sum(1, keepdim=True)
-
-        to_x, learning = ctx.needs_input_grad[0], ctx.needs_input_grad[3] and ctx.learned != 0
+        to_x, learning = ctx.needs_input_grad[:2]
+        of_weights: list[Tensor | None] = []
+        of_biases: list[Tensor | None] = []
         if learning:
-            to_weight, to_bias = weigh(x)
-            of_weights, of_biases = [to_weight], [to_bias]
+            narrow = gradient.shape[-1] == 1
+            of_weights = [(x * gradient).sum(1).unsqueeze(-1) if narrow else torch.bmm(x.mT, gradient)]
+            of_biases = [gradient.sum(1, keepdim=True)]
         while kept:
             gradient = gradient * weight.mT if weight.shape[-1] == 1 else torch.bmm(gradient, weight.mT)
             x, weight, z, scale = kept[-4:]
             del kept[-4:]
             gradient = torch.ops.aten.threshold_backward(gradient, z, 0.0)
-            if scale is not None:
-                gradient = torch.addcmul(gradient, z, (gradient * z).mean(-1, keepdim=True), value=-1.0).mul_(scale)
+            gradient = torch.addcmul(gradient, z, (gradient * z).mean(-1, keepdim=True), value=-1.0).mul_(scale)
             if learning:
-                to_weight, to_bias = weigh(x)
-                of_weights.insert(0, to_weight if scale is None else _centred(to_weight))
-                of_biases.insert(0, to_bias if scale is None else _centred(to_bias))
-        parameters = (*of_weights, *of_biases) if learning else (None,) * (len(ctx.needs_input_grad) - 3)
-        return torch.bmm(gradient, weight.mT) if to_x else None, None, None, *parameters
+                of_weights.insert(0, _centred(torch.bmm(x.mT, gradient)))
+                of_biases.insert(0, _centred(gradient.sum(1, keepdim=True)))
+        parameters = (*of_weights, *of_biases) if learning else (None,) * (len(ctx.needs_input_grad) - 1)
+        return torch.bmm(gradient, weight.mT) if to_x else None, *parameters
 
 
 def _centred(value: Tensor) -> Tensor:
@@ -236,22 +225,14 @@ class Critic(nn.Module):
         self.of_state = StackedMLP(stack, (sizes.observation, *hidden, 1), generator, layer_norm)
         self.of_action = StackedMLP(stack, (both, *hidden, 1), generator, layer_norm)
 
-    def forward(self, observation: Tensor, action: Tensor, learned: int | None = None) -> Tensor:
-        """Values (C, S, n B) of n B actions, n of each observation: those of all observations n times in turn.
-
-        Args:
-            learned: the weights have the gradient of the first so many actions alone; None: of all.
-        """
-        times = action.shape[1] // observation.shape[1]
+    def forward(self, observation: Tensor, action: Tensor, frozen: bool = False) -> Tensor:
+        """Values (C, S, B); with `frozen` their gradient goes to what enters alone, which saves half of the work."""
 
         def each(x: Tensor) -> Tensor:
             return x.expand(self.critics, -1, -1, -1).flatten(0, 1)
 
-        of_state = self.of_state(each(observation))
-        if learned is not None:
-            of_state = torch.cat((of_state[:, :learned], of_state.detach().repeat(1, times, 1)[:, learned:]), 1)
-        both = torch.cat((observation.repeat(1, times, 1), ACTION_GAIN * action), -1)
-        value = of_state + self.of_action(each(both), learned)
+        both = torch.cat((observation, ACTION_GAIN * action), -1)
+        value = self.of_state(each(observation), frozen) + self.of_action(each(both), frozen)
         return value.view(self.critics, *action.shape[:2])
 
 

@@ -44,7 +44,7 @@ class DeterministicLearner(Learner[DeterministicActor]):
 
     def update_actor_and_targets(self, observation: Tensor) -> None:
         """One gradient step of the actor up the first critic's value, and a soft update of every target network."""
-        loss = -self.critics(observation, self.actor(observation), learned=0)[0].mean(-1)
+        loss = -self.critics(observation, self.actor(observation), frozen=True)[0].mean(-1)
         self.gradient_step("actor", loss.sum())
         self.soft_update(self.target_critics, self.critics)
         self.soft_update(self.target_actor, self.actor)

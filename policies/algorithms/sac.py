@@ -24,8 +24,6 @@ class SAC(Learner[GaussianActor]):
         critics      minimise Σ_i mean (Q_i(s, a) − y)²
         actor        minimises mean (α ln π(ã|s) − min_i Q_i(s, ã)), ã ~ π(s)
         temperature  ln α falls by the gradient of −ln α mean (ln π(ã|s) − A), A components of an action
-
-    All take their step at once, along the gradients at the weights before it.
     """
 
     @staticmethod
@@ -56,14 +54,15 @@ class SAC(Learner[GaussianActor]):
             next_value = self.target_critics(batch.next_observation, next_action).amin(0) - alpha * next_log_density
             target = batch.reward + batch.discount * next_value
 
-        action, log_density = self.actor.sample(batch.observation, self.normal(batch.action.shape))
-        actions, size = torch.cat((batch.action, action), 1), target.shape[-1]
-        value, found = self.critics(batch.observation, actions, learned=size).split(size, -1)
+        value = self.critics(batch.observation, batch.action)
         critic_loss = (value - target).square().mean(-1).sum(0)
-        actor_loss = (alpha * log_density - found.amin(0)).mean(-1)
+        self.gradient_step("critics", critic_loss.sum())
+
+        action, log_density = self.actor.sample(batch.observation, self.normal(batch.action.shape))
+        found = self.critics(batch.observation, action, frozen=True).amin(0)
+        actor_loss = (alpha * log_density - found).mean(-1)
         surprise = (log_density.detach() + self.target_entropy).mean(-1, keepdim=True)
-        loss = critic_loss.sum() + actor_loss.sum() - (self.log_alpha * surprise).sum()
-        self.gradient_step(("critics", "actor", "temperature"), loss)
+        self.gradient_step(("actor", "temperature"), actor_loss.sum() - (self.log_alpha * surprise).sum())
 
         self.soft_update(self.target_critics, self.critics)
         self.updates += 1
