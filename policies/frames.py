@@ -196,11 +196,9 @@ class Observed(threading.local):
 
     Attributes:
         observation: of now, (W, K, O).
-        encoded: heading and speed that `PassingFrame` found as it encoded `observation`; None once they are decoded.
     """
 
     observation: Tensor
-    encoded: tuple[Tensor, Tensor] | None = None
 
     def __init__(self, frame: Frame) -> None:
         self.scenario, self.term = frame.scenario, frame.term
@@ -238,16 +236,14 @@ class PassingFrame(TargetFrame):
         self.heuristic = Pass(self.start, cast(World, self.seen), PASS_PRICE)
 
     def encode(self, observation: Tensor) -> Tensor:
-        self.seen.encoded = heading, speed = self._steer(observation)
+        heading, speed = self._steer(observation)
         velocity = heading * (speed / self.scenario.auv.speed_max).unsqueeze(-1)
         bearing = unit(self.term(observation, "target"))
         return torch.cat((super().encode(observation), unrotate(velocity, bearing)), -1)
 
     def decode(self, observation: Tensor, action: Tensor) -> Tensor:
         auv = self.scenario.auv
-        encoded, self.seen.encoded = self.seen.encoded, None  # a policy decodes at once what it encodes
-        of_this = encoded is not None and self.seen.observation is observation
-        heading, speed = encoded if of_this else self._steer(observation)
+        heading, speed = self._steer(observation)
         speed = speed + action[..., 1] * (auv.speed_max - auv.speed_min)
         turn = TURN * action[..., 0]
         heading = rotate(components(torch.cos(turn), torch.sin(turn)), heading)

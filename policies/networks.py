@@ -74,8 +74,8 @@ class StackedMLP(nn.Module):
 
     def forward(self, x: Tensor, /, frozen: bool = False) -> Tensor:
         """Outputs (S, B, outputs) for inputs (S, B, inputs); `frozen` gives a gradient to what enters alone."""
-        weights = [*self.weights._parameters.values()]  # to go through a `ParameterList` is slow
-        biases = [*self.biases._parameters.values()]
+        weights: list[Any] = [*self.weights._parameters.values()]  # to go through a `ParameterList` is slow
+        biases: list[Any] = [*self.biases._parameters.values()]
         if frozen:
             weights, biases = [each.detach() for each in weights], [each.detach() for each in biases]
         if self.layer_norm:
