@@ -182,13 +182,13 @@ def sounds(worlds: ti.template(), pose: ArrayPose, arrival: IncomingSignal, w, k
     return matched_filter.sounds(worlds.pulses, worlds.link, k, body, arrival.path, arrival.offset, pose.axes, around)
 
 
-def surroundings(worlds: Worlds, boundaries, profile: reflections.Profile) -> reflections.Surroundings:
+def surroundings(worlds: Worlds, boundaries, profile: reflections.Profile) -> reflections.Waveguide:
     """What an array hears reflected."""
     if not worlds.program.multipath:
-        return reflections.Surroundings()
+        return reflections.Waveguide()
     if worlds.program.refraction:
-        return reflections.Surroundings(boundaries, profile)
-    return reflections.Surroundings(boundaries)
+        return reflections.Waveguide(boundaries, profile)
+    return reflections.Waveguide(boundaries)
 
 
 @func

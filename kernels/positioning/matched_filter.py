@@ -108,7 +108,7 @@ def sounds(
         body: where the direct sound comes from, in the frame of the array: `path` (m) times the direction, which is
             longer than 1 where sound is slower at the array than the link supposes.
         offset: from array to AUV, m, and `axes` of the array: of the reflections.
-        around: `reflections.Surroundings`.
+        around: `reflections.Waveguide`.
 
     Returns:
         (4 · SOUNDS, 3): delay after the direct sound at the array's centre (chips), real and imaginary amplitude over
@@ -320,7 +320,7 @@ def _measurements(
         r, axes, boundaries = reflections.situation(offset, slope, water, n)
         address = random.uint4(ti.cast(n, ti.u32), ti.u32(0), ti.u32(0), ti.u32(0))
         draw(normals, n, address, random.uint2(key_low, key_high))
-        around = ti.static(reflections.Surroundings(boundaries if reflecting else None))
+        around = ti.static(reflections.Waveguide(boundaries if reflecting else None))
         heard = sounds(tables, link, auv[n], axes @ r, r.norm(), r, axes, around)
         measured = measure(tables, link, auv[n], r.norm(), energy[n], heard, normals, n)
         for j in ti.static(range(MEASURED)):

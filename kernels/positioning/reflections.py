@@ -87,7 +87,7 @@ class Profile(NamedTuple):
     direct: Any
 
 
-class Surroundings(NamedTuple):
+class Waveguide(NamedTuple):
     """What reflects at an array: `Boundaries`, None for nothing, and `Profile`, None where sound goes straight."""
 
     boundaries: Any = None
@@ -150,7 +150,7 @@ def bent(which: ti.i32, offset: vec3, level: ti.f32, profile: ti.template()):
 def reflection(which: ti.i32, offset: vec3, around: ti.template(), link: ti.template(), k: ti.i32) -> Reflection:
     """Reflection of AUV k at `offset` (m) from a level array, from the surface (0) or the bottom (1).
 
-    `around` is `Surroundings`.
+    `around` is `Waveguide`.
     """
     boundaries = around.boundaries
     level = boundaries.array_depth if which == 0 else boundaries.array_depth - boundaries.water_depth
@@ -268,7 +268,7 @@ def _multipath_variances(
     for n in range(offset.shape[0]):
         tables = ti.static(Pulses(envelopes, noise, rate, tone))
         r, axes, boundaries = situation(offset, slope, water, n)
-        around = ti.static(Surroundings(boundaries))
+        around = ti.static(Waveguide(boundaries))
         added = multipath_variance(tables, link, auv[n], r, axes, around)
         for j in ti.static(range(3)):
             variance[n, j] = added[j]

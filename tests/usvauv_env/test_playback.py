@@ -13,7 +13,7 @@ from usvauv.env import Scenario, Trace, World
 from usvauv.env.record.recorder import record
 from usvauv.env.render.frames import frames_of
 from usvauv.env.render.layout import Layout, Rectangle
-from usvauv.env.render.mission import Playback, Sea, Series, Vehicle
+from usvauv.env.render.mission import Playback, RecordedSea, Series, Vehicle
 from usvauv.env.render.perspective import PerspectiveView
 from usvauv.kernels.errors import UserError
 
@@ -33,7 +33,7 @@ def trace() -> Trace:
 
 class TestSea:
     def test_at_a_step_it_is_the_recorded_one(self, trace):
-        sea = Sea(trace)
+        sea = RecordedSea(trace)
         for t in (0, 5, 3, STEPS - 1):
             np.testing.assert_array_equal(sea.at(t), trace.surface[t])
 
@@ -43,7 +43,7 @@ class TestSea:
         The mean of the recorded seas before and after would be off by more than twenty times that.
         """
         scenario = Scenario.load("extreme", [*STORM, "mission.step=0.5", "sea.update_interval=0.5"])
-        world, sea = World(scenario, 1, 3, fine_sea=True), Sea(trace)
+        world, sea = World(scenario, 1, 3, fine_sea=True), RecordedSea(trace)
         world.reset()
         for half in range(1, 2 * STEPS + 1):
             world.step(still(world.observation))
@@ -57,7 +57,7 @@ class TestSea:
 
     def test_a_file_brings_the_same_sea(self, trace, tmp_path):
         trace.save(tmp_path / "t.nc")
-        sea, again = Sea(trace), Sea(Trace.load(tmp_path / "t.nc"))
+        sea, again = RecordedSea(trace), RecordedSea(Trace.load(tmp_path / "t.nc"))
         for t in (0.3, 4.0, 7.9):
             np.testing.assert_array_equal(sea.at(t), again.at(t))
 
@@ -65,18 +65,18 @@ class TestSea:
         x, y = np.linspace(40.0, 60.0, 21), np.linspace(120.0, 130.0, 11)
         a, kx, ky, omega, phase = trace.storm.T[:, :, None, None]
         waves = (a * np.cos(kx * x + ky * y[:, None] - omega * (1.0 + 4.4) + phase)).sum(axis=0)
-        long = Sea(trace).on(4.4, x, y) - waves
+        long = RecordedSea(trace).on(4.4, x, y) - waves
         assert np.ptp(long) < 0.03, "hardly changes over 20 m"
         assert abs(long.mean()) < 0.5
         pixels = (np.arange(128) + 0.5) * 200 / 128
-        np.testing.assert_allclose(Sea(trace).on(4.4, pixels, pixels), Sea(trace).at(4.4), atol=1e-4)
+        np.testing.assert_allclose(RecordedSea(trace).on(4.4, pixels, pixels), RecordedSea(trace).at(4.4), atol=1e-4)
 
     def test_without_a_record_of_the_storm_it_is_between_the_recorded_ones(self, trace):
-        sea = Sea(replace(trace, storm=np.zeros((0, 5))))
+        sea = RecordedSea(replace(trace, storm=np.zeros((0, 5))))
         near = sea.at(5.001)
         np.testing.assert_allclose(near, trace.surface[5], atol=0.02)
         assert not np.array_equal(near, trace.surface[5])
-        nothing = Sea(replace(trace, surface=np.zeros((0, 0, 0), np.float32)))
+        nothing = RecordedSea(replace(trace, surface=np.zeros((0, 0, 0), np.float32)))
         assert nothing.at(2.5).size == 0
         assert not nothing.on(2.5, np.arange(3.0), np.arange(2.0)).any()
 

@@ -97,7 +97,7 @@ class Vehicle(NamedTuple):
         return Series(places[:, 0, self.index].astype(float), smooth=True)
 
 
-class Sea:
+class RecordedSea:
     """The recorded surface of a trace.
 
     At a step it is the recorded one. In between it is the storm, in closed form at that time, and the long waves: the
@@ -179,7 +179,7 @@ class Playback:
     """
 
     def __init__(self, trace: Trace, pace: float = 1.0) -> None:
-        self.trace, self.pace, self.sea, scenario = trace, pace, Sea(trace), trace.scenario
+        self.trace, self.pace, self.sea, scenario = trace, pace, RecordedSea(trace), trace.scenario
         window = max(1, round(MEDIAN_WINDOW / scenario.mission.step))
         self.stations = scenario.task == "station-keeping"
         self.duration = max(float(trace.time[-1]), scenario.mission.step)
