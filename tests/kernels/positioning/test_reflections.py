@@ -50,7 +50,7 @@ def reflected(
             boundaries = reflections.Boundaries(ARRAY, BOTTOM, ROUGHNESS, density, speed, absorption)
             direct = rays.refracted(layers, ARRAY, ARRAY, offset, SPEED)
             bent = ti.static(reflections.Profile(layers, mirrored, ARRAY, SPEED, direct.slant_range))
-            around = ti.static(reflections.Surroundings(boundaries, bent if bending else None))
+            around = ti.static(reflections.Waveguide(boundaries, bent if bending else None))
             r = reflections.reflection(which, offset, around, link, 0)
             out[n, 0] = r.excess
             out[n, 1] = r.source[2] / r.source.norm()
