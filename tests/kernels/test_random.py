@@ -118,8 +118,8 @@ def test_each_purpose_of_a_draw_is_one_functions():
                     drawing[node.attr].add(f"{name.rpartition('.')[2]}.{function.name}")
     shared = {
         "node": {"data_collection.place_nodes", "station_keeping.place_stations"},  # of two tasks
-        "loss": {"channel.is_lost", "fixes.take_fix"},  # of two schedules
-        "navigation": {"navigation.begin", "navigation.reckon"},  # at the start and later
+        "loss": {"fixes.is_lost", "fixes.take_fix"},  # of two schedules
+        "navigation": {"motion.begin_reckoning", "motion.reckon"},  # at the start and later
     }
     assert set(drawing) == set(Draw.names)
     assert {name: users for name, users in drawing.items() if len(users) > 1} == shared
