@@ -71,7 +71,7 @@ def drift_over(worlds: ti.template(), time) -> tracker.Drift:
 
 @func
 def own_uncertainty(worlds: ti.template(), w, k) -> vec3:
-    """(a, b, c) of the errors of AUV k's own position and current at present."""
+    """(a, b, c) of the errors of AUV k's own position and current at present, with the fixes that the boat has made."""
     track = ti.static(worlds.track)
     s = vec3(0.0, 0.0, 0.0)
     s[0] = 0.5 * (track[w, k, tracker.XX] + track[w, k, tracker.YY])

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 import shutil
+import subprocess
 import sys
 from pathlib import Path
 
@@ -75,13 +76,13 @@ def test_an_algorithm_trains_and_its_policy_is_kept(tmp_path):
         ("import usvauv_env.scenario", "imports usvauv_env, whose name since 0.3 is usvauv.env"),
     ],
 )
-def test_a_plugin_of_version_02_is_told_the_new_name(tmp_path, run_usvauv, monkeypatch, line, said):
+def test_a_plugin_of_version_02_is_told_the_new_name(tmp_path, line, said):
+    """In a process of its own: in that of the tests folders have the old names."""
     (tmp_path / "old.py").write_text(line)
-    here = str(Path(__file__).parents[2])  # where folders have the old names
-    monkeypatch.setattr(sys, "path", [place for place in sys.path if place not in ("", here)])
-    code, _, stderr = run_usvauv("scenarios", "--plugin", "old.py")
-    assert code == 2
-    assert said in stderr
+    command = [sys.executable, "-m", "usvauv.cli", "scenarios", "--plugin", "old.py"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert said in " ".join(done.stderr.split())
 
 
 TEXT = """
