@@ -314,6 +314,9 @@ def stop() -> None:
             ti.reset()
 
 
+atexit.register(stop)  # Taichi by itself writes no cache where objects that are left alone, such as worlds, hold it
+
+
 def cache_folder() -> str:
     """The folder of compiled kernels, without what is damaged there.
 

@@ -165,6 +165,22 @@ def test_a_command_compiles_nothing_that_it_compiled_before(tmp_path):
     assert compiled[1] == 0
 
 
+KEPT = """
+from usvauv import Scenario, World
+
+world = World(Scenario.load("paper-ideal"))
+world.reset()
+"""
+
+
+@pytest.mark.cpu("files of compiled kernels")
+def test_a_program_that_leaves_its_worlds_alone_keeps_what_it_compiled(tmp_path):
+    (tmp_path / "kept.py").write_text(KEPT)
+    folder = {"TI_OFFLINE_CACHE_FILE_PATH": str(tmp_path / "cache")}
+    subprocess.run([sys.executable, str(tmp_path / "kept.py")], env={**os.environ, **folder}, timeout=300, check=True)
+    assert len(list((tmp_path / "cache").glob("*.tic"))) > 1
+
+
 DAMAGE = """
 import os, sys
 from pathlib import Path
