@@ -145,7 +145,7 @@ def memory_of(command: str, *arguments: object) -> float:
 
 def commands(folder: Path) -> dict[str, list[float]]:
     """Peak memory (MB) of simulating, also with the trace kept, and of drawing that trace, for each of `MISSIONS`."""
-    trace, out = folder / "kept.nc", ("--out", folder / "command.mp4")
+    trace, out = folder / "kept.nc", ("--out", folder / "command.mp4", "--force")
     found: dict[str, list[float]] = {"simulate": [], "simulate --trace": [], "replay": []}
     for steps in MISSIONS:
         simulate = "simulate", "--duration", steps, *out
