@@ -285,13 +285,14 @@ def begin_chosen(worlds: ti.template(), w):
 
 
 BEGIN, END = (move_auvs, prepare), (plan, move_boats, ride, locate, end_step)
+LOOK = (sense, feel_storm, observe)
 STAGES = {
     Phase.reset: (begin_chosen,),
-    Phase.step: (*BEGIN, *END, sense, feel_storm, observe),
+    Phase.step: (*BEGIN, *END, *LOOK),
     Phase.move: (*BEGIN, plan, move_boats),
     Phase.ride: (ride,),
     Phase.answer: (locate, end_step),
-    Phase.look: (sense, feel_storm, observe),
+    Phase.look: LOOK,
     Phase.begin: BEGIN,
     Phase.weigh: (weigh,),
     Phase.end: END,
