@@ -43,10 +43,18 @@ class TestPlan:
         # The value can be a sum of 2K logarithms in single precision.
         assert ((out[:, 2] - reached).abs() / (5 + reached.abs())).max() < 2e-6 * rounding
 
-    @pytest.mark.parametrize(("K", "layouts"), [(3, 30), (6, 12)])
+    @pytest.mark.parametrize(
+        ("K", "seed", "tables", "layouts", "some"),
+        [
+            (3, 1003, 12, 30, slice(None)),
+            (6, 1006, 12, 12, slice(None)),
+            (6, 7016, 24, 400, [251, 292]),  # with maxima of D between two AUVs, not half way
+        ],
+    )
     @pytest.mark.parametrize("name", slowly([name for name in CODES if name[0] in "ds"], "d phase"))
-    def test_unequal_links(self, device, name, K, layouts):
-        for side, link, points in unequal_links(K, 1000 + K, 12, layouts):
+    def test_unequal_links(self, device, name, K, seed, tables, layouts, some):
+        for side, link, points in unequal_links(K, seed, tables, layouts):
+            points = points[some]
             out = search.plan_batch(link.to(device), points.to(device), code=CODES[name], width=side, length=side)
             out = out.double().cpu()
             reached = log_objective(out[:, :2], points.double(), link.double(), CODES[name])
