@@ -59,7 +59,7 @@ class Program(NamedTuple):
         strategy: of the boats.
         target_rule: a `usvauv.kernels.mission.target_rules.rule.TargetRule`, which node an AUV heads for next.
         information: of `Information`.
-        rate_law: of the data link, of `usvauv.kernels.positioning.data_rate`.
+        rate_law: of the data link, of `usvauv.kernels.positioning.acoustic_link`.
         observation: a function (worlds, w, k, first) for each term of an observation, which it writes from `first` on.
         objective_code: what the boat maximises, of `usvauv.kernels.planning.objectives.objective_code`.
         waveform: fixes by sampled signals, not by the statistical model.

@@ -13,8 +13,7 @@ import torch
 
 from usvauv.kernels import runtime
 from usvauv.kernels.functions import DeviceArray, Launch, kernel
-from usvauv.kernels.shallow_water.boundaries import EAST, NORTH, SOUTH, WEST, BasinBoundaries
-from usvauv.kernels.shallow_water.discretisation import LANES, Packing
+from usvauv.kernels.shallow_water.discretisation import EAST, LANES, NORTH, SOUTH, WEST, BasinBoundaries, Packing
 from usvauv.kernels.shallow_water.wavefront import LinearBasin, Options, elevation_outside
 from usvauv.kernels.types import array1, index1, vec4
 

@@ -21,8 +21,7 @@ import taichi as ti
 
 from usvauv.kernels import runtime
 from usvauv.kernels.functions import func, kernel
-from usvauv.kernels.shallow_water.boundaries import SOUTH
-from usvauv.kernels.shallow_water.discretisation import LANES, vector, vectors
+from usvauv.kernels.shallow_water.discretisation import LANES, SOUTH, vector, vectors
 from usvauv.kernels.shallow_water.riemann import (
     WALL,
     Ghost,

@@ -12,9 +12,18 @@ import torch
 
 from usvauv.kernels import runtime
 from usvauv.kernels.functions import DeviceArray, DeviceArrays, Launch, kernel
-from usvauv.kernels.shallow_water.boundaries import GEOMETRY, BasinBoundaries, Boundary, Side
 from usvauv.kernels.shallow_water.cellwise import CellwiseBackend
-from usvauv.kernels.shallow_water.discretisation import LANES, Discretisation, Packing, vector, vectors
+from usvauv.kernels.shallow_water.discretisation import (
+    GEOMETRY,
+    LANES,
+    BasinBoundaries,
+    Boundary,
+    Discretisation,
+    Packing,
+    Side,
+    vector,
+    vectors,
+)
 from usvauv.kernels.shallow_water.wavefront import WavefrontBackend
 from usvauv.kernels.trigonometry import half_sine
 

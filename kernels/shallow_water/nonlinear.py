@@ -12,8 +12,7 @@ import torch
 
 from usvauv.kernels import runtime
 from usvauv.kernels.functions import Launch
-from usvauv.kernels.shallow_water.boundaries import EAST, WEST, Side, complete_kinds
-from usvauv.kernels.shallow_water.discretisation import LANES
+from usvauv.kernels.shallow_water.discretisation import EAST, LANES, WEST, Side, complete_kinds
 from usvauv.kernels.shallow_water.finite_volume import Clock, step
 from usvauv.kernels.shallow_water.riemann import FORCED, INCIDENT, RADIATING, WALL
 

@@ -14,8 +14,17 @@ import torch
 
 from usvauv.kernels import runtime
 from usvauv.kernels.functions import Launch, func, kernel
-from usvauv.kernels.shallow_water.boundaries import EAST, NORTH, SOUTH, WEST, BasinBoundaries
-from usvauv.kernels.shallow_water.discretisation import LANES, Packing, vector, vectors
+from usvauv.kernels.shallow_water.discretisation import (
+    EAST,
+    LANES,
+    NORTH,
+    SOUTH,
+    WEST,
+    BasinBoundaries,
+    Packing,
+    vector,
+    vectors,
+)
 from usvauv.kernels.types import columns, index3, vec4
 
 # Compile-time options: whether lanes are strips of one sea, any boundary radiates, any sponge damps, the calling thread

@@ -17,7 +17,7 @@ from usvauv.env.world.tables import DataLink
 from usvauv.kernels.flow import vortex
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn
 from usvauv.kernels.positioning import sonar
-from usvauv.kernels.positioning.data_rate import shannon
+from usvauv.kernels.positioning.acoustic_link import shannon
 
 PLACE = ["area.width=4000", "area.length=3000", "sea.cell_size=100", "water.longitude=5.01", "water.latitude=60.01"]
 FRAME = LocalFrame(5.01, 60.01)

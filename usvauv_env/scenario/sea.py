@@ -12,7 +12,7 @@ from usvauv.env.scenario.fields import Bandwidth, Carrier, Number, Place, Sectio
 from usvauv.kernels.planning.information import MAX_AUVS
 from usvauv.kernels.positioning.reflections import SEDIMENTS
 from usvauv.kernels.positioning.sonar import absorption_laws, ambient_noise_laws
-from usvauv.kernels.shallow_water.boundaries import Side
+from usvauv.kernels.shallow_water.discretisation import Side
 
 MOST_STEPS = 10_000_000  # of a mission, sixteen weeks at a second each
 MAX_VORTICES = 64

@@ -12,7 +12,7 @@ from usvauv.env.scenario.fields import LARGEST, Bandwidth, Carrier, Distance, Nu
 from usvauv.kernels.mission import target_rules
 from usvauv.kernels.mission.motion import FASTEST
 from usvauv.kernels.planning.information import MAX_AUVS
-from usvauv.kernels.positioning.data_rate import rate_laws
+from usvauv.kernels.positioning.acoustic_link import rate_laws
 from usvauv.kernels.vehicles.torpedo import TORPEDO
 from usvauv.kernels.vehicles.vehicle import vehicles
 

@@ -19,8 +19,7 @@ from usvauv.env.sea.storm import cumulative, density, total_height, wave_systems
 from usvauv.env.site.site import Site
 from usvauv.env.storage.memory import require
 from usvauv.kernels import runtime
-from usvauv.kernels.shallow_water.boundaries import Boundary, Side
-from usvauv.kernels.shallow_water.discretisation import LANES, Packing
+from usvauv.kernels.shallow_water.discretisation import LANES, Boundary, Packing, Side
 from usvauv.kernels.shallow_water.linear import COURANT, ShallowWater
 from usvauv.kernels.shallow_water.nonlinear import NonlinearShallowWater
 

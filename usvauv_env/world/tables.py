@@ -32,9 +32,8 @@ from usvauv.kernels.mission.vehicles import Motion
 from usvauv.kernels.mission.worlds import Program
 from usvauv.kernels.planning import objectives
 from usvauv.kernels.positioning import pulse, sonar, usbl
-from usvauv.kernels.positioning.acoustic_link import Accuracy, Sonar
+from usvauv.kernels.positioning.acoustic_link import Accuracy, Sonar, attenuation_per_km, optical_budget, rate_laws
 from usvauv.kernels.positioning.acoustic_link import link_table as link_constants
-from usvauv.kernels.positioning.data_rate import attenuation_per_km, optical_budget, rate_laws
 from usvauv.kernels.positioning.reflections import SEDIMENTS
 from usvauv.kernels.positioning.sonar import (
     NoiseLaw,

@@ -9,7 +9,7 @@ import torch
 from scipy.integrate import quad
 
 from usvauv.kernels.positioning import sonar
-from usvauv.kernels.positioning.data_rate import (
+from usvauv.kernels.positioning.acoustic_link import (
     STEPS,
     attenuation_per_km,
     demonstration,
