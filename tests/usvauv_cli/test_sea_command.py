@@ -232,7 +232,7 @@ def test_still_sea(tmp_path, monkeypatch, capsys, name):
     assert run(monkeypatch, tmp_path, *options) == 0
     assert (tmp_path / name).stat().st_size > 5000
     said = capsys.readouterr().out
-    for part in ("10 × 10 cells of 20 m", "1 s in 2 steps of 0.5 s", "this takes about", name):
+    for part in ("10 × 10 cells of 20 m", "1 s in 2 steps of 0.5 s", name):
         assert part in said
 
 

@@ -84,7 +84,7 @@ class TestFollowing:
     BOX = Rectangle(10, 20, 600, 300)
 
     def test_the_vehicle_is_in_the_middle_of_the_view(self, trace):
-        play, layout = Playback(trace), Layout.fit(640, 360, trace.scenario.area)
+        play, layout = Playback(trace), Layout(640, 360, 0.8, {})
         for name, depth in (("usv", 0.0), ("auv:2", -trace.scenario.auv.depth)):
             vehicle = Vehicle.parse(name, trace.scenario)
             view = PerspectiveView(play, self.BOX, layout, vehicle)

@@ -12,9 +12,8 @@ import pytest
 from tests.usvauv_env.made_traces import paint, synthetic_trace
 from usvauv import write_video
 from usvauv.env.render.frames import frames_of
-from usvauv.env.render.layout import Layout
+from usvauv.env.render.layout import Rectangle
 from usvauv.env.render.video import Video, VideoSummary
-from usvauv.env.scenario.sea import Area
 from usvauv.env.storage.files import OutputError
 from usvauv.kernels.errors import UserError
 
@@ -79,7 +78,7 @@ class TestContent:
         assert frame.colorspace == 1  # the file says that its colours are BT.709's
         blue, green, red = np.moveaxis(paint(trace, 0)[0].astype(float), -1, 0)
         brightness = 16 + 219 / 255 * (0.2126 * red + 0.7152 * green + 0.0722 * blue)  # BT.709
-        box = Layout.fit(640, 360, Area()).map
+        box = Rectangle(40, 50, 240, 240)
         assert abs(box.of(frame.to_ndarray()[:360]).mean() - box.of(brightness).mean()) < 1.0
 
     def test_a_picture_is_the_frame_of_its_moment(self, tmp_path, trace):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import statistics
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,7 +12,7 @@ from usvauv.cli import terminal
 from usvauv.cli.commands import options
 from usvauv.cli.terminal import counted
 from usvauv.kernels.errors import DivergenceError, UserError
-from usvauv.kernels.interruption import Stop, stoppable
+from usvauv.kernels.interruption import stoppable
 
 if TYPE_CHECKING:
     from usvauv.cli.sea_view.figure import SeaFigure
@@ -27,7 +26,6 @@ FIGURES = (".png", ".pdf", ".svg")
 FORMATS = (".mp4", ".nc", *FIGURES)
 SPEED = 2.0  # of a video without --interval, over that of the sea
 FIGURE_INTERVAL = 0.5  # s between records of a figure; the shortest waves of a storm have periods above 2 s
-TRIAL_RECORDS, TRIAL_SECONDS = 3, 0.5  # least work by which the rest is estimated
 
 
 def sea(
@@ -112,25 +110,23 @@ def sea(
     if kind == ".mp4":
         typer.echo(f"{records / fps:.3g} s of video at {fps} frames a second, played at {fps * interval:g} × real time")
     begun = time.perf_counter()
-    problem = None
-    with stoppable() as stop, sink(out, water, records, pixels, fps) as file:
-        made, pace = trial(water, file, records, stop)
-        if not made:
-            stop.raise_if_asked()
-        expected = file.expected_bytes(records)
-        left, expected_size = terminal.duration((records - made) * pace, rough=True), terminal.size(expected)
-        typer.echo(f"this takes about {left}; the file will have about {expected_size}")
-        with terminal.progress("solving and writing", records) as advance:
-            advance(made)
-            while made < records and not stop.asked:
-                try:
+    made, problem = 0, None
+    with (
+        stoppable() as stop,
+        sink(out, water, records, pixels, fps) as file,
+        terminal.progress("solving and writing", records) as advance,
+    ):
+        stop.raise_if_asked()
+        while made < records and (not made or not stop.asked):
+            try:
+                if made:
                     water.advance()
-                except DivergenceError as error:
-                    problem = error
-                    break
-                file.add(water)
-                made += 1
-                advance(1)
+            except DivergenceError as error:
+                problem = error
+                break
+            file.add(water)
+            made += 1
+            advance(1)
     cost = f"{terminal.size(out.stat().st_size)} in {terminal.duration(time.perf_counter() - begun, rough=True)}"
     typer.echo(f"{ {'.mp4': 'video', '.nc': 'data'}.get(kind, 'figure') }: {out.resolve()} ({cost})")
     if made < records:
@@ -176,21 +172,3 @@ def sink(out: Path, water: SeaSimulation, records: int, pixels: tuple[int, int],
     from usvauv.cli.sea_view.figure import SeaFigure
 
     return SeaFigure(out, water, records)
-
-
-def trial(water: SeaSimulation, file: Sink, records: int, stop: Stop) -> tuple[int, float]:
-    """Make the first records; returns their number, and the median time of one, s.
-
-    The first two are not timed, because kernels are compiled in them.
-    """
-    made = 0
-    seconds: list[float] = []
-    while made < records and not stop.asked and not (len(seconds) > TRIAL_RECORDS and sum(seconds) > TRIAL_SECONDS):
-        begun = time.perf_counter()
-        if made:
-            water.advance()
-        file.add(water)
-        made += 1
-        if made > 2:
-            seconds.append(time.perf_counter() - begun)
-    return made, statistics.median(seconds or [0.0])

@@ -25,7 +25,6 @@ PROBES = 12  # points a side at which the spectrum is measured
 SEGMENT = 12.0  # length in peak periods of the segments whose spectra are averaged
 RECORD_BYTES = 12288.0  # of memory: a section, the probes, what is drawn of them, and Python's own
 LEAST_RANGE = 0.1  # m, of the axis of elevations
-USUAL_BYTES = 800_000  # size of a figure; it hardly depends on the sea
 TARGET, AMBER = "#ff9d66", web(LONG_WAVES)
 SHORTEST = 16  # least number of records for a spectrum
 
@@ -86,10 +85,6 @@ class SeaFigure:
             low[axis], high[axis] = np.maximum(low[axis] - 1, 0), np.minimum(high[axis] + 1, field.shape[axis] - 1)
             values.append((field[tuple(high)] - field[tuple(low)]) / ((high[axis] - low[axis]) * spacing))
         return np.stack(values, axis=-1)
-
-    def expected_bytes(self, records: int) -> int:
-        """Estimated size of the file."""
-        return USUAL_BYTES
 
     def __enter__(self) -> SeaFigure:
         return self

@@ -11,18 +11,28 @@ import numpy as np
 
 from usvauv.cli.sea_view.surface import LONG_WAVES, LevelSurface, Section, land, thumbnail, weather
 from usvauv.env.render import shapes, style
-from usvauv.env.render.layout import Head, Layout, Rectangle, draw_card, nice, nice_above, within_margins, write_heading
+from usvauv.env.render.layout import (
+    Head,
+    Layout,
+    Rectangle,
+    design_unit,
+    draw_card,
+    fitting_scale,
+    nice,
+    nice_above,
+    within_margins,
+    write_heading,
+)
 from usvauv.env.render.map import draw_map_axes
-from usvauv.env.render.plots import LivePlot, SectionPlot
+from usvauv.env.render.plots import Plot
 from usvauv.env.render.sea import CurrentStreaks, MapView, SeaSurface
 from usvauv.env.render.shapes import Overlay
-from usvauv.env.render.style import write
-from usvauv.env.render.video import even, expected_bytes, one_drawing_thread, video_file
+from usvauv.env.render.style import Colour, write
+from usvauv.env.render.video import even, one_drawing_thread, video_file
 from usvauv.env.scenario.sea import Area
 from usvauv.env.sea.simulation import SeaSimulation, Surface
 from usvauv.env.sea.storm import wave_systems
 
-TRIAL = 12  # pictures by which the size of the file is estimated
 TURN = math.radians(-32)  # rotation of the area; the south and the east side are in front
 TILT = math.radians(26)  # angle of the line of sight below the horizontal
 ITERATIONS = 5  # of the search for the point of the surface that a pixel shows
@@ -144,12 +154,75 @@ class Block:
         write(picture, f"{height:g} m", middle, size, muted, anchor="right")
 
 
+class LivePlot(Plot):
+    """A plot whose curves grow step by step."""
+
+    def __init__(
+        self, still: np.ndarray, box: Rectangle, low: float, high: float, duration: float, layout: Layout
+    ) -> None:
+        super().__init__(still, box, low, high, duration, layout)
+        self._ends: dict[Colour, np.ndarray] = {}
+
+    def extend(self, time: float, value: float, colour: Colour) -> None:
+        """Extend the curve of a colour to a value, on the still picture."""
+        end = self._points(np.array([time]), np.array([value]))[0]
+        begin = self._ends.setdefault(colour, end)
+        width, zoom = self._line_width, self._zoom
+        shapes.stroke(self._fine, np.stack([begin, end]), colour, width)
+        self._ends[colour] = end
+        first = max(0, int((begin[0] - 2 * width) / zoom))
+        last = min(self.box.width, int((end[0] + 2 * width) / zoom) + 1)
+        fine = self._fine[:, first * zoom : last * zoom]
+        size = last - first, self.box.height
+        self.box.of(self._still)[:, first:last] = cv2.resize(fine, size, interpolation=cv2.INTER_AREA)
+
+
+class SectionPlot(Plot):
+    """A plot of elevation along a section, drawn anew in each frame: its time axis is the distance, m."""
+
+    def _time_ticks(self) -> list[tuple[float, str]]:
+        spacing = nice_above(self._duration / max(2.0, self.box.width / (64 * self._unit)))
+        return [(x, f"{x:g}") for x in np.arange(0, self._duration * 1.0001, spacing)]
+
+    def draw(self, picture: np.ndarray, distance: np.ndarray, level: np.ndarray, bounds: np.ndarray) -> None:
+        """Draw the water up to its level (P,) m at distances (P,) m, and thin lines at its `bounds` (2, P) m."""
+        fine, width = self._fine.copy(), self._line_width
+        points = self._points(distance, level)
+        bottom = [(points[-1, 0], fine.shape[0]), (points[0, 0], fine.shape[0])]
+        shapes.fill(fine, np.concatenate([points, bottom]), style.mix(self._theme.card, style.SEA[3], 0.55))
+        for bound in bounds:
+            shapes.stroke(
+                fine, self._points(distance, bound), style.mix(self._theme.card, self._theme.muted, 0.7), width // 2
+            )
+        shapes.stroke(fine, points, self._theme.water, width)
+        size = self.box.width, self.box.height
+        self.box.of(picture)[:] = cv2.resize(fine, size, interpolation=cv2.INTER_AREA)
+
+
+def sea_layout(width: int, height: int, area: Area) -> Layout:
+    """A map, true to scale, beside a panel, or above it in an upright frame."""
+    long, short = max(width, height), min(width, height)
+    unit, upright = design_unit(width, height), height > width
+    box, margin = min(short, round((0.5 if upright else 0.5625) * long)), round(10 * unit)
+    if upright:
+        panel = Rectangle(margin, box, width - 2 * margin, height - box - margin)
+    else:
+        panel = Rectangle(box + margin // 2, margin, width - box - margin - margin // 2, height - 2 * margin)
+    left, right, top, bottom = (round(unit * size) for size in (46, 14, 46, 40))
+    room_x = (width if upright else box) - left - right
+    room_y = (box if upright else height) - top - bottom
+    scale = fitting_scale(room_x, room_y, area)
+    across, up = max(round(scale * area.width), 8), max(round(scale * area.length), 8)
+    chart = Rectangle(left + (room_x - across) // 2, top + (room_y - up) // 2, across, up)
+    return Layout(width, height, unit, {"map": chart, "panel": panel})
+
+
 class SeaPainter:
     """Draws the frames of a sea, in order of time; scales are fitted to the elevations expected, (T, Y, X) m."""
 
     def __init__(self, sea: SeaSimulation, expected: np.ndarray, frames: int, size: tuple[int, int], fps: int) -> None:
         area = sea.scenario.area
-        self.layout = layout = Layout.fit(*size, area)
+        self.layout = layout = sea_layout(*size, area)
         self._frames, self._frame, self._fps = frames, 0, fps
         self._duration = max(frames - 1, 1) * sea.interval
         self.view = MapView(area, layout.map)
@@ -300,22 +373,13 @@ class SeaVideo(ExitStack):
     ) -> None:
         super().__init__()
         size = even(size, out)
-        self._fps = fps
         self._painter = SeaPainter(sea, expected, frames, size, fps)
-        self._first: list[np.ndarray] = []
         self.enter_context(one_drawing_thread())
         self._append = self.enter_context(video_file(out, *size, fps))
 
     def add(self, sea: SeaSimulation) -> None:
         """Append a frame of the present sea."""
-        picture = self._painter.frame(sea)
-        if len(self._first) < TRIAL:
-            self._first.append(picture.copy())
-        self._append(picture)
-
-    def expected_bytes(self, records: int) -> int:
-        """Estimated size of a video of so many frames, by the first ones."""
-        return expected_bytes(self._first, records, self._fps)
+        self._append(self._painter.frame(sea))
 
 
 def signed(value: float) -> str:

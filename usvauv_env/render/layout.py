@@ -73,24 +73,6 @@ class Layout:
     theme: Theme = style.DARK
     left: int = 0
 
-    @classmethod
-    def fit(cls, width: int, height: int, area: Area, theme: Theme = style.DARK) -> Layout:
-        """A map, true to scale, beside a panel, or above it in an upright frame."""
-        long, short = max(width, height), min(width, height)
-        unit, upright = design_unit(width, height), height > width
-        box, margin = min(short, round((0.5 if upright else 0.5625) * long)), round(10 * unit)
-        if upright:
-            panel = Rectangle(margin, box, width - 2 * margin, height - box - margin)
-        else:
-            panel = Rectangle(box + margin // 2, margin, width - box - margin - margin // 2, height - 2 * margin)
-        left, right, top, bottom = (round(unit * size) for size in (46, 14, 46, 40))
-        room_x = (width if upright else box) - left - right
-        room_y = (box if upright else height) - top - bottom
-        scale = fitting_scale(room_x, room_y, area)
-        across, up = max(round(scale * area.width), 8), max(round(scale * area.length), 8)
-        chart = Rectangle(left + (room_x - across) // 2, top + (room_y - up) // 2, across, up)
-        return cls(width, height, unit, {"map": chart, "panel": panel}, theme)
-
     @property
     def map(self) -> Rectangle:
         return self.boxes["map"]

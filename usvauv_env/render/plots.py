@@ -151,51 +151,6 @@ class RecordedPlot(Plot):
         picture[self.box.top : self.box.bottom, column : column + max(1, round(self._unit))] = self._theme.muted
 
 
-class LivePlot(Plot):
-    """A plot whose curves grow step by step."""
-
-    def __init__(
-        self, still: np.ndarray, box: Rectangle, low: float, high: float, duration: float, layout: Layout
-    ) -> None:
-        super().__init__(still, box, low, high, duration, layout)
-        self._ends: dict[Colour, np.ndarray] = {}
-
-    def extend(self, time: float, value: float, colour: Colour) -> None:
-        """Extend the curve of a colour to a value, on the still picture."""
-        end = self._points(np.array([time]), np.array([value]))[0]
-        begin = self._ends.setdefault(colour, end)
-        width, zoom = self._line_width, self._zoom
-        shapes.stroke(self._fine, np.stack([begin, end]), colour, width)
-        self._ends[colour] = end
-        first = max(0, int((begin[0] - 2 * width) / zoom))
-        last = min(self.box.width, int((end[0] + 2 * width) / zoom) + 1)
-        fine = self._fine[:, first * zoom : last * zoom]
-        size = last - first, self.box.height
-        self.box.of(self._still)[:, first:last] = cv2.resize(fine, size, interpolation=cv2.INTER_AREA)
-
-
-class SectionPlot(Plot):
-    """A plot of elevation along a section, drawn anew in each frame: its time axis is the distance, m."""
-
-    def _time_ticks(self) -> list[tuple[float, str]]:
-        spacing = nice_above(self._duration / max(2.0, self.box.width / (64 * self._unit)))
-        return [(x, f"{x:g}") for x in np.arange(0, self._duration * 1.0001, spacing)]
-
-    def draw(self, picture: np.ndarray, distance: np.ndarray, level: np.ndarray, bounds: np.ndarray) -> None:
-        """Draw the water up to its level (P,) m at distances (P,) m, and thin lines at its `bounds` (2, P) m."""
-        fine, width = self._fine.copy(), self._line_width
-        points = self._points(distance, level)
-        bottom = [(points[-1, 0], fine.shape[0]), (points[0, 0], fine.shape[0])]
-        shapes.fill(fine, np.concatenate([points, bottom]), style.mix(self._theme.card, style.SEA[3], 0.55))
-        for bound in bounds:
-            shapes.stroke(
-                fine, self._points(distance, bound), style.mix(self._theme.card, self._theme.muted, 0.7), width // 2
-            )
-        shapes.stroke(fine, points, self._theme.water, width)
-        size = self.box.width, self.box.height
-        self.box.of(picture)[:] = cv2.resize(fine, size, interpolation=cv2.INTER_AREA)
-
-
 TERMS = 5  # of the reward that are shown at most, the largest
 
 

@@ -5,7 +5,6 @@ By the ending of its name a file is H.264 in MP4, VP9 in WebM, GIF, WebP, or one
 
 from __future__ import annotations
 
-import io
 import math
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -34,7 +33,6 @@ from usvauv.kernels.errors import UserError, choices
 
 SMALLEST, LARGEST = 240, 7680  # pixels a side
 FRAME_BYTES = 40.0  # of memory, a pixel of a frame
-KEYFRAMES = 250  # frames from one key frame to the next, the encoder's default
 WAITING = 2  # pictures that are drawn and not encoded yet
 BT709 = 1  # FFmpeg's number of its primaries, transfer function and matrix
 SEA_SPEED = 4.0  # s of mission in a second, of the sea in perspective where none is asked for
@@ -427,22 +425,3 @@ def _paletting(frame: av.VideoFrame, tick: Fraction) -> tuple[Any, Any, av.filte
     colours.push(palette)
     colours.push(None)
     return pictures, sink, graph
-
-
-def expected_bytes(pictures: list[np.ndarray], frames: int, fps: int) -> int:
-    """Estimated size of an MP4 of so many frames, by its first pictures: one key frame every `KEYFRAMES` frames."""
-    whole, together = _encoded_bytes(pictures[:1], fps), _encoded_bytes(pictures, fps)
-    change = (together - whole) / max(len(pictures) - 1, 1)
-    return round(whole + change * (frames - 1) + (whole - change) * ((frames - 1) // KEYFRAMES))
-
-
-def _encoded_bytes(pictures: list[np.ndarray], fps: int) -> int:
-    height, width = pictures[0].shape[:2]
-    memory, kind = io.BytesIO(), FORMATS[".mp4"]
-    convert = _converter(kind, width, height, fps)
-    with av.open(memory, "w", format=kind.name) as container:
-        stream = _add_stream(container, kind, width, height, fps)
-        for picture in pictures:
-            container.mux(stream.encode(convert(av.VideoFrame.from_ndarray(picture, format="bgr24"))))
-        container.mux(stream.encode(None))
-    return memory.getbuffer().nbytes

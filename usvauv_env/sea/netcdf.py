@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from contextlib import ExitStack
 from datetime import UTC, datetime
 from importlib import metadata
@@ -44,12 +43,6 @@ class SeaFile:
             self._file.flush()
             self._disk.check()
             self._stack = stack.pop_all()
-        self._head = self.bytes
-
-    @property
-    def bytes(self) -> int:
-        """Size of the file so far."""
-        return os.fstat(self._disk.fileno()).st_size
 
     def add(self, sea: SeaSimulation) -> None:
         """Append a record of the present state of a sea."""
@@ -64,12 +57,6 @@ class SeaFile:
                 self._file.variables[name][n] = field
         self._disk.check()
         self._records = n + 1
-
-    def expected_bytes(self, records: int) -> int:
-        """Estimated size of a file of so many records, by those written."""
-        with deferred():
-            self._file.flush()
-        return self._head + (self.bytes - self._head) * records // max(self._records, 1)
 
     def __enter__(self) -> SeaFile:
         return self
