@@ -13,7 +13,7 @@ import numpy as np
 
 from usvauv.cli.live.history import History, Moment
 from usvauv.cli.live.session import Session
-from usvauv.env.exchange.poses import afloat, turn
+from usvauv.env.exchange.poses import afloat, triangles, turn
 from usvauv.env.render import style
 from usvauv.env.render.mission import error_axes
 from usvauv.env.render.scene import BOAT_BODY, Body, auv_body, tube
@@ -44,13 +44,6 @@ def mesh(body: Body, some: Any = slice(None)) -> tuple[np.ndarray, np.ndarray]:
     first = 4 * np.arange(len(corners))[:, None]
     triangles = np.concatenate([first + np.array(three) for three in ((0, 1, 2), (0, 2, 3))])
     return corners.reshape(-1, 3).astype(np.float32), triangles.astype(np.uint32)
-
-
-def field_faces(columns: int, rows: int) -> np.ndarray:
-    """Triangles (F, 3) of a field of points, row by row, facing up."""
-    index = np.arange(rows * columns, dtype=np.uint32).reshape(rows, columns)
-    a, b, c, d = (part.ravel() for part in (index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]))
-    return np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
 
 
 def rgb(colour: Iterable[float]) -> tuple[int, int, int]:
@@ -87,7 +80,7 @@ class Scene:
         self.sea = scene.add_mesh_simple(
             "/sea",
             self._points.reshape(-1, 3),
-            field_faces(*x.shape[::-1]),
+            triangles(*x.shape),
             color=(38, 132, 178),
             opacity=OPACITY,
             side="double",
@@ -104,7 +97,7 @@ class Scene:
         x, y = np.meshgrid(np.linspace(0, area.width, columns), np.linspace(0, area.length, rows))
         bed = np.stack([x, y, -depth], axis=-1).reshape(-1, 3)
         colour = (46, 62, 76)
-        scene.add_mesh_simple("/bed", bed, field_faces(columns, rows), color=colour, side="double", cast_shadow=False)
+        scene.add_mesh_simple("/bed", bed, triangles(rows, columns), color=colour, side="double", cast_shadow=False)
         corners = np.array([(0, 0), (area.width, 0), (area.width, area.length), (0, area.length)])
         floor = np.column_stack([corners, -depth[[0, 0, -1, -1], [0, -1, -1, 0]]])
         top = np.column_stack([corners, np.zeros(4)])

@@ -47,11 +47,8 @@ class Poses(NamedTuple):
         )
 
 
-def triangles(trace: Trace) -> np.ndarray:
-    """Triangles (2(Y−1)(X−1), 3) of the surface's points, seen from above anticlockwise; none where there is none."""
-    rows, columns = trace.surface.shape[1:]
-    if not rows:
-        return np.zeros((0, 3), int)
+def triangles(rows: int, columns: int) -> np.ndarray:
+    """Triangles (2(Y−1)(X−1), 3) of Y × X points, row by row from the south, seen from above anticlockwise."""
     corner = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).reshape(-1, 1)
     lower, upper = (0, 1, columns + 1), (0, columns + 1, columns)
     return np.concatenate([corner + lower, corner + upper])

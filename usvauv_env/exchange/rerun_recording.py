@@ -97,7 +97,7 @@ def _log(log: _Log, trace: Trace) -> None:
             log.series(f"/{curve}/{name}", rr.Scalars.columns(scalars=values))
     log.series("/backlog", rr.Scalars.columns(scalars=trace.backlog[:, 0].sum(-1)))
     if len(poses.sea):
-        log.constant("/scene/sea", rr.Mesh3D.from_fields(triangle_indices=triangles(trace)))
+        log.constant("/scene/sea", rr.Mesh3D.from_fields(triangle_indices=triangles(*trace.surface.shape[1:])))
         steps, points = poses.sea.shape[:2]
         columns = rr.Mesh3D.columns(
             vertex_positions=poses.sea.reshape(-1, 3), vertex_colors=_sea_colours(poses.sea[..., 2]).reshape(-1, 3)
