@@ -158,13 +158,13 @@ def hovering_time(trace: Trace) -> np.ndarray:
     return time
 
 
-def _longest_run(flags: np.ndarray) -> int:
-    """Most steps in a row with a flag, over the columns of (T, K)."""
-    run = longest = np.zeros(flags.shape[1], int)
+def _longest_run(flags: np.ndarray) -> np.ndarray:
+    """Most steps in a row with a flag (T, W, K), of any AUV of each world, (W,)."""
+    run = longest = np.zeros(flags.shape[1:], int)
     for row in flags:
         run = (run + 1) * row
         longest = np.maximum(longest, run)
-    return int(longest.max())
+    return longest.max(-1)
 
 
 def energy_consumption(trace: Trace) -> np.ndarray:
@@ -276,6 +276,8 @@ def episode_metrics(trace: Trace, first_episode: int = 0) -> list[EpisodeMetrics
     had = usable(trace)
     wrapped = (trace.fix_flags & WRAPPED) > 0
     detected = (trace.fix_flags & DETECTED) > 0
+    outage = _longest_run(~had) * step
+    distance = target_distance(trace)
     ec = energy_consumption(trace)[-1]
     reward = trace.reward_terms.sum(axis=(2, 3), dtype=np.float64).mean(0)
     touched = trace.auv_touched.astype(np.int8)
@@ -293,7 +295,7 @@ def episode_metrics(trace: Trace, first_episode: int = 0) -> list[EpisodeMetrics
             services=int((trace.service_rate[:, w] > 0).sum()),
             delivered_mbit=float(trace.delivered[:, w].sum(dtype=np.float64)),
             energy_wh=float(trace.power[:, w].sum(dtype=np.float64) * step / 3600),
-            target_distance=float(target_distance(trace)[:, w].mean()),
+            target_distance=float(distance[:, w].mean()),
             overflow=int(trace.overflowing[:, w].sum()),
             collisions=int(trace.collisions[:, w].sum()),
             border=int(trace.border[:, w].sum()),
@@ -305,7 +307,7 @@ def episode_metrics(trace: Trace, first_episode: int = 0) -> list[EpisodeMetrics
             fix_availability=float(had[:, w].mean()),
             fix_wrapped=float(wrapped[:, w][had[:, w]].mean()) if had[:, w].any() else math.nan,
             fix_dropped=float((~had)[:, w][detected[:, w]].mean()) if detected[:, w].any() else math.nan,
-            outage_longest=float(_longest_run(~had[:, w]) * step),
+            outage_longest=float(outage[w]),
             targets=trace.scenario.nodes.target_rule if trace.scenario.task_definition.targets == "nodes" else "",
             of_task={name: float(values[w]) for name, values in of_task.items()},
         )
