@@ -10,8 +10,10 @@ from __future__ import annotations
 
 import math
 import threading
-from typing import ClassVar, cast
+from functools import partial
+from typing import Any, ClassVar, cast
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -21,13 +23,19 @@ from usvauv.env.world.world import World
 from usvauv.kernels.registry import Registry
 from usvauv.policies.guidance import (
     TINY,
+    Array,
     SpeedToFly,
+    as_kind,
+    by_torch,
     clear_of_others,
     command,
     components,
-    crab,
+    functions,
     length,
+    nearest,
+    polar,
     rotate,
+    turn,
     unit,
     unrotate,
 )
@@ -65,7 +73,7 @@ class Frame:
         self.layout = ObservationLayout.of(scenario)
         self._places = dict(self.layout)
 
-    def term(self, observation: Tensor, name: str) -> Tensor:
+    def term(self, observation: Array, name: str) -> Array:
         """A term of the observation, (W, K, n), see `usvauv.env.world.observation`.
 
         Raises:
@@ -96,6 +104,18 @@ class WorldFrame(Frame):
         return action
 
 
+def in_pairs(vectors: Array) -> Array:
+    """Vectors (..., n, 2) of their components one after the other, (..., 2 n)."""
+    return vectors.reshape(*vectors.shape[:-1], -1, 2)
+
+
+def joined(parts: list[Any]) -> Any:
+    """Parts (..., n) side by side; of tensors each number of all AUVs one after the other in memory."""
+    if isinstance(parts[0], np.ndarray):
+        return np.concatenate(parts, -1)
+    return torch.cat([part.movedim(-1, 0) for part in parts]).movedim(0, -1)
+
+
 class TargetFrame(Frame):
     """Features and actions relative to the bearing of the target.
 
@@ -116,11 +136,11 @@ class TargetFrame(Frame):
         self.start = f"straight:{(scenario.auv.speed_min + scenario.auv.speed_max) / 2:g}"
         self.reach = max(2.0 * scenario.auv.safe_distance, 1.0) / scenario.area.diagonal
 
-    def encode(self, observation: Tensor) -> Tensor:
-        target = self.term(observation, "target")
-        bearing = unit(target)
-        distance = length(target).unsqueeze(-1)
-        parts = [distance, torch.exp(-distance / self.reach), bearing, self._others(observation, bearing)]
+    def encode(self, observation: Array) -> Array:
+        bearing, distance = polar(self.term(observation, "target"))
+        distance = distance[..., None]
+        closeness = by_torch(torch.exp, -distance / self.reach)
+        parts = [distance, closeness, bearing, *self._others(observation, bearing)]
         for name in self.layout.terms:
             if name in RELATIVE:
                 continue
@@ -129,31 +149,38 @@ class TargetFrame(Frame):
                 value = value / self.scenario.auv.speed_max
             if name in VECTORS:
                 vectors = value[..., : VECTORS[name]]
-                parts.append(unrotate(vectors.unflatten(-1, (-1, 2)), bearing.unsqueeze(-2)).flatten(-2))
+                turned = unrotate(in_pairs(vectors), bearing[..., None, :])
+                parts.append(turned.reshape(vectors.shape))
                 value = value[..., vectors.shape[-1] :]
             parts.append(value)
-        return torch.cat([part.movedim(-1, 0) for part in parts]).movedim(0, -1)
+        return joined(parts)
 
-    def _others(self, observation: Tensor, bearing: Tensor) -> Tensor:
-        """Nearest other AUV and sum of closeness, (..., 5); zeros for a single AUV."""
+    def _others(self, observation: Array, bearing: Array) -> list[Array]:
+        """Nearest other AUV and sum of closeness, (..., 2), and largest closeness, (..., 1); zeros for a single AUV."""
+        of = functions(observation)
         if self.layout.num_auvs == 1:
-            return observation.new_zeros((*observation.shape[:-1], 5))
-        others = unrotate(self.term(observation, "others").unflatten(-1, (-1, 2)), bearing.unsqueeze(-2))
-        distance = length(others).unsqueeze(-1)
-        nearest = others.gather(-2, distance.argmin(-2, keepdim=True).expand_as(others[..., :1, :])).squeeze(-2)
-        closeness = torch.exp(-distance / self.reach)
-        crowding = (closeness * others / distance.clamp_min(TINY)).sum(-2)
-        return torch.cat((nearest, crowding, closeness.amax(-2)), -1)
+            return [of.zeros_like(bearing), of.zeros_like(bearing), of.zeros_like(bearing[..., :1])]
+        others = unrotate(in_pairs(self.term(observation, "others")), bearing[..., None, :])
+        distance = length(others)
+        closeness = by_torch(torch.exp, -distance / self.reach)
+        pull = closeness[..., None] * others / distance[..., None].clip(TINY)
+        if self.layout.num_auvs == 2:
+            return [others[..., 0, :], pull[..., 0, :], closeness]
+        return [
+            nearest(distance, others)[1],
+            by_torch(partial(torch.sum, dim=-2), pull),
+            of.amax(closeness, -1)[..., None],
+        ]
 
-    def decode(self, observation: Tensor, action: Tensor) -> Tensor:
+    def decode(self, observation: Array, action: Array) -> Array:
         auv = self.scenario.auv
         speed = auv.speed_min + (auv.speed_max - auv.speed_min) * (action[..., 1] + 1.0) / 2.0
         return command(self._course(action, unit(self.term(observation, "target"))), speed, self.scenario)
 
-    def _course(self, action: Tensor, ahead: Tensor) -> Tensor:
+    def _course(self, action: Array, ahead: Array) -> Array:
         """The course that a_0 commands, π a_0 left of `ahead`; unit vectors in world axes, (..., 2)."""
         course = math.pi * action[..., 0]
-        return rotate(components(torch.cos(course), torch.sin(course)), ahead)
+        return turn(ahead, by_torch(torch.cos, course), by_torch(torch.sin, course))
 
 
 class GuidedFrame(TargetFrame):
@@ -169,26 +196,30 @@ class GuidedFrame(TargetFrame):
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
         self.speed_to_fly = SpeedToFly(scenario)
-        self._side = torch.tensor([scenario.area.width, scenario.area.length])
+        self._edge = torch.tensor([scenario.area.width, scenario.area.length]) - BORDER_MARGIN
         self.price = PRICE if "current" in self.layout else self.speed_to_fly.free_price()
         self.start = f"clear:{self.price:.3g}"
 
-    def decode(self, observation: Tensor, action: Tensor) -> Tensor:
-        others = self.term(observation, "others").unflatten(-1, (self.layout.num_auvs - 1, 2))
-        target, metre = unit(self.term(observation, "target")), self.scenario.area.diagonal
+    def decode(self, observation: Array, action: Array) -> Array:
+        others, metre = in_pairs(self.term(observation, "others")), self.scenario.area.diagonal
+        target = unit(self.term(observation, "target"))
         clear = clear_of_others(target, others * metre, self.scenario.auv.safe_distance)
         track = self._clear_of_border(observation, self._course(action, clear))
-        current = self.term(observation, "current") if "current" in self.layout else torch.zeros_like(track)
-        speed = self.speed_to_fly(track, self.price * torch.exp(PRICE_GAIN * action[..., 1]), current)
-        return command(crab(track, speed, current), speed, self.scenario)
+        observed = "current" in self.layout
+        current: Any = self.term(observation, "current") if observed else functions(track).zeros_like(track)
+        price = self.price * by_torch(torch.exp, PRICE_GAIN * action[..., 1])
+        return command(*self.speed_to_fly.steer(track, price, current), self.scenario)
 
-    def _clear_of_border(self, observation: Tensor, track: Tensor) -> Tensor:
+    def _clear_of_border(self, observation: Array, track: Array) -> Array:
         """A course over ground (unit vectors, (..., 2)) that does not lead out of the area."""
         position = self.term(observation, "position") * self.scenario.area.diagonal
-        side = self._side = self._side.to(position)  # copied but once
-        outwards = ((position < BORDER_MARGIN) & (track < 0.0)) | ((position > side - BORDER_MARGIN) & (track > 0.0))
-        along = torch.where(outwards, 0.0, track)
-        return torch.where(length(along).unsqueeze(-1) > TINY, unit(along), track)
+        if isinstance(position, Tensor):
+            self._edge = self._edge.to(position)  # copied but once
+        (edge,) = as_kind(position, self._edge)
+        of = functions(track)
+        outwards = ((position < BORDER_MARGIN) & (track < 0.0)) | ((position > edge) & (track > 0.0))
+        direction, size = polar(of.where(outwards, 0.0, track))
+        return of.where(size[..., None] > TINY, direction, track)
 
 
 class Observed(threading.local):
@@ -245,8 +276,8 @@ class PassingFrame(TargetFrame):
         auv = self.scenario.auv
         heading, speed = self._steer(observation)
         speed = speed + action[..., 1] * (auv.speed_max - auv.speed_min)
-        turn = TURN * action[..., 0]
-        heading = rotate(components(torch.cos(turn), torch.sin(turn)), heading)
+        angle = TURN * action[..., 0]
+        heading = turn(heading, torch.cos(angle), torch.sin(angle))
         return command(heading, speed.clamp(auv.speed_min, auv.speed_max), self.scenario)
 
     def _steer(self, observation: Tensor) -> tuple[Tensor, Tensor]:
@@ -284,3 +315,4 @@ FRAMES.register("target", TargetFrame)
 FRAMES.register("world", WorldFrame)
 FRAMES.register("passing", PassingFrame)
 FRAMES.register("fins", FinsFrame)
+NUMPY = (GuidedFrame, TargetFrame)  # which take arrays of NumPy too; one derived from them need not

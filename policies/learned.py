@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from usvauv.env.scenario import Scenario
-from usvauv.policies.frames import FRAMES
+from usvauv.policies.frames import FRAMES, NUMPY
 from usvauv.policies.networks import StackedMLP, stack, unstack
 from usvauv.policies.policy import Policy, PolicyError, by_pieces
 
@@ -109,11 +109,20 @@ class LearnedPolicy(Policy):
         )
 
     def act(self, observation: Tensor) -> Tensor:
-        return by_pieces(self.actions, observation)
+        by_numpy = observation.device.type == "cpu" and type(self.frame) in NUMPY
+        return by_pieces(self._by_numpy if by_numpy else self.actions, observation)
 
     def actions(self, observation: Tensor) -> Tensor:
         """The same of all worlds at once, with gradients."""
         with FRAMES.calling(self.frame_name):
-            features = self.standardizer(self.frame.encode(observation))
-            action = unstack(self.actor(stack(features, self.shared)), observation.shape[1])
-            return self.frame.decode(observation, action)
+            return self.frame.decode(observation, self._through_actor(self.frame.encode(observation)))
+
+    def _by_numpy(self, observation: Tensor) -> Tensor:
+        frame: Any = self.frame
+        seen = observation.numpy()
+        action = self._through_actor(torch.from_numpy(frame.encode(seen)))
+        return torch.from_numpy(frame.decode(seen, action.numpy()))
+
+    def _through_actor(self, features: Tensor) -> Tensor:
+        """The network's actions (W, K, ·) for features (W, K, F)."""
+        return unstack(self.actor(stack(self.standardizer(features), self.shared)), features.shape[1])

@@ -241,8 +241,9 @@ def stack(value: Tensor, shared: bool, seeds: int = 1) -> Tensor:
 
     Of N seeds, each with its own networks and the next W worlds: (N W, K, ...) → (N K, W, ...) or (N, W K, ...).
     """
-    of_seeds = value.unflatten(0, (seeds, -1))
-    return (of_seeds.flatten(1, 2) if shared else of_seeds.transpose(1, 2).flatten(0, 1)).contiguous()
+    if shared:  # a matrix, which torch transposes faster than what has more dimensions
+        return value.flatten(0, 1).contiguous().unflatten(0, (seeds, -1))
+    return value.unflatten(0, (seeds, -1)).transpose(1, 2).flatten(0, 1).contiguous()
 
 
 def unstack(value: Tensor, auvs: int, seeds: int = 1) -> Tensor:

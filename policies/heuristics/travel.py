@@ -123,8 +123,8 @@ class Pace(Heuristic):
     def actions(self, observation: Tensor, current: Tensor) -> Tensor:
         """Actions of all worlds in a current at the AUVs, (W, K, 2), m/s."""
         track = self.track(observation)
-        speed = self.speed_to_fly(track, torch.full_like(track[..., 0], self.argument), current)
-        return command(crab(track, speed, current), speed, self.scenario)
+        price = torch.full_like(track[..., 0], self.argument)
+        return command(*self.speed_to_fly.steer(track, price, current), self.scenario)
 
 
 class Clear(Pace):
