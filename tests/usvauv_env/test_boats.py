@@ -207,14 +207,14 @@ class TestChannel:
 class TestPlans:
     def test_fim_plans_for_the_auvs_that_a_boat_serves(self):
         """The goals are those of the search over these alone."""
-        world = world_of(TWO, "fim", worlds=6)
+        world = world_of(TWO, "fim", worlds=3)
         scenario = world.scenario
         link = torch.from_numpy(link_table(world.site)).to(world.device)
         code = objectives.objective_code(scenario.planner.measurement, scenario.planner.objective)
         for _ in range(5):
             known, last = world.estimate[..., :3].clone(), world.boat[..., BoatColumn.span("goal_x", "goal_y")].clone()
             step(world)
-            for w in range(6):
+            for w in range(3):
                 for b in range(2):
                     own = server(world)[w] == b
                     best = search.plan_batch(

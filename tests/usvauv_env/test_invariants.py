@@ -150,8 +150,7 @@ def test_alone_as_in_a_batch(case):
             np.testing.assert_array_equal(one, same)
 
 
-@pytest.mark.usefixtures("_plugin")
-@pytest.mark.parametrize("case", slowly(ALONE, "waveform"))
+@pytest.mark.parametrize("case", ["tracked", "sampled pulses", "torpedo"])
 def test_each_with_a_seed_of_its_own_as_alone(case):
     """Two episodes of worlds of different seeds, two of them of the same one: the bits of each seed's world 0."""
     name, changes, usv = ALONE[case]

@@ -69,7 +69,7 @@ def mirrored_action(action: torch.Tensor, mirror: str) -> torch.Tensor:
 
 @pytest.mark.parametrize(
     ("mirror", "usv", "edge", "seed"),
-    [("x", "fim", "east", 1), ("y", "fim", "north", 2), ("diagonal", "fim", "east", 3)],
+    [("x", "fim", "east", 1), ("diagonal", "fim", "east", 3)],
 )
 def test_mirrored_worlds_have_mirrored_futures(mirror, usv, edge, seed):
     def built(edge: str, width: float, length: float) -> World:
