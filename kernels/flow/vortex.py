@@ -38,15 +38,19 @@ import torch
 from usvauv.kernels import runtime
 from usvauv.kernels.flow.airy import LANES, lanes, total
 from usvauv.kernels.functions import Launch, func, kernel
-from usvauv.kernels.types import Columns, array3, array4, columns
+from usvauv.kernels.types import Columns, array3, array4, columns, vec4
 
 PLACES = 8  # places side by side
+ABREAST = 32  # worlds side by side: enough independent numbers that the processor need not wait for any
 IMAGES = 3.15120262, 4.25286493, 3.82483015, 2.82903353  # c_k of ζ
 FAR = 16.0  # r²/δ² from which on 1 − e^{−r²/δ²} counts as that at 16, within 2e-7 of 1
 LEAST = 1e-18  # added to r², whose square is a number then
 
 blocks3 = ti.types.ndarray(dtype=lanes, ndim=3)
 places = ti.types.vector(PLACES, ti.f32)
+abreast = ti.types.vector(ABREAST, ti.f32)
+rows4 = ti.types.ndarray(dtype=vec4, ndim=2)
+blocks_abreast = ti.types.ndarray(dtype=abreast, ndim=3)
 
 
 class Eddies(NamedTuple):
@@ -78,7 +82,7 @@ class Vortex(Columns):
 
 
 # Rows of the workspace of a step: vortices with δ², what `carry` finds, where centres began, the weighted mean of the
-# stages' velocities, and a part of what `carry_across` finds.
+# stages' velocities, and a part of what `carry_abreast` finds.
 Work = columns("x", "y", "Gamma", "width2", "u", "v", "start_x", "start_y", "mean_u", "mean_v", "back_u", "back_v")
 
 
@@ -112,7 +116,7 @@ def images(x, y, real, r4):
 
 
 @func
-def nearest(d: ti.f32, period: ti.template()) -> ti.f32:
+def nearest(d, period: ti.template()):
     """A component of the way from the nearest image of a vortex, from that of the way from any."""
     return d - ti.static(period) * ti.floor(d * ti.static(1.0 / period) + 0.5)
 
@@ -171,32 +175,40 @@ def current(vortex: ti.template(), w: ti.i32, x, y, period: ti.template()):
 
 
 @func
-def spot(w, v, across: ti.template()):
-    """Block, group and lane of vortex v of world w in the workspace.
-
-    The vortices of a world are LANES side by side, or `across` worlds, each group being a vortex of all of them.
-    """
-    block, group, lane = w, v // LANES, v % LANES
-    if ti.static(across):
-        block, group, lane = w // LANES, v, w % LANES
-    return block, group, lane
-
-
-@func
-def load(vortex: ti.template(), work: ti.template(), w: ti.i32, period: ti.template(), across: ti.template()):
+def load(vortex: ti.template(), work: ti.template(), w: ti.i32, period: ti.template()):
     """Put the vortices of a world into the workspace; lanes without a vortex have no circulation."""
     scale = per_length(period)
     for v in range(vortex.shape[1]):
-        b, g, n = spot(w, v, across)
+        g, n = v // LANES, v % LANES
         delta = vortex[w, v, Vortex.delta] * scale
-        work[b, Work.start_x, g][n] = vortex[w, v, Vortex.x] * scale
-        work[b, Work.start_y, g][n] = vortex[w, v, Vortex.y] * scale
-        work[b, Work.Gamma, g][n] = vortex[w, v, Vortex.Gamma]
-        work[b, Work.width2, g][n] = FAR * delta * delta
+        work[w, Work.start_x, g][n] = vortex[w, v, Vortex.x] * scale
+        work[w, Work.start_y, g][n] = vortex[w, v, Vortex.y] * scale
+        work[w, Work.Gamma, g][n] = vortex[w, v, Vortex.Gamma]
+        work[w, Work.width2, g][n] = FAR * delta * delta
 
 
 @func
-def within(place: ti.f32, axis: ti.template(), eddies: ti.template()) -> ti.f32:
+def gathered(vortex: ti.template(), first: ti.i32, v: ti.i32):
+    """x, y, Γ and δ of vortex v of worlds from the first on; those after the last world repeat it."""
+    last = vortex.shape[0] - 1
+    rows = abreast(0.0), abreast(0.0), abreast(0.0), abreast(0.0)
+    for n in ti.static(range(ABREAST)):
+        one = vortex[ti.min(first + n, last), v]
+        for column in ti.static(range(4)):
+            rows[column][n] = one[column]
+    return rows
+
+
+@func
+def scatter(vortex: ti.template(), first: ti.i32, v: ti.i32, x, y, Gamma, delta):
+    """Write what `gathered` reads."""
+    last = vortex.shape[0] - 1
+    for n in ti.static(range(ABREAST)):
+        vortex[ti.min(first + n, last), v] = vec4(x[n], y[n], Gamma[n], delta[n])
+
+
+@func
+def within(place, axis: ti.template(), eddies: ti.template()):
     """A coordinate of a centre; of a periodic pattern, that of the image in its square."""
     if ti.static(eddies.period > 0):
         middle = ti.static(eddies.centre[axis])
@@ -261,35 +273,74 @@ def carry(work: ti.template(), w: ti.i32, count: ti.i32, period: ti.template()):
 
 
 @func
-def carry_across(work: ti.template(), b: ti.i32, period: ti.template()):
-    """`carry` where worlds lie side by side; the same sums in the same order as in one ring of vortices."""
+def add(work: ti.template(), b: ti.i32, column: ti.template(), i: ti.i32, more):
+    """Add to both components of a velocity in the workspace; `+=` on an array would be an atomic."""
+    for axis in ti.static(range(2)):
+        work[b, column + axis, i] = work[b, column + axis, i] + more[axis]
+
+
+@func
+def carry_abreast(work: ti.template(), b: ti.i32, period: ti.template()):
+    """`carry` where worlds lie side by side: the same sums in the same order, so the same bits."""
     count = work.shape[2]
-    for i in range(count):
-        for axis in ti.static(range(2)):
-            work[b, Work.u + axis, i] = lanes(0.0)
-            work[b, Work.back_u + axis, i] = lanes(0.0)
-    for turn in range(1, count // 2 + 1):
-        for i in range(count):
-            j = i + turn
-            if j >= count:
-                j -= count
-            x, y = work[b, Work.x, i] - work[b, Work.x, j], work[b, Work.y, i] - work[b, Work.y, j]
-            along = induced(x, y, work[b, Work.width2, i] + work[b, Work.width2, j], period)
+    for g in range((count + LANES - 1) // LANES):
+        first, end = g * LANES, ti.min((g + 1) * LANES, count)
+        for i in range(first, end):
             for axis in ti.static(range(2)):
-                work[b, Work.u + axis, i] = work[b, Work.u + axis, i] + work[b, Work.Gamma, j] * along[axis]
-            if 2 * turn < count:  # else both of a pair meet the other
+                work[b, Work.u + axis, i] = abreast(0.0)
+                work[b, Work.back_u + axis, i] = abreast(0.0)
+        for turn in range(1, (end - first) // 2 + 1):
+            for i in range(first, end):
+                j = i + turn
+                if j >= end:
+                    j -= end - first
+                x, y = work[b, Work.x, i] - work[b, Work.x, j], work[b, Work.y, i] - work[b, Work.y, j]
+                u, v = induced(x, y, work[b, Work.width2, i] + work[b, Work.width2, j], period)
+                Gamma_i, Gamma_j = work[b, Work.Gamma, i], work[b, Work.Gamma, j]
+                add(work, b, Work.u, i, (Gamma_j * u, Gamma_j * v))
+                if 2 * turn < end - first:  # else both of a pair meet the other
+                    add(work, b, Work.back_u, j, (0.0 - Gamma_i * u, 0.0 - Gamma_i * v))
+        for i in range(first, end):
+            add(work, b, Work.u, i, (work[b, Work.back_u, i], work[b, Work.back_v, i]))
+        for i in range(first, ti.select(g > 0, end, first)):
+            # The rows `back` of the first group collect what the lanes of `carry` do.
+            for lane in range(LANES):
                 for axis in ti.static(range(2)):
-                    owed = work[b, Work.back_u + axis, j] - work[b, Work.Gamma, i] * along[axis]
-                    work[b, Work.back_u + axis, j] = owed
-    for i in range(count):
+                    work[b, Work.back_u + axis, lane] = abreast(0.0)
+            x_i, y_i = work[b, Work.x, i], work[b, Work.y, i]
+            Gamma_i, width2_i = work[b, Work.Gamma, i], work[b, Work.width2, i]
+            for j in range(first):
+                x, y = work[b, Work.x, j] - x_i, work[b, Work.y, j] - y_i
+                u, v = induced(x, y, work[b, Work.width2, j] + width2_i, period)
+                Gamma_j = work[b, Work.Gamma, j]
+                add(work, b, Work.back_u, j % LANES, (Gamma_j * u, Gamma_j * v))
+                add(work, b, Work.u, j, (Gamma_i * u, Gamma_i * v))
+            for half in ti.static((8, 4, 2, 1)):  # as `total`
+                for lane in range(half):
+                    back = work[b, Work.back_u, lane + half], work[b, Work.back_v, lane + half]
+                    add(work, b, Work.back_u, lane, back)
+            add(work, b, Work.u, i, (0.0 - work[b, Work.back_u, 0], 0.0 - work[b, Work.back_v, 0]))
+
+
+@func
+def advance(work: ti.template(), b: ti.i32, stage: ti.i32, dt: ti.f32, viscosity: ti.f32, eddies: ti.template()):
+    """Bring the centres and widths of a block to where the next stage evaluates velocities."""
+    scale = per_length(eddies.period)
+    share = ti.static(0.5 / math.pi / (eddies.period or 1.0) * eddies.column)
+    weight = (stage + 2.0) / 9.0
+    time = dt * (stage + 2.0) / 4.0  # of the next stage
+    grown = ti.select(stage == 0, 2.0, 1.0) * viscosity * dt * FAR * scale * scale
+    for g in range(work.shape[2]):
         for axis in ti.static(range(2)):
-            work[b, Work.u + axis, i] = work[b, Work.u + axis, i] + work[b, Work.back_u + axis, i]
+            velocity = share * work[b, Work.u + axis, g]
+            work[b, Work.mean_u + axis, g] = work[b, Work.mean_u + axis, g] + weight * velocity
+            work[b, Work.x + axis, g] = work[b, Work.start_x + axis, g] + (time * scale) * velocity
+        work[b, Work.width2, g] = work[b, Work.width2, g] + grown
 
 
 @kernel
 def _evolve(
     serial: ti.template(),
-    across: ti.template(),
     vortex: array3,
     work: blocks3,
     dt: ti.f32,
@@ -297,43 +348,56 @@ def _evolve(
     mutual: ti.i32,
     eddies: ti.template(),
 ):
-    size = ti.static(LANES if across else 1)  # worlds of a block
     ti.loop_config(serialize=serial)
-    for b in range(work.shape[0]):
-        count = vortex.shape[1]
-        end = ti.min(size * (b + 1), vortex.shape[0])
-        scale = per_length(eddies.period)
-        share = ti.static(0.5 / math.pi / (eddies.period or 1.0) * eddies.column)
+    for w in range(work.shape[0]):
         if mutual != 0:
-            for w in range(size * b, end):
-                load(vortex, work, w, eddies.period, across)
+            load(vortex, work, w, eddies.period)
             for g in range(work.shape[2]):
                 for axis in ti.static(range(2)):
-                    work[b, Work.x + axis, g] = work[b, Work.start_x + axis, g]
-                    work[b, Work.mean_u + axis, g] = lanes(0.0)
+                    work[w, Work.x + axis, g] = work[w, Work.start_x + axis, g]
+                    work[w, Work.mean_u + axis, g] = lanes(0.0)
             for stage in range(3):
-                if ti.static(across):
-                    carry_across(work, b, eddies.period)
-                else:
-                    carry(work, b, count, eddies.period)
-                weight = (stage + 2.0) / 9.0
-                time = dt * (stage + 2.0) / 4.0  # of the next stage
-                grown = ti.select(stage == 0, 2.0, 1.0) * viscosity * dt * FAR * scale * scale
-                for g in range(work.shape[2]):
-                    for axis in ti.static(range(2)):
-                        velocity = share * work[b, Work.u + axis, g]
-                        work[b, Work.mean_u + axis, g] = work[b, Work.mean_u + axis, g] + weight * velocity
-                        work[b, Work.x + axis, g] = work[b, Work.start_x + axis, g] + (time * scale) * velocity
-                    work[b, Work.width2, g] = work[b, Work.width2, g] + grown
-        for w in range(size * b, end):
-            for v in range(count):
-                if mutual != 0:
-                    _, g, n = spot(w, v, across)
-                    for axis in ti.static(range(2)):
-                        place = vortex[w, v, axis] + dt * work[b, Work.mean_u + axis, g][n]
-                        vortex[w, v, axis] = within(place, axis, eddies)
-                delta = vortex[w, v, Vortex.delta]
-                vortex[w, v, Vortex.delta] = ti.sqrt(delta * delta + 4.0 * viscosity * dt)
+                carry(work, w, vortex.shape[1], eddies.period)
+                advance(work, w, stage, dt, viscosity, eddies)
+        for v in range(vortex.shape[1]):
+            if mutual != 0:
+                for axis in ti.static(range(2)):
+                    place = vortex[w, v, axis] + dt * work[w, Work.mean_u + axis, v // LANES][v % LANES]
+                    vortex[w, v, axis] = within(place, axis, eddies)
+            delta = vortex[w, v, Vortex.delta]
+            vortex[w, v, Vortex.delta] = ti.sqrt(delta * delta + 4.0 * viscosity * dt)
+
+
+@kernel
+def _evolve_abreast(
+    vortex: rows4,
+    work: blocks_abreast,
+    dt: ti.f32,
+    viscosity: ti.f32,
+    eddies: ti.template(),
+):
+    """`_evolve` of centres that move, ABREAST worlds side by side, bit for bit."""
+    for b in range(work.shape[0]):
+        first = b * ABREAST
+        scale = per_length(eddies.period)
+        for v in range(vortex.shape[1]):
+            x, y, Gamma, delta = gathered(vortex, first, v)
+            start = scale * x, scale * y
+            for axis in ti.static(range(2)):
+                work[b, Work.start_x + axis, v] = start[axis]
+                work[b, Work.x + axis, v] = start[axis]
+                work[b, Work.mean_u + axis, v] = abreast(0.0)
+            work[b, Work.Gamma, v] = Gamma
+            delta = scale * delta
+            work[b, Work.width2, v] = FAR * delta * delta
+        for stage in range(3):
+            carry_abreast(work, b, eddies.period)
+            advance(work, b, stage, dt, viscosity, eddies)
+        for v in range(vortex.shape[1]):
+            x, y, Gamma, delta = gathered(vortex, first, v)
+            x = within(x + dt * work[b, Work.mean_u, v], 0, eddies)
+            y = within(y + dt * work[b, Work.mean_v, v], 1, eddies)
+            scatter(vortex, first, v, x, y, Gamma, ti.sqrt(delta * delta + 4.0 * viscosity * dt))
 
 
 @kernel
@@ -420,13 +484,15 @@ def evolution(vortex: torch.Tensor, dt: float, viscosity: float, mutual: bool, e
     if not runtime.start().on_cpu:
         velocity = vortex.new_zeros((3, worlds, count, 2))
         return Launch(_evolve_each, vortex, velocity, dt, viscosity, bool(mutual), eddies)
-    across = worlds >= LANES >= count
-    blocks, groups = (-(-worlds // LANES), count) if across else (worlds, -(-count // LANES))
-    work = vortex.new_zeros((blocks, len(Work.names), groups, LANES))
+    if mutual and worlds >= ABREAST * runtime.start().threads:
+        work = vortex.new_zeros((-(-worlds // ABREAST), len(Work.names), count, ABREAST))
+        settings = {**runtime.vectors_in_registers(), **runtime.quickly()}
+        return Launch(_evolve_abreast, vortex, work, dt, viscosity, eddies, settings=settings)
+    work = vortex.new_zeros((worlds, len(Work.names), -(-count // LANES), LANES))
     work[:, Work.width2] = 1.0  # of lanes without a vortex: `induced` divides by it
     serial = runtime.better_alone(worlds * count)
     settings = runtime.vectors_in_registers()
-    return Launch(_evolve, serial, across, vortex, work, dt, viscosity, int(mutual), eddies, settings=settings)
+    return Launch(_evolve, serial, vortex, work, dt, viscosity, int(mutual), eddies, settings=settings)
 
 
 def sample_current(vortex: torch.Tensor, points: torch.Tensor, period: float = 0.0) -> torch.Tensor:

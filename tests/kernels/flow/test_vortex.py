@@ -8,6 +8,7 @@ import torch
 from scipy.integrate import solve_ivp
 from scipy.special import lambertw
 
+from usvauv.kernels import runtime
 from usvauv.kernels.flow.vortex import evolution, sample_current
 
 # Baseline reference of the paper (Zhang et al., doi 10.1109/JIOT.2024.3395568): three vortices in a 120 m square.
@@ -130,11 +131,12 @@ class TestEvolution:
         end = carried(device, [(80.0, 50.0, Gamma, delta), (120.0, 50.0, -Gamma, delta)], 1.0, 300)[-1]
         assert np.abs(end[:, :2] - [(80, 50 + 300 * speed), (120, 50 + 300 * speed)]).max() < 2e-3
 
-    @pytest.mark.parametrize("count", [1, 8, 9, 17])
+    @pytest.mark.parametrize("count", [1, 8, 9, 17, 40])
     def test_a_world_moves_as_ever_beside_others(self, device, count):
         """In worlds side by side and in one by one, and where their number fills no vector."""
         low, high = torch.tensor([[0.0, 0.0, -200.0, 18.0], [200.0, 200.0, 200.0, 25.0]])
-        many = (low + (high - low) * torch.rand((20, count, 4), generator=torch.Generator().manual_seed(1))).to(device)
+        shape = 32 * runtime.start().threads + 6, count, 4
+        many = (low + (high - low) * torch.rand(shape, generator=torch.Generator().manual_seed(1))).to(device)
         few = many[-3:].clone()
         for vortex in (many, few):
             step = evolution(vortex, 1.0, 0.1, True)
