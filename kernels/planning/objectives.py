@@ -84,9 +84,12 @@ def measurement_of(code: int) -> int:
 
 
 @func
-def log_sum_of_variances(f: vec3, other: vec3) -> vec3:
-    """ln(e^−f + other) with its first two derivatives, from those of f and of `other`, which is not negative."""
-    own = ti.exp(ti.math.clamp(-f[0], -MOST_LOG, MOST_LOG))
+def log_sum_of_variances(f: vec3, own, other: vec3) -> vec3:
+    """ln(e^−f + other) with its first two derivatives, from those of f and of `other`, which is not negative.
+
+    Args:
+        own: e^−f.
+    """
     precision = 1.0 / (own + other[0])
     share = own * precision
     slope = other[1] * precision - f[1] * share
@@ -103,16 +106,17 @@ def log_variances(link: ti.template(), k, code: ti.template(), rho2, z2):
     f = log_signal(link, k, q)
     turning = (link[k, ATTITUDE] + link[k, ALIGNMENT]) * z2
     place, heading, speed = link[k, POSITION], link[k, HEADING], link[k, SOUND_SPEED]
-    across = log_sum_of_variances(f, vec3(turning + place + heading * rho2, heading, 0.0))
+    own = ti.exp(ti.math.clamp(-f[0], -MOST_LOG, MOST_LOG))
+    across = log_sum_of_variances(f, own, vec3(turning + place + heading * rho2, heading, 0.0))
     along = vec3(0.0)
     if ti.static(measurement_of(code) == FIX):
-        along = log_sum_of_variances(f, vec3(turning + place + 4.0 * speed * rho2, 4.0 * speed, 0.0))
+        along = log_sum_of_variances(f, own, vec3(turning + place + 4.0 * speed * rho2, 4.0 * speed, 0.0))
     else:
         i = 1.0 / q
         s2 = z2 * i
         shrunk = place * s2 * s2
         slope = speed - 2.0 * shrunk * i
-        along = log_sum_of_variances(f, vec3(turning + speed * rho2 + shrunk, slope, 6.0 * shrunk * i * i))
+        along = log_sum_of_variances(f, own, vec3(turning + speed * rho2 + shrunk, slope, 6.0 * shrunk * i * i))
         along += vec3(-2.0 * ti.log(s2), 2.0 * i, -2.0 * i * i)
     return across, along
 
