@@ -42,6 +42,10 @@ def test_unit_keeps_the_direction_of_every_length(size):
     torch.testing.assert_close(unit(size * course), course, atol=1e-6, rtol=0)
 
 
+def test_a_zero_vector_points_east():
+    assert unit(torch.tensor([[0.0, 0.0], [-0.0, -0.0]])).tolist() == [[1.0, 0.0], [1.0, -0.0]]
+
+
 def angle(vector):
     return torch.atan2(vector[..., 1], vector[..., 0])
 
@@ -52,6 +56,12 @@ def power(speed):
 
 
 class TestCrab:
+    def test_the_track_is_the_one_asked_for(self):
+        track, current = directions(500), 0.7 * directions(500, seed=1)
+        speed = torch.linspace(1.2, 2.2, 500)
+        ground = crab(track, speed, current) * speed.unsqueeze(-1) + current
+        torch.testing.assert_close(unit(ground), track, atol=1e-5, rtol=0)
+
     def test_a_current_too_strong_is_met_head_on(self):
         heading = crab(torch.tensor([1.0, 0.0]), torch.tensor(1.2), torch.tensor([0.0, 1.5]))
         torch.testing.assert_close(heading, torch.tensor([0.0, -1.0]))

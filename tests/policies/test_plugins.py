@@ -69,13 +69,20 @@ def test_an_algorithm_trains_and_its_policy_is_kept(tmp_path):
     assert torch.equal(kept.act(observation), trainer.policy().act(observation))
 
 
-def test_a_plugin_of_version_02_is_told_the_new_name(tmp_path):
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("from kernels.errors import UserError", "imports kernels, whose name since 0.3 is usvauv.kernels"),
+        ("import usvauv_env.scenario", "imports usvauv_env, whose name since 0.3 is usvauv.env"),
+    ],
+)
+def test_a_plugin_of_version_02_is_told_the_new_name(tmp_path, line, said):
     """In a process of its own: in that of the tests folders have the old names."""
-    (tmp_path / "old.py").write_text("from kernels.errors import UserError")
+    (tmp_path / "old.py").write_text(line)
     command = [sys.executable, "-m", "usvauv.cli", "scenarios", "--plugin", "old.py"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 2
-    assert "imports kernels, whose name since 0.3 is usvauv.kernels" in " ".join(done.stderr.split())
+    assert said in " ".join(done.stderr.split())
 
 
 TEXT = """
@@ -95,6 +102,9 @@ def function(world):
 class Inert:
     def __init__(self, world):
         pass
+
+def text(world):
+    return lambda observation: "north"
 
 def failing(world):
     return lambda observation: {}["north"]
@@ -146,7 +156,8 @@ def test_what_cannot_be_found_is_refused_without_a_world(name, problem):
     ("name", "problem"),
     [
         ("Inert", "returned <own_east.Inert object at .*>: must be an object with `act`, or a function"),
-        ("failing", rf"raised KeyError: 'north', in .*own_east\.py, line 20 {SEE}$"),
+        ("text", r"returned 'north': must be a tensor of shape \(3, 2, 2\)"),
+        ("failing", rf"raised KeyError: 'north', in .*own_east\.py, line 23 {SEE}$"),
     ],
 )
 @pytest.mark.usefixtures("_modules")
@@ -176,7 +187,7 @@ class Odd(BaseException):
         (lambda o: (lambda f: f(f))(lambda f: f(f)), "raised RecursionError: .*, in .*plugins"),
         *(
             (lambda o, error=error: fails(error), f"raised {type(error).__name__}, in .*plugins")
-            for error in (SystemExit(), Odd(), StopIteration())
+            for error in (SystemExit(), GeneratorExit(), Odd(), StopIteration(), MemoryError())
         ),
     ],
 )

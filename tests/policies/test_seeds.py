@@ -10,8 +10,9 @@ import pytest
 import torch
 
 from tests.policies.toy import LEARNING, ToyWorld, mean_reward, scenario
+from usvauv.env import Scenario, World
 from usvauv.kernels.errors import DivergenceError
-from usvauv.policies import PolicyError, Seeds, Trainer
+from usvauv.policies import PolicyError, Seeds, Trainer, TrainingConfig
 from usvauv.policies.algorithms import ALGORITHMS
 from usvauv.policies.algorithms.ddpg import DDPG
 from usvauv.policies.checkpoint import POLICY, TRAINING, read
@@ -91,6 +92,19 @@ class TestOneSeedIsAsAlone:
             assert run.gain == pytest.approx(alone.gain, rel=1e-5)
             weights.append(run.learner.actor.weights[0])
         assert not torch.allclose(weights[0], weights[1], atol=0.01)  # seeds differ
+
+    def test_in_the_real_world(self, tmp_path):
+        """Of the commands' kind: worlds of the seed, one of which ends while it learns."""
+        settings = Scenario.load("extreme", ["mission.duration=12"])
+        config = TrainingConfig(num_worlds=4, replay=160, hidden=(16, 16), batch=32, n_step=3, warmup=40)
+
+        def run(seed, folder):
+            return Trainer(World(settings, 4, seed), dataclasses.replace(config, seed=seed), folder)
+
+        Seeds([run(seed, tmp_path / f"seed-{seed}") for seed in (5, 6)], threads=2).train(200)
+        for seed in (5, 6):
+            run(seed, tmp_path / f"alone-{seed}").train(200)
+            same_runs(tmp_path / f"alone-{seed}", tmp_path / f"seed-{seed}")
 
 
 @pytest.fixture(scope="module")

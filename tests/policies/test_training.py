@@ -60,6 +60,18 @@ class TestTraining:
         same = (action[1:] == action[:-1]).flatten(1).all(1).tolist()
         assert same == [step % 50 % 4 != 0 for step in range(1, 58)]
 
+    def test_same_seed_same_result(self):
+        def run(seed):
+            config = dataclasses.replace(LEARNING, seed=seed)
+            trainer = Trainer(ToyWorld(scenario(), 32, seed=1), config)
+            trainer.train(3200)
+            return trainer.learner.tensors()
+
+        first, again, other = run(0), run(0), run(1)
+        assert first.keys() == again.keys()
+        assert all(torch.equal(first[name], again[name]) for name in first)
+        assert not torch.equal(first["actor.weights.0"], other["actor.weights.0"])
+
     def test_figures_count_what_happened(self):
         toy = scenario()
         seen = []

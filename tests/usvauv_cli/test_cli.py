@@ -59,6 +59,14 @@ class TestPlugin:
         assert (code, stdout) == (2, "plugin a\nplugin b\n")
         assert "extrem" in stderr
 
+    @pytest.mark.parametrize("command", ["train", "scenarios", "reproduce all --out b"])
+    def test_that_fails_or_is_missing_gives_one_line(self, tmp_path, run_usvauv, command):
+        (tmp_path / "a.py").write_text("1 / 0")
+        raised = f"ZeroDivisionError: division by zero, in {tmp_path}/a.py, line 1 {SEE}"
+        for name, problem in (("a", raised), ("b", "must be a Python file")):
+            refused = f"error: plugin {name}.py: {problem}\n"
+            assert run_usvauv(*command.split(), "--plugin", f"{name}.py") == (2, "", refused)
+
     def test_of_an_installed_distribution(self, tmp_path, monkeypatch, run_usvauv):
         (tmp_path / "mine.py").write_text("print('installed')")
         about = tmp_path / "mine-1.0.dist-info"
@@ -223,6 +231,16 @@ def test_eval_pairs_worlds(tmp_path, run_usvauv):
     assert energy["straight", "fim", "2"] == pytest.approx(energy["straight", "centroid", "2"], rel=0.05)
 
 
+def test_a_policy_of_ones_own_that_fails_is_one_line(tmp_path, run_usvauv, monkeypatch):
+    name = "failing_policy"
+    (tmp_path / f"{name}.py").write_text("class Failing:\n    def __init__(self, world):\n        1 / 0\n")
+    monkeypatch.setattr(sys, "path", [*sys.path])  # which gets the working directory
+    code, _, stderr = run_usvauv("eval", "--policy", f"{name}:Failing", *SHORT)
+    problem = f"ZeroDivisionError: division by zero, in {tmp_path}/{name}.py, line 3 {SEE}"
+    assert (code, stderr) == (2, f"error: policy '{name}:Failing' of {tmp_path}/{name}.py: raised {problem}\n")
+    assert [path.name for path in tmp_path.iterdir() if path.suffix != ""] == [f"{name}.py"]
+
+
 def test_train_then_resume_then_eval(tmp_path, run_usvauv):
     options = ["train", "extreme", "--out", "run", *SHORT]
     assert run_usvauv(*options, "--algorithm", "td3", "--worlds", 8, "--steps", 400, "--seed", 4)[0] == 0
@@ -277,7 +295,7 @@ def test_a_policy_of_another_team_is_warned_of(run_usvauv):
     assert run_usvauv(*learned) == (2, "", refused)
 
 
-@pytest.mark.parametrize("command", ["simulate", "train", "live"])
+@pytest.mark.parametrize("command", ["simulate", "eval", "train", "train-targets", "sea", "live"])
 def test_a_command_says_what_it_does_before_it_imports_what_takes_long(tmp_path, command):
     without = "import sys; sys.modules |= dict.fromkeys(('torch', 'numpy', 'rich', 'matplotlib'))"
     code = f"{without}; from usvauv.cli.app import main; main()"

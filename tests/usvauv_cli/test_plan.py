@@ -13,6 +13,7 @@ from tests.links import TILTING, TILTING_OPTIONS
 from usvauv.env import Scenario
 from usvauv.env.site.site import Site
 from usvauv.env.world.tables import link_table
+from usvauv.kernels.planning import objectives, search
 from usvauv.kernels.positioning import usbl
 
 TEAM = ["--auv", "60,80,100", "--auv", "150,120,40"]
@@ -42,6 +43,21 @@ def plan(run_usvauv):
 
 
 class TestOptimum:
+    @pytest.mark.parametrize(("objective", "measurement"), [("d", "fix"), ("a", "fix"), ("sum", "fix"), ("d", "phase")])
+    def test_is_that_of_the_planner(self, solve, device, objective, measurement):
+        result = solve(*TEAM, "--objective", objective, "--measurement", measurement, "--compare", "20,180")
+        code = objectives.objective_code(measurement, objective)
+        table, points = link("extreme", 2, 70).to(device), torch.tensor([POSITIONS], device=device)
+        expected = search.plan_batch(table, points, code=code)[0].tolist()
+        best = result["optimum"]
+        assert [best["x"], best["y"]] == pytest.approx(expected[:2], abs=1e-4)
+        assert best["log_objective"] == pytest.approx(expected[2], abs=1e-4)
+        boat = torch.tensor([[20.0, 180.0]], device=device)
+        there = objectives.log_objective_batch(table, points, boat, code=code)[0, 0].item()
+        assert result["compare"][0]["log_objective"] == pytest.approx(there, abs=1e-4)
+        assert result["compare"][0]["log_objective"] < best["log_objective"]
+        assert result["centroid"]["log_objective"] <= best["log_objective"] + 1e-5
+
     def test_default_is_the_scenarios(self, solve):
         result = solve(*TEAM, "--scenario", "paper-extreme")
         assert (result["objective"], result["measurement"]) == ("sum", "phase")

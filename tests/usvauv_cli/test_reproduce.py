@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import math
 import re
 import statistics
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.usvauv_cli.work import Here
 from usvauv import policies
-from usvauv.cli.reproduction import collaboration, learning, page, paper
+from usvauv.cli.reproduction import collaboration, fig4, learning, page, paper
 from usvauv.cli.reproduction.paper import FULL, METHODS, Settings, heuristic, learned
 from usvauv.env.storage.tables import read_rows, write_rows
 
@@ -44,6 +46,33 @@ def whole(tmp_path_factory):
     """A folder in which everything is reproduced, and its page."""
     folder = tmp_path_factory.mktemp("whole")
     return folder, reproduce("all", folder)
+
+
+def test_statistics_by_hand():
+    def episode(run, arps, updates):
+        others = dict.fromkeys(("sdr", "ec", "services", "delivered_mbit", "collisions", "border"), "6")
+        return {"run": run, "usv": "fim", "updates": updates, "arps": arps, "collaboration": "2"} | others
+
+    first = [episode("0", "1", "0"), episode("0", "3", "0")]
+    second = [episode("1", "5", "9"), episode("1", "11", "9")]
+    row = learning.pool("sac", "SAC", "ISC", "ESC", [first, second])
+    assert (row["row"], row["runs"], row["untrained_runs"], row["episodes"]) == ("SAC (ESC)", 2, 1, 4)
+    assert (row["arps_mean"], row["arps_without_eq5_mean"]) == (5.0, 3.0)
+    assert row["arps_sd"] == pytest.approx(math.sqrt((16 + 4 + 0 + 36) / 3))
+    assert row["arps_runs_sd"] == pytest.approx(math.sqrt(2 * 3.0**2))  # means 2 and 8
+    assert [row[f"sdr_{what}"] for what in ("mean", "sd", "paper", "paper_sd")] == [6.0, 0.0, 5.58, 2.35]
+
+    level = fig4.level(ESC, "fim", [{"median": f"{m}", "p95": f"{10 * m}"} for m in (1, 2, 9)])
+    assert (level["episodes"], level["median"], level["p95"], level["paper"]) == (3, 2.0, 20.0, 0.002)
+    assert 1.0 <= level["low95"] <= 2.0 <= level["high95"] <= 9.0
+
+    runs = [
+        {"method": method, "condition": "ISC", "run": run, "steps": steps, "ec": ec}
+        for method, run, steps, ec in (
+            ("sac", 0, 0, 1.0), ("sac", 0, 10, 2.0), ("sac", 1, 0, 3.0), ("sac", 1, 10, 6.0), ("ddpg", 0, 0, 100.0),
+        )
+    ]  # fmt: skip
+    np.testing.assert_array_equal(learning.band(runs, "sac", "ISC", "ec"), [[0, 10], [2, 4], [1, 2], [3, 6]])
 
 
 def test_tables_and_figures_are_there(whole):

@@ -34,6 +34,10 @@ class TestSentences:
             (signed("PSIMSSB,000001.00,B01,A,,C,N,F,3.0,4.0,9.0,0.1,N,,"), Relative(1, "B01", 4, 3, 9)),
             (signed("PSIMSSB,000001.00,B01,A,,C,E,F,3.0,4.0,9.0,0.1,N,,"), Relative(1, "B01", 3, 4, 9)),
             (
+                signed("PTSAG,#00012,101500.500,03,06,2019,02,5001.5000,N,00852.2500,W,F,0301.5,1,9999.0"),
+                Geographic(36900.5, "02", 50.025, -8.87083333333, 301.5),
+            ),
+            (
                 "+++AT:103:USBLLONG,1458.79,1457.31,3,1.0,2.0,-30.0,12.5,-7.25,-31.0,0.01,0.02,1.5,20500,-25,190,0.03",
                 Relative(1457.31, "3", 12.5, -7.25, 31, said=1458.79),
             ),
@@ -57,7 +61,11 @@ class TestSentences:
 
     @pytest.mark.parametrize(
         "line",
-        ["", signed("GPVTG,0.0,T,,M,0.0,N,0.0,K")],
+        [
+            "",
+            "# started",
+            signed("GPVTG,0.0,T,,M,0.0,N,0.0,K"),
+        ],
     )
     def test_other_lines_are_passed_over(self, line):
         assert parse(line) is None

@@ -1,10 +1,15 @@
 """`usvauv sweep`: study files, names of runs, nothing lost and nothing twice, failures, what the terminal shows."""
 
 import json
+import os
 import shutil
+import signal
+import subprocess
 import sys
+import time
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -214,6 +219,55 @@ def test_a_failed_run_is_shown_and_a_killed_one_done_again(tmp_path, run_usvauv,
     assert said.startswith("nothing to do: 3 runs done already\n")
     assert max(map(len, said.splitlines())) <= 80
     assert not list((tmp_path / "a").glob(".signs*"))
+
+
+def workers(process: int) -> list[int]:
+    """Child processes that do runs."""
+    found = Path(f"/proc/{process}/task/{process}/children").read_text().split()
+    return [int(child) for child in found if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc to find the process")
+def test_a_stopped_and_killed_training_goes_on_from_its_checkpoint(tmp_path):
+    """Ctrl-C, then a kill of the command, then one of the process that trains."""
+    total = 40_000
+    training = f'algorithm = "sac"\nsteps = {total}\nworlds = 8\nlearn = ["hidden=8", "batch=16", "warmup=200"]'
+    written(tmp_path, f"[common]\n{SHORT}\n[[runs]]\n{training}\n[evaluation]\nepisodes = 2")
+
+    def run_of() -> dict[str, Any]:
+        for path in tmp_path.glob("a/runs/*/last.safetensors"):
+            return policies.read_run(path.parent)[2]
+        return {"steps": 0}
+
+    def begun() -> subprocess.Popen:
+        """The command, when it has saved more world-steps than before."""
+        command, before = [*COMMAND, "sweep", "study.toml", "--out", "a", "--jobs", "1"], run_of()["steps"]
+        running = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        while run_of()["steps"] <= before:
+            assert running.poll() is None, running.communicate()
+            time.sleep(0.02)
+        return running
+
+    running = begun()
+    running.send_signal(signal.SIGINT)
+    said, complaints = running.communicate(timeout=120)
+    assert (running.returncode, complaints) == (130, "stopped\n")
+    assert "the same command goes on" in said
+    saved = [run_of()["steps"]]
+    running = begun()
+    running.kill()
+    running.communicate(timeout=120)  # the process that trains ends too, and saves
+    saved.append(run_of()["steps"])
+    running = begun()
+    (worker,) = workers(running.pid)
+    os.kill(worker, signal.SIGKILL)
+    said, complaints = running.communicate(timeout=300)
+    assert (running.returncode, complaints) == (0, "")
+    resumed = [entry["steps"] for entry in run_of()["resumed"]]
+    assert resumed[:2] == saved
+    assert 0 < resumed[0] < resumed[1] < resumed[2] < total
+    assert list(counted(tmp_path / "a").values()) == [1, 1]
 
 
 @pytest.mark.slow

@@ -242,6 +242,12 @@ def test_page_needs_nothing_else_and_its_figures_are_described(made):
     assert "<i>last" not in made.text
 
 
+def test_is_the_same_again(made, capsys):
+    before = {path: path.read_bytes() for path in (made.folder / "report").iterdir()}
+    results.write_results(made.study, made.folder)
+    assert {path: path.read_bytes() for path in (made.folder / "report").iterdir()} == before
+
+
 def test_without_any_result_there_is_a_page_of_failures(made, tmp_path, capsys):
     (tmp_path / "report").mkdir()
     (tmp_path / "report" / "scores.pdf").touch()

@@ -2,6 +2,7 @@
 
 import functools
 import re
+import signal
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from tests.policies.test_seeds import same_runs
 from usvauv import policies
 from usvauv.env import Scenario, World
 from usvauv.policies import TrainingConfig, checkpoint
+from usvauv.policies.training import seeds
 from usvauv.policies.training.figures import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
 
 BEGIN = ["train", "ideal", "--worlds", "4", "--set", "mission.duration=12"]
@@ -46,6 +48,26 @@ def test_each_folder_is_a_run_of_its_own(tmp_path, run_usvauv, quick):
     # All go on: the one that is ahead waits for the other.
     assert run_usvauv("train", "--resume", "--out", "many", "--steps", 96)[0] == 0
     assert [checkpoint.read_run(tmp_path / f"many/seed-{seed}")[2]["steps"] for seed in (3, 4)] == [96, 96]
+
+
+def test_ctrl_c_then_resume(tmp_path, run_usvauv, quick, monkeypatch):
+    begin = [*BEGIN, "--steps", 80, "--seeds", 2]
+    assert run_usvauv(*begin, "--out", "whole")[0] == 0
+    advance = seeds.BatchedRuns.advance
+
+    def advance_and_stop(runs, pool, total):
+        if runs.first.steps == 40:
+            signal.raise_signal(signal.SIGINT)
+        advance(runs, pool, total)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(seeds.BatchedRuns, "advance", advance_and_stop)
+        code, shown, _ = run_usvauv(*begin, "--out", "parts")
+    assert code == 130
+    assert "stopped at 44 of 80 world-steps; go on with: --out parts --resume" in shown
+    assert run_usvauv("train", "--out", "parts", "--resume")[0] == 0
+    for seed in (0, 1):
+        same_runs(tmp_path / f"whole/seed-{seed}", tmp_path / f"parts/seed-{seed}", tolerance=0.0)
 
 
 def test_a_run_that_was_not_saved_before_a_kill_begins_anew(tmp_path, run_usvauv, quick):

@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from usvauv.env import Scenario
 from usvauv.env.sea.long_waves import speed_bound
@@ -11,7 +12,9 @@ from usvauv.env.sea.storm import band
 from usvauv.env.sea.water import current_bound
 from usvauv.env.site.ocean import Flow
 from usvauv.env.site.site import Site
-from usvauv.env.world.current_statistics import current_parts
+from usvauv.env.world.current_statistics import current_model, current_parts
+from usvauv.env.world.tables import link_table
+from usvauv.kernels.positioning import acoustic_link
 from usvauv.kernels.types import Level
 
 WIDTH, LENGTH, DEPTH, G = 300.0, 200.0, 120.0, 9.81
@@ -120,6 +123,33 @@ class TestParts:
         assert variance * omega**2 == pytest.approx(2.0**2 * np.mean(gradient**2), rel=1e-4)
 
 
+class TestModel:
+    @pytest.mark.parametrize(("attitude", "sides"), [(0.0, (WIDTH, LENGTH)), (0.01, (LENGTH, WIDTH))])
+    def test_fixes_are_those_from_a_quarter_of_the_smaller_side(self, attitude, sides):
+        """m⁴ D(m)/m = R t; R is the planner's noise there, in the mean of the AUVs, and the attitude's by the depth."""
+        area = [f"area.width={sides[0]:g}", f"area.length={sides[1]:g}"]
+        changes = [*STORM, *VORTICES, *area, "auv.depth=40", "mission.step=2", f"usbl.attitude_error={attitude}"]
+        place = site(*changes)
+        link = link_table(place).astype(float)
+        slant = math.hypot(40.0, LENGTH / 4)
+        noise = [
+            (slant / row[acoustic_link.REFERENCE]) ** (2 * row[acoustic_link.POWER])
+            / math.exp(row[acoustic_link.LEVEL])
+            for row in link
+        ]
+        assert noise[0] != pytest.approx(noise[1], rel=0.01)
+        R = np.mean(noise) + (attitude * 40) ** 2
+        parts = current_parts(place)
+
+        def increment(m: float) -> float:
+            return sum(2 * square * (1 - math.exp(-((omega * m) ** 2) / 2)) for square, omega in parts)
+
+        m = brentq(lambda m: m**3 * increment(m) - R * 2.0, 1e-3, 1e3)
+        variance, time = current_model(place, link_table(place))
+        assert variance == pytest.approx(sum(square for square, _ in parts))
+        assert 2 * variance / time == pytest.approx(increment(m) / m, rel=1e-4)
+
+
 class TestBound:
     def test_still_water_leaves_a_box(self):
         assert current_bound(site()) == 0.1
@@ -129,6 +159,15 @@ class TestBound:
         r = np.linspace(0.1, 90, 100000)
         fastest = (40 / (2 * math.pi * r) * -np.expm1(-((r / 30) ** 2))).max()
         assert current_bound(site(*VORTICES)) == pytest.approx(1.001 * 3 * fastest, rel=1e-4)
+
+    def test_short_waves(self):
+        square, _ = orbital(-30.0, DEPTH)
+        assert current_bound(site(*STORM, "auv.depth=30")) == pytest.approx(1.001 * 6 * math.sqrt(square), rel=1e-4)
+
+    def test_a_current_from_a_file(self):
+        """The largest speed at the AUVs' depth lies in the north-east corner."""
+        u, v = 0.2 + 3e-3 * WIDTH + 1e-3 * LENGTH, -0.3 + 2e-3 * WIDTH + 5e-3 * LENGTH
+        assert current_bound(with_flow()) == pytest.approx(1.001 * math.hypot(u, v), rel=1e-5)
 
     @pytest.mark.parametrize(("edge", "across"), [("west", WIDTH), ("north", LENGTH)])
     def test_long_waves(self, edge, across):

@@ -1,4 +1,4 @@
-"""States that cannot be: found while a world runs, refused when one is loaded, and no step waits for it."""
+"""States that cannot be: found while a world runs, and refused when one is loaded."""
 
 import math
 
@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 import torch
 
-from tests.links import EVERY_STEP
-from tests.nothing_waits import NothingWaits
 from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.sea.simulation import SeaSimulation
 from usvauv.kernels import runtime
@@ -171,45 +169,3 @@ def test_the_sea_keeps_time_whatever_its_interval(step, interval):
     for done in range(1, 31):
         world.step(torch.zeros(1, 2, 2))
         assert -1e-4 < world.sea.time - done * step < interval
-
-
-FEW = 4
-
-
-@pytest.fixture
-def elsewhere(monkeypatch, device):
-    """As if torch's tensors did not lie in the memory of the host."""
-    monkeypatch.setattr(runtime.Runtime, "torch_on_host", False)
-    monkeypatch.setattr(runtime, "upload", lambda numbers, tensor: None)  # does not wait
-
-
-@pytest.mark.parametrize(
-    ("name", "settings"),
-    [
-        ("extreme", []),
-        ("extreme", [*EVERY_STEP, "tracker.enabled=true", "boat.strategy=centroid"]),
-        ("paper-extreme", []),
-        ("station-keeping", []),
-    ],
-)
-def test_a_step_waits_for_nothing(elsewhere, name, settings):
-    if not runtime.start().shares_memory_with_torch:
-        pytest.skip("arrays are copied at each launch, which waits")
-    world = World(Scenario.load(name, settings), FEW)
-    world.reset()
-    action = torch.full((FEW, world.num_auvs, 2), 0.3, device=world.device)
-    world.step(action)  # compiles
-    with NothingWaits():
-        for _ in range(3):
-            world.step(action)
-
-
-def test_a_fault_is_found_one_step_later(elsewhere):
-    world = World(Scenario.load("extreme"), FEW)
-    world.reset()
-    action = torch.zeros(FEW, world.num_auvs, 2, device=world.device)
-    world.step(action)
-    world.auv[2, 0, AuvColumn.x] = math.nan
-    world.step(action)
-    with pytest.raises(DivergenceError, match=r"^world 2 at 3 s: "):
-        world.step(action)

@@ -16,6 +16,7 @@ from usvauv.env.render import style
 from usvauv.env.render.frames import frames_of
 from usvauv.env.render.layout import Arrangement
 from usvauv.env.render.mission import Playback, error_axes
+from usvauv.env.render.sea import elevation_limit
 from usvauv.env.render.style import CATEGORICAL, CATEGORICAL_ON_WHITE, web
 from usvauv.env.scenario.sea import Area
 from usvauv.kernels.errors import UserError
@@ -81,6 +82,17 @@ class TestComparison:
         np.testing.assert_array_equal(left.of(seen), left.of(alike))
         assert (right.of(seen) != right.of(alike)).any()
         np.testing.assert_array_equal(left.of(alike), right.of(alike))
+
+    def test_both_maps_have_one_scale_of_lengths_and_of_colours(self):
+        calm = synthetic_trace(steps=4, sea=False)
+        rough = synthetic_trace(steps=4, area=(400.0, 300.0))
+        rougher = replace(rough, surface=3 * rough.surface)
+        for first, second in ((calm, rough), (rough, rougher)):
+            frames = frames_of([first, second], (640, 360))
+            one, other = frames.maps
+            assert one.surface.limit == other.surface.limit == elevation_limit(second.surface)
+            assert one.view.per_metre == pytest.approx(other.view.per_metre, rel=0.01)
+            frames.frame(3)
 
 
 class TestMap:

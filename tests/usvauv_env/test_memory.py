@@ -18,7 +18,7 @@ from usvauv.env.render.video import video_file
 from usvauv.env.sea.simulation import SeaSimulation
 from usvauv.env.storage import memory
 from usvauv.env.storage.files import OutputError
-from usvauv.env.storage.memory import MemoryNeeded, RowsOnDisk, available, require
+from usvauv.env.storage.memory import MemoryNeeded, RowsOnDisk, available, extremes, require
 from usvauv.policies import Trainer, TrainingConfig
 from usvauv.policies.training.replay import Replay
 
@@ -115,6 +115,34 @@ def test_who_asks_before_taking(monkeypatch, make, match):
     monkeypatch.setattr(memory, "available", lambda device=None: 2 * GIB)
     with pytest.raises(MemoryNeeded, match=match):
         make()
+
+
+@pytest.fixture
+def numbers():
+    return np.random.default_rng(0).standard_normal((5, 3, 4)).astype(np.float32)
+
+
+def test_rows_are_those_appended(numbers, tmp_path, monkeypatch):
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    with RowsOnDisk(5, (3, 4), "rows") as rows:
+        rows.append(numbers[:2])
+        rows.append(numbers[2:])
+        array = rows.array()
+        assert list(tmp_path.iterdir()) == []  # it has no name
+    assert array.shape == (5, 3, 4)
+    for key in (0, -1, slice(1, 4, 2), (2, slice(None), 3), slice(None)):
+        np.testing.assert_array_equal(array[key], numbers[key])
+    assert extremes(array) == (numbers.min(), numbers.max())
+    with pytest.raises(ValueError, match="read-only"):
+        array[0][:] = 0.0
+
+
+@pytest.mark.parametrize("shape", [(3, 4), (0, 4)])
+def test_no_rows(shape):
+    with RowsOnDisk(5, shape, "rows") as rows:
+        array = rows.array()
+    assert array.shape == (0, *shape)
+    assert extremes(array) == (0.0, 0.0)
 
 
 def test_a_disk_without_room_is_refused_before(monkeypatch, tmp_path):

@@ -267,6 +267,18 @@ def test_batches_change_nothing_and_are_told_of(scenario, monkeypatch):
     assert steps == [2] * 20 + [1] * 10
 
 
+def test_complete_batches_are_kept_when_a_policy_fails(scenario, monkeypatch):
+    monkeypatch.setattr(evaluation, "WORLDS_PER_BATCH", 2)
+    kept = []
+
+    def fails_later(world):
+        return east(world) if not kept else lambda observation: 1 / 0
+
+    with pytest.raises(ZeroDivisionError):
+        evaluate(scenario, {"late": fails_later}, episodes=4, on_batch=kept.extend)
+    assert [row.episode for row in kept] == [0, 1]
+
+
 def test_the_variance_is_that_of_a_fix_from_the_best_place(device):
     """With the depth below the water under the boat that serves the AUV."""
     whole = random_trace()

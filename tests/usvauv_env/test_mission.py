@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from tests.links import EVERY_STEP
 from tests.usvauv_env.test_world import run, steer
 from usvauv.env import Scenario, World
 from usvauv.env.sea.water import build_short_waves
@@ -158,6 +159,31 @@ class TestTask:
                 assert world.auv[w, 0, AuvColumn.target].long() != target[w]
             done |= served
         assert done.all()
+
+    def test_rate_at_a_hundred_metres(self):
+        """Shannon's rate over 10 kHz at 20 kHz and 100 m, from the sonar equation written out by hand."""
+        link = ["nodes.rate_law=shannon", "nodes.frequency=20000", "nodes.bandwidth=10000"]
+        scenario = Scenario.load("ideal", [*EVERY_STEP, *link, *AT_ONCE, "area.depth=200", "auv.count=1"])
+        f = 20.0
+        alpha = 0.11 * f**2 / (1 + f**2) + 44 * f**2 / (4100 + f**2) + 2.75e-4 * f**2 + 0.003
+        densities = (
+            17 - 30 * math.log10(f),
+            40 + 26 * math.log10(f) - 60 * math.log10(f + 0.03),
+            50 + 20 * math.log10(f) - 40 * math.log10(f + 0.4),
+            -15 + 20 * math.log10(f),
+        )
+        noise = 10 * math.log10(sum(10 ** (d / 10) for d in densities)) + 40
+        world = World(scenario, num_worlds=16, seed=3)
+        observation = world.reset()
+        rates = []
+        for _ in range(200):
+            observation, *_ = world.step(steer(observation, 1))
+            rates += [r for r in world.auv[:, 0, AuvColumn.service_rate].tolist() if r > 0]
+        assert rates
+        for slant in (100.0, math.hypot(100, 6)):
+            snr = 10 * math.log10(0.03) + 170.77 - 15 * math.log10(slant) - alpha * slant / 1000 - noise
+            limit = 0.01 * math.log2(1 + 10 ** (snr / 10))
+            assert min(rates) >= limit - 1e-5 if slant > 100 else max(rates) <= limit + 1e-5
 
     def test_arrivals_are_poisson_and_a_full_buffer_overflows(self):
         scenario = Scenario.load("ideal", ["nodes.arrival_rates=[8]", "nodes.start_backlog=0", "nodes.buffer=240"])

@@ -163,19 +163,24 @@ class TestCurrents:
         at, _ = centres(frame, WIDTH, LENGTH, (8, 6))
         np.testing.assert_allclose(h, 1000 + 100 * (at % 360 - 180), atol=1e-6)
 
-    @pytest.mark.parametrize(
-        "change",
-        [
-            lambda file: file.isel(latitude=slice(None, None, -1), depth=slice(None, None, -1)),
-            lambda file: file.isel(time=slice(None, None, -1)).transpose("longitude", "time", "latitude", "depth"),
-            lambda file: file.assign_coords(depth=("depth", DEPTHS, {"units": "m", "long_name": "depth"})),
-            lambda file: file.assign_coords(depth=("depth", -DEPTHS / 1000, {"units": "km", "positive": "up"})),
-        ],
-        ids=["order of coordinates", "order of dimensions", "a depth without a sign", "heights in kilometres"],
-    )
-    def test_other_forms_of_the_same_file(self, tmp_path, change):
-        flows = flow_of(change(cmems()), tmp_path), flow_of(cmems(), tmp_path)
-        np.testing.assert_allclose(flows[0].velocity, flows[1].velocity, atol=1e-7)
+    def test_order_of_coordinates_and_dimensions_does_not_matter(self, tmp_path):
+        dataset = cmems()
+        reference = flow_of(dataset, tmp_path)
+        turned = dataset.isel(latitude=slice(None, None, -1), depth=slice(None, None, -1), time=slice(None, None, -1))
+        turned = turned.transpose("longitude", "time", "latitude", "depth")
+        np.testing.assert_array_equal(flow_of(turned, tmp_path).velocity, reference.velocity)
+
+    def test_a_depth_without_a_sign(self, tmp_path):
+        dataset = cmems()
+        reference = flow_of(dataset, tmp_path)
+        dataset["depth"].attrs = {"units": "m", "long_name": "depth"}
+        np.testing.assert_array_equal(flow_of(dataset, tmp_path).velocity, reference.velocity)
+
+    def test_heights_and_kilometres(self, tmp_path):
+        """A vertical axis that points up, in km, known by `positive` alone."""
+        dataset = cmems()
+        upwards = dataset.assign_coords(depth=("depth", -DEPTHS / 1000, {"units": "km", "positive": "up"}))
+        np.testing.assert_allclose(flow_of(upwards, tmp_path).velocity, flow_of(dataset, tmp_path).velocity, atol=1e-7)
 
     @pytest.mark.parametrize(("units", "factor"), [("CM  S-1", 100.0), ("knots", 3600 / 1852)])
     def test_units_of_speed(self, tmp_path, units, factor):
@@ -293,6 +298,8 @@ class TestCurrents:
 HEIGHTS = [
     ("elevation", "height_above_mean_sea_level"),
     ("any", "height_above_reference_ellipsoid"),
+    ("elevation", "any"),
+    ("z", "height"),
     ("topo", "any"),
 ]
 

@@ -1,11 +1,64 @@
-"""Numbers that are computed from a scenario: the rate of its data link and the wind."""
+"""From a scenario to the kernels' numbers: those that are computed, beside the same by hand from numbers all unlike."""
 
+import math
+
+import numpy as np
 import pytest
 
-from usvauv.env import Scenario
+from usvauv.env import Scenario, ScenarioError
 from usvauv.env.site.site import Site
 from usvauv.env.world import tables
-from usvauv.kernels.positioning.sonar import wind_of_growing_sea
+from usvauv.env.world.boat_strategies import StrategyChoice
+from usvauv.kernels.mission.columns import Parameter
+from usvauv.kernels.positioning.pulse import FEWEST_PERIODS
+from usvauv.kernels.positioning.sonar import (
+    wind_of_growing_sea,
+)
+
+NUMBERS = {
+    "area": {"width": 300, "length": 250, "depth": 140},
+    "mission": {"step": 0.5},
+    "auv": {"count": 3, "depth": 60, "hover_radius": 11, "speed_max": 2.5},
+    "nodes": {
+        "count": 12, "arrival_rates": [2, 3, 7], "payload": 4, "source_power": 0.1, "frequency": 24000,
+        "bandwidth": 8000, "rate_law": "shannon",
+    },
+    "acoustics": {
+        "sound_speed": 1480, "sound_speed_error": 5, "spreading": 17, "water_temperature": 12, "water_salinity": 34,
+        "ph": 7.9, "shipping": 0.3, "wind": 9, "rain": 6, "sediment": "gravel",
+    },
+    "usbl": {
+        "gnss_correlation_time": 30, "periods": 40, "carrier_min": 13000, "pulse_length": 0.02, "lever_arm_error": 0.4,
+        "gnss_error": 0.3, "attitude_error": 0.01, "alignment_error": 0.02, "heading_error": 0.03, "array_depth": 7,
+    },
+    "navigation": {"velocity_noise": 0.3, "velocity_bias": 0.2, "bias_correlation_time": 90},
+    "reference": {"straight_speed": 1.6},
+    "boat": {"noise_level": 55, "top_speed": 3},
+}  # fmt: skip
+
+
+def site(**changes: dict) -> Site:
+    """Of `NUMBERS`, with changes by section."""
+    return Site(Scenario.from_dict({name: NUMBERS.get(name, {}) | changes.get(name, {}) for name in NUMBERS | changes}))
+
+
+def packed(place: Site) -> dict[str, float]:
+    numbers = tables.pack_parameters(place, tables.link_table(place))
+    assert numbers.dtype == np.float32
+    return dict(zip(Parameter.names, numbers.tolist(), strict=True))
+
+
+@pytest.mark.parametrize("demonstration", [False, True])
+def test_rate_of_the_demonstration(demonstration):
+    """Its law has 10^SNR in place of 10^(SNR/10), its separation the AUVs' depth, not their height."""
+    law = {"nodes": {"rate_law": "demonstration"}} if demonstration else {}
+    apart = {"auv": {"separation": "demonstration"}}
+    found = packed(site(**law, **apart))
+    slant = math.hypot(60, 11)
+    snr = found["data_level"] - 17 * math.log10(slant) - found["data_absorption"] * slant / 1000
+    assert snr > 10
+    rate = 8e-3 * (snr / (1 if demonstration else 10)) * math.log2(10)
+    assert found["reference_rate"] == pytest.approx(rate, rel=0.02)
 
 
 @pytest.mark.parametrize(
@@ -21,18 +74,37 @@ from usvauv.kernels.positioning.sonar import wind_of_growing_sea
 )
 def test_rate_of_a_modem_and_of_light(changes, rate):
     """80 m away in a band of 8 kHz; a dead link has the rate that no mission is long enough for."""
-    nodes = {"source_power": 0.1, "frequency": 24000, "bandwidth": 8000, **changes}
-    acoustics = {"spreading": 17, "water_temperature": 12, "shipping": 0.3, "wind": 9, "rain": 6}
-    sections = {"area": {"depth": 140}, "auv": {"depth": 60}, "acoustics": acoustics, "nodes": nodes}
-    assert tables.reference_rate(Site(Scenario.from_dict(sections))) == pytest.approx(rate / 1e6, rel=1e-3)
+    assert packed(site(nodes=NUMBERS["nodes"] | changes))["reference_rate"] == pytest.approx(rate / 1e6, rel=1e-3)
 
 
-def test_wind():
-    """As given, or that of the storm, up to a bound."""
+class TestSound:
+    def test_speed_of_a_profile(self):
+        """The way over the time, z/∫dz/c, down to the AUVs at 60 m, where it is 0.5 m/s slower a metre."""
+        place = site(acoustics={"sound_speed_profile": ((0, 1500), (140, 1430))})
+        assert tables.sound_speed(place) == pytest.approx(30 / math.log(1500 / 1470))
+        assert program(place).refraction
+        assert tables.sound_speed(site()) == 1480.0
+        assert not program(site()).refraction
 
-    def wind(height, **acoustics):
-        storm = {"spectrum": "pm", "significant_height": height} if height else {}
-        return tables.wind(Site(Scenario.from_dict({"storm": storm, "acoustics": acoustics})))
 
-    assert wind(3, wind=9) == 9.0
-    assert [wind(h, wind="storm") for h in (3, 14, 0)] == [wind_of_growing_sea(3, 11), tables.STRONGEST, 0.0]
+def program(place: Site):
+    strategy = StrategyChoice.parse(None, place.scenario).strategy
+    return tables.program(place, strategy, tables.link_table(place))
+
+
+def test_a_tone_too_short_for_the_waveform_receiver():
+    for model, signal in (("statistical", "tone"), ("waveform", "code")):
+        program(site(usbl={"model": model, "signal": signal, "periods": FEWEST_PERIODS - 1}))
+    with pytest.raises(ScenarioError, match=rf"periods = {FEWEST_PERIODS - 1}: must be at least {FEWEST_PERIODS} with"):
+        Scenario.load("ideal", ["usbl.model=waveform", "usbl.signal=tone", f"usbl.periods={FEWEST_PERIODS - 1}"])
+
+
+class TestWindAndNoise:
+    def test_wind(self):
+        storm = {"spectrum": "pm", "significant_height": 3}
+        blown = {"acoustics": {"wind": "storm"}}
+        assert tables.wind(site(storm=storm)) == 9.0
+        assert tables.wind(site(storm=storm, **blown)) == wind_of_growing_sea(3, 11)
+        steep = {**storm, "significant_height": 14}
+        assert tables.wind(site(storm=steep, **blown)) == tables.STRONGEST
+        assert tables.wind(site(**blown)) == 0.0

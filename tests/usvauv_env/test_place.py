@@ -6,13 +6,15 @@ import numpy as np
 import pytest
 import xarray
 from pyproj import CRS, Transformer
+from scipy.interpolate import RegularGridInterpolator
 
 from usvauv.env import Scenario
 from usvauv.env.scenario.fields import FARTHEST
-from usvauv.env.site import cf, place
+from usvauv.env.site import cf, ocean, place
 from usvauv.env.site.cf import Axis
-from usvauv.env.site.place import LocalFrame, boat_position, far_position
+from usvauv.env.site.place import LocalFrame, auv_position, boat_position, far_position, look_geographic
 from usvauv.env.site.sound_speed import SoundSpeedError, SoundSpeedProfile
+from usvauv.env.site.waves import Partition, Waves, WaveSpectrum
 from usvauv.env.storage.netcdf import OceanError
 from usvauv.kernels.errors import UserError
 
@@ -66,7 +68,72 @@ class TestAxes:
         assert [found.order[i] for i in (0, 2, 3)] == [3, 1, 2]
 
 
+class TestInterpolation:
+    def test_between_points_and_depths(self):
+        random = np.random.default_rng(1)
+        lon, lat, depths = (np.sort(random.uniform(0, 10, count)) for count in (7, 5, 4))
+        values = random.standard_normal((3, 5, 7))
+        x, y = random.uniform(lon[0], lon[-1], (2, 9)), random.uniform(lat[0], lat[-1], (2, 9))
+        found = ocean.bilinear(values, {"longitude": axis(lon), "latitude": axis(lat)}, x, y)
+        for each, own in zip(values, found, strict=True):
+            np.testing.assert_allclose(own, RegularGridInterpolator((lat, lon), each)((y, x)))
+        levels = np.linspace(-1, 11, 25)
+        weights = ocean.depth_weights(depths, levels)
+        np.testing.assert_allclose(weights @ values[0, :4, 0], np.interp(levels, depths, values[0, :4, 0]))
+
+    def test_means_over_cells(self, monkeypatch):
+        """At evenly spaced places, as many as bring one to each of the file's points; whatever is made at once."""
+        lon, across = np.arange(-0.005, 0.036, 0.005), 2  # points 557 m apart, cells of 1000 m
+        frame, lat = LocalFrame(0.0, 0.0), np.arange(-0.004, 0.041, 0.004)  # 445 m apart, cells of 2000 m
+        values = np.random.default_rng(2).standard_normal((len(lat), len(lon)))
+        axes = {"longitude": axis(lon), "latitude": axis(lat)}
+        x, y = (np.arange(3 * across) + 0.5) * 1000 / across, (np.arange(10) + 0.5) * 400
+        at = frame.to_geographic(*np.meshgrid(x, y))[::-1]
+        fine = RegularGridInterpolator((lat, lon), values)(at)
+        expected = [[fine[5 * j : 5 * j + 5, across * i : across * (i + 1)].mean() for i in range(3)] for j in range(2)]
+        for block in (1, 2**21):
+            monkeypatch.setattr(ocean, "BLOCK", block)
+            found = ocean.cell_means(values, axes, frame, 3000.0, 4000.0, (3, 2))
+            np.testing.assert_allclose(found, expected)
+
+
+class TestWaves:
+    def test_a_spectrum_by_sums(self):
+        """Trapezoids in frequency, steps in direction, over each of which the mean of exp(iθ) is shorter than 1."""
+        f, theta = np.array([0.1, 0.2, 0.4, 0.5]), np.linspace(0.1, 0.1 + 2 * np.pi, 5)[:-1]
+        density = np.array([[1, 0, 2, 1], [4, 1, 0, 3], [2, 2, 1, 2], [0, 1, 0, 0]], float)
+        spectrum = WaveSpectrum(f, theta, density)
+        S = density.sum(1) * math.pi / 2
+        m0, first = (0.0, 0.0)
+        for i in range(3):
+            m0 += (f[i + 1] - f[i]) * (S[i] + S[i + 1]) / 2
+            both = [sum(density[n] * np.exp(1j * theta)) * math.pi / 2 for n in (i, i + 1)]
+            first += (f[i + 1] - f[i]) * sum(both) / 2
+        assert spectrum.significant_height == pytest.approx(4 * math.sqrt(m0))
+        assert spectrum.peak_period == 5.0
+        assert spectrum.moment == pytest.approx(first / m0 * math.sin(math.pi / 4) / (math.pi / 4))
+        assert spectrum.direction == pytest.approx(np.angle(first))
+        assert Waves("a.nc", "", spectrum, (), None).wind_sea_height == spectrum.significant_height
+        parts = [
+            Partition(height, 9.0, 0.0, None, False, sea) for height, sea in ((3.0, True), (5.0, False), (4.0, True))
+        ]
+        assert Waves("a.nc", "", None, tuple(parts), None).wind_sea_height == 5.0
+        assert Waves("a.nc", "", None, (), None).wind_sea_height == 0.0
+
+
 class TestPositions:
+    def test_the_edges_of_an_area_are_in_it(self):
+        scenario = Scenario.load("ideal", ["area.width=300", "area.length=240"])
+        assert boat_position("300,240", scenario) == (300, 240)
+        assert boat_position("0,0", scenario) == (0, 0)
+        assert auv_position("0,240,120", scenario) == (0, 240, 120)
+        for text in ("300.1,0", "0,240.1", "-0.1,0", "0,-0.1"):
+            with pytest.raises(UserError, match=r"outside the area \[0, 300\] × \[0, 240\] m"):
+                boat_position(text, scenario)
+        for depth in (0, 120.1):
+            with pytest.raises(UserError, match="above 0 and at most the water's 120 m"):
+                auv_position(f"1,1,{depth}", scenario)
+
     @pytest.mark.parametrize("corner", [-180, 180])
     @pytest.mark.parametrize("side", "EW")
     def test_180_degrees_are_one_place(self, corner, side):
@@ -92,6 +159,27 @@ class TestPositions:
             else:
                 with pytest.raises(UserError, match="is 100 km from the area's corner; at most 100 km east and north"):
                     far_position("centres", text, scenario)
+
+    @pytest.mark.parametrize(
+        ("texts", "plain", "near"),
+        [
+            (["90.000,120.000"], True, True),
+            (["22.5101N,114.0203E,100"], False, False),
+            (["a,b,c"], False, False),
+            (["60.123"], False, False),
+            ([], False, False),
+            (["90.001,120.000"], False, False),
+            (["22.500,114.000", "23.000,114.500"], True, True),
+            (["22.500,114.000", "23.001,114.000"], False, False),
+            (["23.0,114.5"], False, True),
+            (["23.1,114.0"], False, False),
+        ],
+    )
+    def test_what_looks_like_degrees(self, texts, plain, near):
+        """Near is half a degree from the corner, and of the AUVs from one another."""
+        corner = Scenario.load("ideal", ["water.latitude=22.5", "water.longitude=114"])
+        assert look_geographic(texts, Scenario.load("ideal")) is plain
+        assert bool(look_geographic(texts, corner)) is near
 
 
 class TestSoundSpeed:

@@ -13,7 +13,7 @@ from usvauv.env import Scenario, Trace, World
 from usvauv.env.record.recorder import record
 from usvauv.env.render.frames import frames_of
 from usvauv.env.render.layout import Layout, Rectangle
-from usvauv.env.render.mission import Playback, RecordedSea, Vehicle
+from usvauv.env.render.mission import Playback, RecordedSea, Series, Vehicle
 from usvauv.env.render.perspective import PerspectiveView
 from usvauv.kernels.errors import UserError
 
@@ -61,6 +61,16 @@ class TestSea:
         for t in (0.3, 4.0, 7.9):
             np.testing.assert_array_equal(sea.at(t), again.at(t))
 
+    def test_on_a_finer_grid_it_is_the_sum_of_its_waves_and_the_long_ones(self, trace):
+        x, y = np.linspace(40.0, 60.0, 21), np.linspace(120.0, 130.0, 11)
+        a, kx, ky, omega, phase = trace.storm.T[:, :, None, None]
+        waves = (a * np.cos(kx * x + ky * y[:, None] - omega * (1.0 + 4.4) + phase)).sum(axis=0)
+        long = RecordedSea(trace).on(4.4, x, y) - waves
+        assert np.ptp(long) < 0.03, "hardly changes over 20 m"
+        assert abs(long.mean()) < 0.5
+        pixels = (np.arange(128) + 0.5) * 200 / 128
+        np.testing.assert_allclose(RecordedSea(trace).on(4.4, pixels, pixels), RecordedSea(trace).at(4.4), atol=1e-4)
+
     def test_without_a_record_of_the_storm_it_is_between_the_recorded_ones(self, trace):
         sea = RecordedSea(replace(trace, storm=np.zeros((0, 5))))
         near = sea.at(5.001)
@@ -69,6 +79,17 @@ class TestSea:
         nothing = RecordedSea(replace(trace, surface=np.zeros((0, 0, 0), np.float32)))
         assert nothing.at(2.5).size == 0
         assert not nothing.on(2.5, np.arange(3.0), np.arange(2.0)).any()
+
+
+class TestSeries:
+    def test_vehicles_move_evenly_where_their_speed_changes_evenly(self):
+        t = np.arange(9.0)
+        way = Series(np.stack([3 + 2 * t - 0.25 * t**2, -t], 1), smooth=True)
+        for moment in (1.0, 3.25, 6.999, 8.0):
+            np.testing.assert_allclose(way.at(moment), [3 + 2 * moment - 0.25 * moment**2, -moment], atol=1e-12)
+        np.testing.assert_allclose(way.until(4.5, np.array([2, 4]))[:, 1], [-2, -4, -4.5])
+        assert way.until(4.0, np.array([2, 4])).shape == (2, 2)
+        np.testing.assert_allclose(Series(t**2).at(2.5), 6.5, err_msg="linear")
 
 
 class TestFrames:

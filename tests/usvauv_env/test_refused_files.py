@@ -61,6 +61,12 @@ def curvilinear(dataset):
     )
 
 
+def forecasts(dataset):
+    """One time and the steps from it, each with its own."""
+    steps = xarray.concat([dataset, dataset], "step")
+    return steps.assign_coords(valid_time=("step", [1_100_000.0, 1_100_003.0], dataset["time"].attrs))
+
+
 def everywhere(number):
     return lambda array: np.full_like(array, number)
 
@@ -70,10 +76,14 @@ CURRENTS = {  # what is wrong: the change that makes it so, and what the message
         without("uo", "vo"),
         r"no variables with the standard_name of a current: eastward_sea_water_vel.*, the names uo with vo or water_u",
     ),
+    "one component": (without("vo"), r"has uo but no variable with standard_name northward_sea_water_velocity"),
     "no units": (attributes("uo", units=None), r"uo: has no units; allowed: m s-1, m/s, "),
     "too fast": (values("uo", put((0, 0, 4, 4), 32.767)), r"uo: 32.767 m/s; allowed: up to 20 m/s: see its units"),
     "no longitude": (without("longitude"), r"uo: dimension 'longitude' has no coordinate that is a longitude, lat"),
+    "no depth": (lambda d: d.isel(depth=0, drop=True), r"uo: has no depth coordinate; it must say how deep"),
     "curvilinear": (curvilinear, r"uo: lies on a curvilinear grid \(nav_l.. has dimensions y, x\); .*`cdo remapbil"),
+    "missing latitude": (values("latitude", put(2, np.nan)), r"latitude: value 2 is missing; all must be given"),
+    "units of time": (attributes("time", units="hours"), r"time: units 'hours'; allowed: such as 'hours since 2000-01"),
     "too far west": (
         lambda d: d.isel(longitude=slice(4, None)),
         r"longitude: the area spans 5.02000 to 5.16\d+ degrees and the file 5.08333 to 5.50000; its points must",
@@ -82,13 +92,25 @@ CURRENTS = {  # what is wrong: the change that makes it so, and what the message
         lambda d: d.isel(depth=slice(None, 2)),
         r"depth: currents are needed at 100 m and the file's depths are 0.494 to 1.541 m; they serve from 0 to 2.06",
     ),
+    "all land": (
+        lambda d: d.where(d["longitude"] > 5.3),
+        r"uo: has no values in the area at a depth of 0.494 m at 1950-01-01T00:00:00: all of it is land",
+    ),
     "gap": (
         lambda d: d.where(d["time"] != HOURS[1]),
         r"uo: has no values in the area at a depth of 0.494 m at 1950-01-01T06:00:00: .* or the data have a gap",
     ),
+    "other times": (
+        lambda d: d.assign(vo=d["vo"].rename(time="t").assign_coords(t=("t", HOURS + 1, d["time"].attrs))),
+        r"uo and vo are given at different times",
+    ),
 }
 
 BEDS = {
+    "none": (
+        lambda d: attributes("elevation", standard_name="surface_temperature")(d).rename(elevation="topography"),
+        r"no variable with the standard_name of a bathymetry: sea_floor_depth_below_sea_surface, ",
+    ),
     "two": (
         lambda d: d.assign(deptho=(d["elevation"].dims, -d["elevation"].values, {"standard_name": "sea_floor_depth"})),
         r"elevation and deptho both are height_above_mean_sea_level or sea_floor_depth; the file must hold one of them",
@@ -101,9 +123,19 @@ BEDS = {
         values("elevation", lambda v: v + 3000),
         r"elevation: no water in the area: depths from -[\d.]+ to -[\d.]+ m",
     ),
+    "fill": (
+        values("elevation", put((50, 50), -32768)),
+        r"elevation: 32768 m deep; allowed: up to 12000 m: see its uni",
+    ),
 }
 
 WAVEWATCH = [
+    (attributes("efth", units=None), "efth: has no units; allowed: m2 s rad-1"),
+    (values("efth", everywhere(np.nan)), "efth: has no values at the area: land"),
+    (
+        values("efth", put((0, 0, 3, 5), np.nan)),
+        r"efth: a value is missing at 0.0466 Hz, direction 5; all must be given",
+    ),
     (values("efth", lambda efth: 1000 * efth), r"efth: significant height 158.\d* m; allowed: above 0, up to 30"),
     (values("direction", put(0, 93.0)), r"direction: 93, 80, 70, ..., 100; allowed: four or more in even steps"),
     (
@@ -118,6 +150,7 @@ ERA5 = [
         values("d2fd", lambda log: np.minimum(10**log, 9.0) / 3),
         "d2fd: at least .* everywhere; allowed: decadic logarithms of the density",
     ),
+    (values("d2fd", np.nan_to_num), "d2fd: 0 in .*% of its values, a density of 1; where there is none, one is miss"),
     (
         values("direction", lambda n: 15 * n),
         r"direction: 15, 30, 45, ..., 360; allowed: ERA5's numbers 1, 2, ..., 24",
@@ -126,11 +159,17 @@ ERA5 = [
         lambda dataset: dataset.isel(longitude=slice(2)),
         "longitude: the middle of the area is at 5.01793 degrees and the file spans 4.50000 to 5.00000",
     ),
+    (
+        lambda dataset: dataset.isel(longitude=[0], latitude=[0]),
+        "its point at 4.500, 60.500 degrees is 62 km from the area",
+    ),
 ]
 
 PARTITIONS = [
     (without("ptp0"), "has phs0 but no ptp0"),
+    (values("ptp0", everywhere(np.nan)), "ptp0: is missing where phs0 is 4 m"),
     (values("pspr0", everywhere(120.0)), "pspr0: 2.09.*; allowed: 0 to 1.41"),
+    (forecasts, "phs0: has a dimension 'step' beside those of its place and time"),
 ]
 
 CORNER = LocalFrame(5.0, 60.0)

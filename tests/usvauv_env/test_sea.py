@@ -1,16 +1,15 @@
-"""The sea of a scenario, with worlds and alone: the same for any grid and number of seas, its statistics, no shock."""
+"""The sea of a scenario: the same for every grid and number of seas, with the stated statistics, without a shock."""
 
 import math
 
 import numpy as np
 import pytest
-import torch
 from scipy.integrate import quad
 
 from usvauv.env import Scenario
 from usvauv.env.sea.long_waves import boundary_waves, build_sea, long_wave_rms
-from usvauv.env.sea.simulation import SeaSimulation
 from usvauv.env.site.site import Site
+from usvauv.kernels.shallow_water.discretisation import Packing
 
 SIDES = ["west", "east", "south", "north"]
 
@@ -22,6 +21,16 @@ def scenario(width: float = 200.0, length: float = 200.0, **sea) -> Scenario:
 def sea_of(scenario: Scenario, seed: int, num_seas: int, cells: tuple[int, int] | None = None):
     """Seas of a scenario at its own site."""
     return build_sea(Site(scenario), [(seed, sea) for sea in range(num_seas)], cells)
+
+
+def between_cells(fine: np.ndarray, cells: tuple[int, int]) -> np.ndarray:
+    """A finely resolved elevation at the cell centres of another grid, bilinear."""
+    for axis, count in ((0, cells[1]), (1, cells[0])):
+        at = (np.arange(count) + 0.5) * fine.shape[axis] / count - 0.5
+        low = np.clip(np.floor(at).astype(int), 0, fine.shape[axis] - 2)
+        weight = (at - low).reshape((-1, 1) if axis == 0 else (1, -1))
+        fine = np.take(fine, low, axis) * (1 - weight) + np.take(fine, low + 1, axis) * weight
+    return fine
 
 
 STORM = {"forced_edge": "west", "irregular_rms": 0.5, "regular_amplitude": 0.3}
@@ -84,6 +93,29 @@ class TestForcing:
             np.testing.assert_allclose(found, np.broadcast_to(expected, found.shape), atol=1e-4)
             sea.advance()
 
+    def test_open_basin_carries_a_progressive_wave(self):
+        """Forced in the west with an open east: e^{i(ωt − kx)} from the start on, in exact arithmetic."""
+        wave = {"regular_amplitude": 1.0, "regular_period": 60.0}
+        sea = sea_of(scenario(forced_edge="west", radiating_edges=["east"], **wave), 0, 1, (100, 20))
+        k = 2 * math.pi / 60 / math.sqrt(9.81 * 120)
+        x = (np.arange(100) + 0.5) * 2
+        for _ in range(90):
+            expected = np.cos(2 * math.pi / 60 * sea.time - k * x)
+            np.testing.assert_allclose(sea.elevation()[0], np.broadcast_to(expected, (20, 100)), atol=1e-3)
+            sea.advance()
+
+    def test_incoming_wave(self):
+        """Prescribed as the incoming wave at the open side opposite a wall: twice its amplitude stands at the wall."""
+        wave = {"regular_amplitude": 1.0, "regular_period": 40.0, "forcing": "incident"}
+        sea = sea_of(scenario(forced_edge="west", **wave), 0, 1, (100, 20))
+        k = 2 * math.pi / 40 / math.sqrt(9.81 * 120)
+        x = (np.arange(100) + 0.5) * 2
+        for _ in range(90):
+            t = sea.time * 2 * math.pi / 40
+            expected = np.cos(t - k * x) + np.cos(t + k * (x - 400))
+            np.testing.assert_allclose(sea.elevation()[0], np.broadcast_to(expected, (20, 100)), atol=2e-3)
+            sea.advance()
+
     def test_forcing_sets_in_smoothly(self):
         """The record at the wall is smooth: no second difference in time is larger than the waves' own, a ω² dt²."""
         storm = scenario(forced_edge="west", irregular_rms=1.0, update_interval=1.0)
@@ -96,10 +128,44 @@ class TestForcing:
         assert np.abs(np.diff(wall, n=2)).max() < most
 
 
+class TestResolution:
+    def test_table_1_and_fine_grid_see_the_same_storm(self):
+        """With forcing and drag: the error against 512² is what Richardson predicts from 25² and 50², a third of
+        their difference; half of it is allowed."""
+        sea = {"forced_edge": "south", "irregular_rms": 0.5, "drag": 0.01}
+        storm = scenario(**sea, update_interval=2.0)
+        coarse, middle, fine = (sea_of(storm, 9, 1, cells) for cells in ((25, 25), (50, 50), (512, 512)))
+        predicted, found = 0.0, 0.0
+        for _ in range(10):
+            for solver in (coarse, middle, fine):
+                solver.advance()
+            seen = middle.elevation()[0]
+            at_coarse = between_cells(seen.astype(float), (25, 25))
+            predicted += np.mean((coarse.elevation()[0] - at_coarse) ** 2)
+            found += np.mean((seen - between_cells(fine.elevation()[0].astype(float), (50, 50))) ** 2)
+        assert math.sqrt(found) < math.sqrt(predicted) / 2
+        assert math.sqrt(found / 10) < 0.05 * np.std(seen)
+
+
 CALM = {"forced_edge": "south", "irregular_rms": 0.02, "update_interval": 2.0}
 
 
 class TestNonlinear:
+    def test_packed_fields_are_those_of_the_solvers(self):
+        """The packed elevation is the solvers' own, and goes back with the state, bit for bit."""
+        sea = sea_of(scenario(**CALM, equations="nonlinear"), 3, 19, (20, 15))
+        fields, clocks = sea.state()
+        before = sea.elevation()
+        sea.advance()
+        after = sea.elevation()
+        np.testing.assert_array_equal(Packing(19, 20, 15).unpack(sea.eta, 0, 15)[:, :, :-1], after)
+        assert np.abs(after - before).max() > 1e-3
+        sea.load_state(fields, clocks)
+        np.testing.assert_array_equal(Packing(19, 20, 15).unpack(sea.eta, 0, 15)[:, :, :-1], before)
+        sea.advance()
+        np.testing.assert_array_equal(sea.elevation(), after)
+        assert sea.time == 2.0
+
     def test_high_waves_over_shallow_water_steepen(self):
         """A wave of a fifth of the depth: the crest catches up with the trough before it, unlike the linear one."""
         about = {"forced_edge": "west", "radiating_edges": ["east"], "regular_amplitude": 1.0, "regular_period": 20.0}
@@ -148,6 +214,16 @@ class TestOpenWater:
         np.testing.assert_allclose(np.sqrt(squares), rms, rtol=0.02)
         np.testing.assert_allclose(squares, squares.mean(), rtol=0.01)
 
+    def test_no_resonance(self):
+        """A wave four times as long as the area, ten times as high at a wall as at the edge, is as high everywhere."""
+        wide = Scenario.load("wide", ["sea.irregular_rms=0", "sea.regular_amplitude=0.1", "sea.regular_period=69.9"])
+        sea = sea_of(wide, 0, 1)
+        highest = np.zeros((sea.ny, sea.nx))
+        for _ in range(700):
+            sea.advance()
+            highest = np.maximum(highest, sea.elevation()[0])
+        np.testing.assert_allclose(highest, 0.1, rtol=0.01)
+
     def test_infragravity_height(self):
         """α1 Hs Tm² √(g/h) of the spectrum integrated here: two decimetres over 120 m."""
 
@@ -175,44 +251,3 @@ def test_table_1_tide_is_flat():
     elevation = sea.elevation()[0]
     assert elevation.mean() == pytest.approx(5.0, abs=1e-3)
     assert np.ptp(elevation) < 64 * np.spacing(np.float32(5))
-
-
-WIDTH, LENGTH, SHAPE = 210.0, 100.0, (7, 5)  # cells of 30 × 20 m
-WAVES = {"forced_edge": "west", "irregular_rms": 0.5}
-
-
-@pytest.fixture
-def vortices(device) -> torch.Tensor:
-    return torch.tensor([[[90.0, 40.0, 30.0, 10.0], [110.0, 60.0, 30.0, 15.0]]], device=device)
-
-
-def alone(step: float = 1.0, **current: object) -> Scenario:
-    return Scenario.from_dict(
-        {
-            "area": {"width": WIDTH, "length": LENGTH},
-            "mission": {"step": step},
-            "sea": WAVES,
-            "storm": {"spectrum": "pm"},
-            "current": current,
-        }
-    )
-
-
-class TestVortices:
-    def test_cores_spread(self, vortices):
-        """dδ²/dt = 4ν; what was given stays as it is."""
-        sea = SeaSimulation(alone(viscosity=0.7), 0, SHAPE, 1.6, vortices)
-        given = vortices.cpu().numpy().copy()
-        for _ in range(3):
-            sea.advance()
-        np.testing.assert_allclose(sea.vortices[:, 3] ** 2, np.array([100, 225]) + 4 * 0.7 * 4.8, rtol=1e-5)
-        np.testing.assert_array_equal(sea.vortices[:, :3], given[0, :, :3])
-        np.testing.assert_array_equal(vortices.cpu(), given)
-        assert not sea.steady
-
-    def test_that_neither_spread_nor_move_are_steady(self, vortices):
-        sea = SeaSimulation(alone(), 0, SHAPE, 1.0, vortices)
-        sea.advance()
-        np.testing.assert_array_equal(sea.vortices, vortices[0].cpu())
-        assert sea.steady
-        assert SeaSimulation(alone(viscosity=1, mutual=True), 0, SHAPE, 1.0).steady  # has none

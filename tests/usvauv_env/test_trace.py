@@ -203,7 +203,7 @@ def test_a_trace_is_what_it_says_it_is(trace, tmp_path, change, match):
     assert str(caught.value).isprintable()
 
 
-def test_scores_of_a_mission_are_those_of_its_file_and_files_of_earlier_versions_are_read(tmp_path):
+def test_trace_survives_its_file(tmp_path):
     scenario = Scenario.load("extreme", ["mission.duration=20"])
     world = World(scenario, num_worlds=2, seed=1)
     player = policies.load("straight", world)
@@ -211,6 +211,10 @@ def test_scores_of_a_mission_are_those_of_its_file_and_files_of_earlier_versions
     path = tmp_path / "t.nc"
     trace.save(path)
     again = Trace.load(path)
+    assert again.scenario == scenario
+    assert (again.policy, again.usv, again.seed, again.reward_names) == ("straight", "fim", 1, world.reward_names)
+    for name in VARIABLES:
+        np.testing.assert_array_equal(getattr(again, name), getattr(trace, name), err_msg=name)
     with xarray.open_dataset(path) as file:
         for name, variable in file.variables.items():
             if name in ("x", "y"):

@@ -1,28 +1,19 @@
-"""Waves from files against closed forms, the seas drawn from them, and wind sea and swells of a scenario."""
+"""Waves from files: directions, energies and spreads against closed forms, and the seas that are drawn from them."""
 
 import math
 
 import numpy as np
 import pytest
 
-from tests.usvauv_env.ocean_files import cmems, sloping, write
+from tests.usvauv_env.ocean_files import cmems, write
 from tests.usvauv_env.wave_files import era5, fields, partitions, scenario_of, spectrum_of, waves_of, ww3
-from usvauv.cli.sea_view.figure import target_spectrum, wanted
 from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.scenario.sea import Storm
-from usvauv.env.sea.storm import (
-    band,
-    cumulative,
-    shallowest_valid_depth,
-    total_height,
-    uneven_bed_warning,
-    wave_systems,
-)
-from usvauv.env.sea.water import build_short_waves, current_bound
+from usvauv.env.sea.storm import band, cumulative, total_height, wave_systems
+from usvauv.env.sea.water import build_short_waves
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site
 from usvauv.env.site.waves import WaveSpectrum
-from usvauv.env.world.current_statistics import current_parts
 from usvauv.env.world.tables import wind
 from usvauv.kernels.positioning.sonar import wind_of_developed_sea
 
@@ -351,58 +342,3 @@ class TestInAScenario:
             world.storm.set_time(float(time))
             squares.append(np.mean(world.storm.elevation(0, place, place).astype(float) ** 2))
         assert 4 * math.sqrt(np.mean(squares)) == pytest.approx(5.0, rel=0.05)
-
-
-SECOND = "storm.swells=[[3.0, 16.0, 3.3, 0.5, 40.0]]"
-ALONE = ["storm.significant_height=3", "storm.peak_period=16", "storm.gamma=3.3", "storm.spreading=40"]
-
-
-def load(*changes: str) -> Scenario:
-    return Scenario.load("extreme", ["sea.irregular_rms=0", *changes])
-
-
-def test_energies_add_up():
-    both, wind_sea, swell = load(SECOND), load(), load(*ALONE)
-    assert both.storm.total_height == pytest.approx(math.hypot(6.5, 3.0))
-    f, S = target_spectrum(Site(both))
-    assert 4 * math.sqrt(np.trapezoid(S, f)) == pytest.approx(math.hypot(6.5, 3.0), rel=1e-4)
-    assert wanted(both.storm.systems).height == both.storm.total_height
-    assert wanted(both.storm.systems).spread > wanted(wind_sea.storm.systems).spread
-    waves = [
-        parts for parts in current_parts(Site(both)) if parts not in current_parts(Site(load("storm.spectrum=none")))
-    ]
-    apart = [current_parts(Site(each)) for each in (wind_sea, swell)]
-    assert all(any(wave in parts for parts in apart) for wave in waves)
-    assert len(waves) == 2
-    still = current_bound(Site(load("storm.spectrum=none"))) / 1.001
-    bounds = [current_bound(Site(each)) / 1.001 - still for each in (both, wind_sea, swell)]
-    assert bounds[0] == pytest.approx(math.hypot(*bounds[1:]), rel=1e-5)
-
-
-def test_long_waves_shoal_by_greens_law():
-    """Heights go as h^(−1/4), so 10 % more are at h/1.1⁴."""
-    shallow = ["area.depth=10", "auv.depth=8", "sea.irregular_rms=0", "storm.significant_height=0.01"]
-    limit = shallowest_valid_depth(Site(load(*shallow, "storm.peak_period=30")))
-    assert limit == pytest.approx(10 / 1.1**4, rel=0.05)
-    assert shallowest_valid_depth(Site(load(*shallow[:3], "storm.significant_height=5.4"))) == pytest.approx(
-        9.0, rel=0.01
-    )
-
-
-def test_says_where_the_storm_is_wrong(tmp_path):
-    bed = write(sloping(), tmp_path / "bed.nc")
-    place = ["water.longitude=5.05", "water.latitude=60.05", "area.width=5000", "area.length=5000", "sea.cell_size=100"]
-    line = uneven_bed_warning(Site(load(*place, f"water.bathymetry={bed}")))
-    assert "in water shallower than" in line
-    assert "\n" not in line
-    assert uneven_bed_warning(Site(load(*place, f"water.bathymetry={bed}", "storm.spectrum=none"))) == ""
-    assert uneven_bed_warning(Site(load())) == ""
-
-
-def test_a_command_says_it_too(tmp_path, run_usvauv):
-    bed = write(sloping(), tmp_path / "bed.nc")
-    place = ["water.longitude=5.05", "water.latitude=60", "area.width=2000", "area.length=2000", "sea.cell_size=100"]
-    sea = ["auv.depth=20", "storm.significant_height=4", "storm.peak_period=18", SECOND.replace("16.0", "28.0")]
-    changes = [part for change in (*place, *sea, f"water.bathymetry={bed}") for part in ("--set", change)]
-    code, said, _ = run_usvauv("scenarios", "extreme", "--check", *changes)
-    assert (code, " ".join(said.split()).count("warning storm: its waves are those of the mean depth")) == (0, 1)

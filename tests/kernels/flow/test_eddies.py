@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import torch
+from scipy.integrate import solve_ivp
 from scipy.special import exp1
 
 from benchmarks.studies.eddies import PeriodicFlow, vorticity
@@ -84,6 +85,18 @@ class TestField:
         )
 
 
+def velocities(vortices: np.ndarray) -> np.ndarray:
+    """Of the centres of one pattern, (V, 2) float64."""
+    z = (vortices[:, 0] + 1j * vortices[:, 1]) / L
+    z = z[:, None] - z
+    z -= np.round(z.real) + 1j * np.round(z.imag)
+    r2 = np.abs(z) ** 2 + np.eye(len(z))
+    pole = -np.expm1(-r2 * L**2 / np.add.outer(vortices[:, 3] ** 2, vortices[:, 3] ** 2)) / r2 * (1 - np.eye(len(z)))
+    zeta = (pole - math.pi) * z.conj() - sum(c * z ** (4 * k - 1) for k, c in enumerate(IMAGES, 1))
+    w = zeta @ vortices[:, 2] / (2j * math.pi * L)
+    return np.stack([w.real, -w.imag], axis=1)
+
+
 def energy(vortices: np.ndarray) -> np.ndarray:
     """−Σ Γ_i Γ_j/(2π) (½ (ln s + E1(s)) … less the images) of pairs, (W,): what the motion keeps."""
     d = vortices[:, :, None, :2] - vortices[:, None, :, :2]
@@ -107,6 +120,21 @@ class TestMotion:
         assert np.abs(energy(end) - energy(start)).max() < 5e-3 * scale
         assert (np.abs(end[..., :2] - CENTRE) <= L / 2 + 1e-3).all()
         assert (np.abs(end[..., :2] - start[..., :2]) > L / 2).any()
+
+    def test_steps_of_a_second(self, device):
+        """100 s beside SciPy: of a method of second order the errors would be tenfold."""
+        start = drawn(3)
+        end = Carried(device, start, 1.0).after(100)[..., :2]
+        for own, found in zip(start, end, strict=True):
+            exact = solve_ivp(
+                lambda _, at, own=own: velocities(np.column_stack([at.reshape(-1, 2), own[:, 2:]])).ravel(),
+                (0.0, 100.0),
+                own[:, :2].ravel(),
+                rtol=1e-9,
+                atol=1e-9,
+            ).y[:, -1]
+            way = found - exact.reshape(-1, 2)
+            assert np.abs(way - L * np.round(way / L)).max() < 2e-3
 
     def test_impulse_while_none_leaves(self, device):
         start = np.array([[(80, 80, 150, 20), (120, 90, -90, 15), (100, 60, 60, 25)]], float)
@@ -166,6 +194,14 @@ def test_stationary(device):
 
 class TestReference:
     """The solver by which `benchmarks.studies.eddies` judges them."""
+
+    def test_taylor_green_decays(self):
+        k, nu = 2 * math.pi / L * 3, 2.0
+        at = L / 32 * np.arange(32)
+        start = np.cos(k * at) * np.cos(k * at[:, None])
+        flow = PeriodicFlow(start, L, viscosity=nu)
+        flow.advance(100.0)
+        np.testing.assert_allclose(np.fft.irfft2(flow.spectrum), start * math.exp(-2 * nu * k * k * 100), atol=1e-6)
 
     def test_a_lone_vortex_spreads(self):
         """As Lamb and Oseen say, δ² = δ0² + 4νt."""

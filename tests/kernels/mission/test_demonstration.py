@@ -87,6 +87,15 @@ def test_proximity_once_a_pair(pair):
     assert (term(pair, "proximity")[:, 1] == 0).all()
 
 
+def test_a_refused_move_costs_what_hovering_does(pair):
+    pair.reset()
+    pair.auv[..., AuvColumn.x] = 199.9
+    pair.step(torch.ones(16, 2, 2) * torch.tensor([1.0, 0.0]))
+    assert (pair.auv[..., AuvColumn.border] == 1).all()
+    assert (pair.auv[..., AuvColumn.power] == 105).all()
+    assert term(pair, "power").numpy() == pytest.approx(-0.085 * 105, rel=1e-6)
+
+
 @pytest.mark.parametrize("depth", [120, 300])
 def test_vertical_separation_is_the_cruise_depth(depth):
     """To node and boat; the depth of the water has no part. Rate: 1 kHz log2(1 + 10^SNR), SNR in dB over the slant."""

@@ -7,7 +7,8 @@ import pytest
 import torch
 from torch.func import jacrev
 
-from tests.kernels.planning.reference import KINDS, SYSTEMATIC, random_layouts, sigma, table
+from tests.kernels.planning.reference import CODES, KINDS, SYSTEMATIC, random_layouts, sigma, table
+from usvauv.kernels.planning import objectives, search
 from usvauv.kernels.planning.information import FIX, PHASE, information_batch, tilted_batch
 from usvauv.kernels.positioning import acoustic_link, usbl
 
@@ -80,6 +81,36 @@ class TestLevelArray:
             H = (jacrev(phases)(boat) / deviation[:, None, None]).reshape(-1, 2)
             assert torch.allclose(H.T @ H, J, rtol=1e-5, atol=2e-6 * J.trace().item())
 
+    @pytest.mark.parametrize("place", ["fim", "corner"])
+    @pytest.mark.parametrize("measurement", [PHASE, FIX])
+    def test_the_scatter_of_fixes_meets_the_bound(self, device, place, measurement):
+        """Of each of two AUVs alone, and of the one offset that both measure; phases are drawn where noise is small."""
+        auvs = torch.tensor([[60.0, 140.0, -100.0], [150.0, 95.0, -100.0]], device=device)
+        boat = auvs.new_zeros(2)
+        level = 192.0 if measurement == PHASE else 162.0
+        link = table(device, 2, source_level=level, attitude_error=0.0 if measurement == PHASE else ERROR)
+        if place == "fim":
+            boat = search.plan_batch(link, auvs[None], code=objectives.objective_code("fix", "d"))[0, :2]
+        J, samples = [], []
+        for k in range(2):
+            offset = torch.cat([auvs[k, :2] - boat, auvs[k, 2:]])
+            noise = torch.randn(200_000, 5, generator=torch.Generator().manual_seed(k)).to(device)
+            if measurement == PHASE:
+                S = offset.norm().item()
+                u = (offset[:2] / S + sigma(2, [S, S], level)[k] / link[k, acoustic_link.KAPPA] * noise[:, :2]).double()
+                found = u * offset[2].abs().item() / (1 - u.square().sum(1, keepdim=True)).sqrt()
+            else:
+                true = offset.expand(len(noise), 3).contiguous()
+                auv = torch.full((len(noise),), k, dtype=torch.int32, device=device)
+                found = usbl.fixes(link, auv, true, true.new_zeros(len(noise), 2), noise)[0][:, :2].double()
+            samples.append(found.cpu().numpy())
+            alone = link[k : k + 1].contiguous(), auvs[None, k : k + 1].contiguous()
+            J.append(matrix(information_batch(*alone, boat[None], measurement=measurement))[0].numpy())
+        both = (samples[0] @ J[0] + samples[1] @ J[1]) @ np.linalg.inv(J[0] + J[1])
+        for sample, total in ((samples[0], J[0]), (samples[1], J[1]), (both, J[0] + J[1])):
+            bound = np.linalg.inv(total)
+            assert np.abs(np.cov(sample.T) - bound).max() < 0.02 * np.trace(bound)
+
 
 OFFSETS = [[0.0, 0.0, -100.0], [70.0, -45.0, -104.0], [-130.0, 90.0, -98.0], [15.0, 20.0, -12.0]]
 SLOPES = [[0.0, 0.0], [0.1, -0.05], [-0.2, 0.25]]
@@ -148,3 +179,79 @@ class TestTiltedArray:
             row = torch.full((len(noise),), k, dtype=torch.int32, device=device)
             found = usbl.fixes(link, row, many, slopes, noise)[0][:, :2].double().cpu().numpy()
             assert np.abs(np.cov(found.T) - c.numpy()).max() < 0.02 * c.trace().item()
+
+
+def turning(angle: float) -> torch.Tensor:
+    c, s = math.cos(angle), math.sin(angle)
+    return torch.tensor([[c, -s], [s, c]], dtype=torch.float64)
+
+
+def turned(vectors: torch.Tensor, angle: float) -> torch.Tensor:
+    """Vectors whose first two components are turned about the origin, float32."""
+    horizontal = vectors[..., :2].double().cpu() @ turning(angle).T
+    return torch.cat([horizontal.float().to(vectors.device), vectors[..., 2:]], dim=-1).contiguous()
+
+
+class TestAnyLayout:
+    @pytest.mark.parametrize("measurement", [PHASE, FIX])
+    @pytest.mark.parametrize("noise", [{}, {"planner_noise": "constant"}, {"noise_law": "demonstration"}])
+    def test_another_auv_adds_positive_information(self, device, layouts, attitude_error, noise, measurement):
+        """J of all, of all but one, and their difference are positive, to the rounding of the larger eigenvalue."""
+        boats, points = layouts
+        link = table(device, K, attitude_error=attitude_error, **noise)
+        every = matrix(information_batch(link, points, boats, measurement=measurement))
+        part = link[:-1].contiguous(), points[:, :-1].contiguous()
+        few = matrix(information_batch(*part, boats, measurement=measurement))
+        scale = torch.linalg.eigvalsh(every)[:, 1]
+        assert (scale > 0).all()
+        for J in (every, few, every - few):
+            assert (torch.linalg.eigvalsh(J)[:, 0] >= -1e-6 * scale).all()
+        if measurement == PHASE:
+            value = [
+                objectives.log_objective_batch(*team, boats, code=CODES["sum phase"])[:, 0]
+                for team in ((link, points), part)
+            ]
+            assert (value[0] >= value[1] - 1e-4).all()
+
+    @pytest.mark.parametrize("angle", [0.4, -2.2])
+    def test_turns_with_the_frame(self, device, layouts, attitude_error, angle):
+        """J of a turned layout is R J Rᵀ; an objective's value stays, its gradient and Hessian turn."""
+        boats, points = layouts
+        link, R = table(device, K, attitude_error=attitude_error), turning(angle)
+        there = turned(points, angle), turned(boats, angle)
+        for measurement in (PHASE, FIX):
+            plain = matrix(information_batch(link, points, boats, measurement=measurement))
+            found = matrix(information_batch(link, *there, measurement=measurement))
+            scale = plain.diagonal(dim1=1, dim2=2).sum(1)[:, None, None]
+            assert ((found - R @ plain @ R.T).abs() < 3e-5 * scale).all()
+        for code in CODES.values():
+            plain = objectives.log_objective_batch(link, points, boats, code=code).double().cpu()
+            found = objectives.log_objective_batch(link, *there, code=code).double().cpu()
+            np.testing.assert_allclose(found[:, 0], plain[:, 0], atol=1e-4)
+            gradient, curvature = plain[:, 1:3] @ R.T, R @ matrix(plain[:, 3:]) @ R.T
+            assert (found[:, 1:3] - gradient).abs().max() < 1e-3 * gradient.abs().max()
+            assert (matrix(found[:, 3:]) - curvature).abs().max() < 1e-3 * curvature.abs().max()
+
+    def test_a_tilted_arrays_turns_with_the_frame_and_is_positive(self, device):
+        """With a true attitude: its errors are those of pitch and roll, which are axes of the array."""
+        g = torch.Generator().manual_seed(1)
+        offsets = torch.cat(
+            [200 * torch.rand(300, 2, generator=g) - 100, -60 - 60 * torch.rand(300, 1, generator=g)], 1
+        )
+        slopes = 0.6 * torch.rand(300, 2, generator=g) - 0.3
+        auv, R = torch.zeros(300, dtype=torch.int32, device=device), turning(0.4)
+        link = table(device, 1)
+        for measurement in (PHASE, FIX):
+            both = [
+                tilted_batch(
+                    link, auv, turned(offsets, a).to(device), turned(slopes, a).to(device), measurement=measurement
+                )
+                for a in (0.0, 0.4)
+            ]
+            for before, after in zip(both[0][:2], both[1][:2], strict=True):
+                plain, found = matrix(before), matrix(after)
+                values = torch.linalg.eigvalsh(plain)
+                assert (values[:, 1] > 0).all()
+                assert (values[:, 0] >= -1e-6 * values[:, 1]).all()
+                scale = plain.diagonal(dim1=1, dim2=2).sum(1)[:, None, None]
+                assert ((found - R @ plain @ R.T).abs() < 1e-4 * scale).all()

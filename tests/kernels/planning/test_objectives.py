@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch.func import grad, jacrev, vmap
 
-from tests.kernels.planning.reference import CODES, log_objective, random_layouts, table
+from tests.kernels.planning.reference import CODES, KINDS, log_objective, random_layouts, table, unequal_links
 from usvauv.kernels.planning import objectives, search
 from usvauv.kernels.planning.information import FIX, MEASUREMENTS, information_batch, tilted_batch
 
@@ -94,6 +94,33 @@ def test_blocks_of_the_covariance_of_all_positions(device, measurement, systemat
         code = objectives.objective_code(measurement, name)
         value = objectives.log_objective_batch(link, points, boat, code=code)[:, 0].double().cpu()
         torch.testing.assert_close(value, expected, atol=2e-4, rtol=0)
+
+
+@pytest.mark.parametrize("code", CODES.values(), ids=CODES)
+def test_order_and_mirror_change_nothing(device, code):
+    n, K = 10 * len(KINDS), 4
+    points = torch.cat([random_layouts(kind, 10, K, 200.0, 3) for kind in KINDS]).to(device)
+    link, boat = table(device, K, attitude_error=0.003, systematic=True), random_boats(n, 4).to(device)
+    plain = objectives.log_objective_batch(link, points, boat, code=code)
+    order = torch.tensor([2, 0, 3, 1], device=device)
+    mixed = objectives.log_objective_batch(link[order].contiguous(), points[:, order].contiguous(), boat, code=code)
+    torch.testing.assert_close(mixed, plain, rtol=1e-4, atol=3e-5)
+    mirror = torch.tensor([-1.0, 1.0, 1.0], device=device)
+    found = objectives.log_objective_batch(link, points * mirror, boat * mirror[:2], code=code)
+    signs = torch.tensor([1.0, -1, 1, 1, -1, 1], device=device)
+    torch.testing.assert_close(found * signs, plain, rtol=1e-6, atol=1e-7)
+
+
+@pytest.mark.parametrize("K", [2, 5])
+@pytest.mark.parametrize("code", CODES.values(), ids=CODES)
+def test_value_of_unequal_links_is_that_of_double_precision(device, code, K):
+    """At random places, and far out where the AUVs lie in a line with the boat: there the sum is nearly singular."""
+    for side, link, points in unequal_links(K, 2000 + K, 12, 100):
+        boat = side * torch.rand(100, 2, generator=torch.Generator().manual_seed(K))
+        points[::2, :, 1] = boat[::2, 1:] + 0.01 * points[::2, :, 2] / side
+        value = objectives.log_objective_batch(link.to(device), points.to(device), boat.to(device), code=code)
+        exact = log_objective(boat.double(), points.double(), link.double(), code)
+        assert (value[:, 0].double().cpu() - exact).abs().max() < 1e-3
 
 
 def test_layouts_that_are_refused(device):

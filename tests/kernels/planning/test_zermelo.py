@@ -325,6 +325,22 @@ class TestWalls:
         problem.cost.copy_(kept)
 
 
+class TestSymmetry:
+    @pytest.mark.parametrize("turns", [1, 2, 3])
+    def test_turned_fields_have_turned_solutions(self, device, turns):
+        flow, goal, start = vortex(nodes(51)), np.array(GOAL), np.array([[170.0, 140.0]])
+        turn = np.linalg.matrix_power(np.array([[0.0, -1.0], [1.0, 0.0]]), turns)
+        centre = np.array([100.0, 100.0])
+        turned = np.rot90(flow, -turns, axes=(0, 1)) @ turn.T  # row 0 is in the south
+        plain = Problem(device, flow[None], [goal])
+        other = Problem(device, turned[None], [centre + turn @ (goal - centre)])
+        np.testing.assert_allclose(other.costs(), np.rot90(plain.costs(), -turns), rtol=2e-4, atol=2e-3)
+        water = vortex(start)
+        velocity = plain.steer(plain.put(start), plain.put(water)).cpu().numpy()
+        there = other.steer(other.put(centre + (start - centre) @ turn.T), other.put(water @ turn.T))
+        np.testing.assert_allclose(there.cpu().numpy(), velocity @ turn.T, atol=0.03)
+
+
 class TestPolicy:
     def test_without_a_way_it_does_as_crab(self):
         scenario = Scenario.load("extreme", ['storm.spectrum="none"'])

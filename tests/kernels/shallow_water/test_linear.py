@@ -5,12 +5,15 @@ state variable is rounded about four times a substep; in waves these errors add 
 """
 
 import math
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.cases.plain import ROUNDING, SIDES, PlainScheme, centres, rough_bed, waves
-from usvauv.kernels.shallow_water import linear
+from usvauv.kernels.shallow_water import discretisation, linear
 from usvauv.kernels.shallow_water.linear import ShallowWater
 
 KINDS = ("forced", "incident", "radiating", "sponge")
@@ -120,6 +123,22 @@ class TestBoundaries:
 
 
 class TestDiagnostics:
+    def test_chunks_of_rows_change_nothing(self, monkeypatch):
+        """The host works on a few rows at a time: here on one, and on all."""
+        boundaries = dict(zip(SIDES, KINDS, strict=True))
+        seen = []
+        for chunk in (1, 10**9):
+            monkeypatch.setattr(discretisation, "CHUNK", chunk)
+            solver = open_sea(boundaries, depth=rough_bed(37, 29), interval=0.5, num_seas=2, drag=0.01)
+            random = np.random.default_rng(2)
+            solver.set_forcing(*waves(1.0, 9.0, 0.3, 2))
+            u, v = random.normal(size=(2, 29, 38)), random.normal(size=(2, 30, 37))
+            solver.set_state(random.normal(size=(2, 29, 37)), u, v)
+            solver.advance()
+            seen.append([solver.elevation(), *solver.velocity(), solver.mass(), solver.energy()])
+        for one, other in zip(*seen, strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-12)
+
     @pytest.mark.parametrize("boundaries", [{}, {"south": "forced", "east": "forced"}])
     def test_mass_and_energy_are_those_of_the_integrals(self, boundaries):
         """Of two seas with a wave and an even current, in cells that are no squares."""
@@ -154,6 +173,41 @@ class TestDiagnostics:
             assert solver.time == 1.0
             seen.append([solver.elevation(), *solver.velocity()])
         np.testing.assert_array_equal(*seen)
+
+
+MEMORY = """
+import numpy as np
+from usvauv.kernels.shallow_water.linear import ShallowWater
+
+def sea(n):
+    depth = np.full((n, n), 50, np.float32) + np.arange(n, dtype=np.float32)[:, None] / n
+    eta = np.ones((1, n, n), np.float32)
+    solver = yield depth, eta
+    solver = ShallowWater(size=(n, n), cells=(n, n), depth=depth, interval=1.0, boundaries={"west": "radiating"})
+    solver.set_state(eta)
+    solver.advance()
+    yield solver
+
+def status(name):
+    return next(int(line.split()[1]) * 1024 for line in open("/proc/self/status") if line.startswith(name))
+
+for n in (64, 4096):  # the small one compiles
+    run = sea(n)
+    next(run)
+    before = status("VmRSS")
+    solver = run.send(None)
+held = sum(array.nbytes for array in (solver._state, solver._C, solver._prescribed, solver._coefficient_row))
+print(status("VmHWM") - before, held)
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads the peak of the process from Linux")
+def test_memory_is_that_of_the_fields():
+    """Peak of construction, start and first interval over what was there before: within 10% of the arrays held."""
+    run = subprocess.run([sys.executable, "-c", MEMORY], capture_output=True, text=True, cwd=Path(__file__).parents[3])
+    peak, held = map(int, run.stdout.split()[-2:])
+    assert held > 190 * 2**20
+    assert peak < 1.1 * held, f"{peak / held:.3f}"
 
 
 class TestAgainstPlainNumpy:
@@ -192,3 +246,35 @@ class TestAgainstPlainNumpy:
             states.append(solver.elevation())
             assert solver.time == time + 6
         np.testing.assert_allclose(states[0], states[1], atol=1e-5)  # f64 phase at 10⁶ s: 1e-10; the rest is f32
+
+
+MIRRORS = {
+    "x": (lambda field: field[..., ::-1], {"west": "east", "east": "west"}),
+    "y": (lambda field: field[..., ::-1, :], {"south": "north", "north": "south"}),
+    "diagonal": (
+        lambda field: field.swapaxes(-1, -2),
+        {"west": "south", "south": "west", "east": "north", "north": "east"},
+    ),
+}
+
+
+@pytest.mark.parametrize("mirror", MIRRORS)
+def test_mirrored_sea_stays_mirrored(mirror):
+    """With an incoming wave at one side and every other kind of boundary round about."""
+    turn, side = MIRRORS[mirror]
+    boundaries = {"west": "incident", "east": "radiating", "south": "sponge", "north": "forced"}
+    depth = rough_bed(31, 31)
+    depth[:, [0, -1]] = depth[[0, -1]] = 60.0
+    common = {"size": (310, 310), "cells": (31, 31), "interval": 1.0, "sponge_width": 60.0}
+    one = ShallowWater(depth=depth, boundaries=boundaries, **common)
+    mirrored = {side.get(name, name): kind for name, kind in boundaries.items()}
+    other = ShallowWater(depth=np.ascontiguousarray(turn(depth)), boundaries=mirrored, **common)
+    eta = np.random.default_rng(3).normal(size=(1, 31, 31)) * (depth > 0)
+    for solver, surface in ((one, eta), (other, turn(eta))):
+        solver.set_forcing(*waves(0.5, 12.0))
+        solver.set_state(np.ascontiguousarray(surface))
+        for _ in range(40):
+            solver.advance()
+    scale = np.abs(one.elevation()).max()
+    assert scale > 0.3
+    np.testing.assert_allclose(turn(one.elevation()), other.elevation(), atol=2e-5 * scale)

@@ -109,6 +109,17 @@ class TestSteps:
             assert track["propeller"].max() <= NUMBERS["propeller_limit"].default * 1.0001
             assert np.abs(track["pitch"]).max() < GAINS["pitch_limit"].default + np.radians(5)
 
+    def test_both_sides_alike(self):
+        """Without the propeller's torque, which heels the hull to port."""
+        turn = np.array([0.5, -0.5, 1.5, -1.5, 3.0, -3.0])
+        flown = fleet(6, {"torque_0": 0.0, "torque_1": 0.0})
+        flown.set(Command, heading=turn, depth=55.0)
+        track = fly(flown, 40)
+        for name in ("heading", "east", "rudder", "v", "r", "p"):
+            np.testing.assert_allclose(track[name][:, ::2], -track[name][:, 1::2], atol=2e-4)
+        for name in ("north", "depth", "stern", "u", "propeller"):
+            np.testing.assert_allclose(track[name][:, ::2], track[name][:, 1::2], atol=2e-4)
+
 
 class TestHeading:
     def test_the_shorter_way_round(self):
@@ -120,6 +131,18 @@ class TestHeading:
         np.testing.assert_allclose(np.degrees(turned[-1]), [20.0, -20.0, -20.0, -130.0], atol=1.0)
         assert np.abs(np.degrees(turned)).max() < 131.0
         np.testing.assert_allclose(angle(heading[-1] - end), 0.0, atol=np.radians(0.2))
+
+    def test_turns_keep_their_radius(self):
+        flown = fleet(len(SPEEDS), speed=np.array(SPEEDS))
+        track = fly(flown, 24, lambda t: flown.set(Command, heading=track_ahead(flown)))
+        radius = track["u"] / np.abs(track["r"])
+        np.testing.assert_allclose(radius[-1], GAINS["turn_radius"].default * NUMBERS["length"].default, rtol=0.05)
+
+
+def track_ahead(flown):
+    """A heading always 1.5 rad to starboard."""
+    q0, q1, q2, q3 = (flown.numpy(f"q{i}") for i in range(4))
+    return np.arctan2(2 * (q1 * q2 + q0 * q3), 1 - 2 * (q2**2 + q3**2)) + 1.5
 
 
 class TestBedAndSurface:
@@ -167,6 +190,14 @@ class TestBedAndSurface:
         track = fly(flown, 30)
         assert (50.0 + room - track["depth"]).min() > 0.9
 
+    def test_a_bed_that_comes_up_at_once(self):
+        flown = fleet(2, speed=[1.0, 2.0])
+        flown.set(Command, depth=150.0)
+        fly(flown, 40)
+        bed = flown.numpy("depth") + 2.0
+        flown.set(Surroundings, bed=bed)
+        assert (bed - fly(flown, 40)["depth"]).min() > 0.8
+
     def test_water_too_shallow_for_both(self):
         flown = fleet(2, None, {"bed": [4.0, 1.5], "depth": [2.5, 0.7]}, depth=[2.5, 0.7], altitude=5.0)
         track = fly(flown, 60)
@@ -194,6 +225,18 @@ class TestIntegrals:
         flown = fleet(len(SPEEDS), {"buoyancy": 2.0}, speed=np.array(SPEEDS))
         track = fly(flown, 200)
         np.testing.assert_allclose(track["depth"][-1][1:], 50.0, atol=0.05)
+
+    def test_a_given_memory_gives_the_same_substep_twice(self):
+        """Nothing is remembered outside `Memory`."""
+        flown = fleet(2)
+        flown.set(Command, heading=1.0, depth=60.0)
+        fly(flown, 3)
+        kept = flown.state.clone(), flown.memory.clone()
+        first = fly(flown, 1)
+        flown.state[:], flown.memory[:] = kept
+        second = fly(flown, 1)
+        np.testing.assert_array_equal(first["depth"], second["depth"])
+        np.testing.assert_array_equal(first["heading"], second["heading"])
 
 
 class Eddies:
@@ -258,3 +301,14 @@ class TestCurrents:
         assert course.max() < 3.0
         assert np.median(course) < 1.0
         assert depth.max() < 0.35
+
+
+class TestYoYo:
+    def test_it_goes_between_two_depths_at_twenty_degrees(self):
+        flown = fleet(3, depth=2.0, speed=np.array([1.0, 1.5, 2.0]))
+        track = fly(flown, 200, lambda t: flown.set(Command, depth=20.0 if t < 100 else 2.0))
+        assert np.abs(track["depth"][-1] - 2.0).max() < 0.05
+        assert np.abs(track["depth"].max(0) - 20.0).max() < 0.2
+        steepest = np.degrees(track["pitch"]).min(0), np.degrees(track["pitch"]).max(0)
+        assert np.abs(steepest[0] + 24).max() < 5
+        assert np.abs(steepest[1] - 24).max() < 5

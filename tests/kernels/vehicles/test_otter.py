@@ -13,6 +13,7 @@ from usvauv.kernels.functions import kernel
 from usvauv.kernels.types import array1, array2, vec2
 from usvauv.kernels.vehicles import otter
 from usvauv.kernels.vehicles.otter import HullColumn
+from usvauv.kernels.vehicles.vehicle import cross_flow
 
 NUMBERS = Otter.model_validate({}).model_dump()
 UNDAMPED = dict.fromkeys(("damping_surge", "damping_sway", "damping_yaw", "damping_turn", "cross_flow"), 0.0)
@@ -27,6 +28,14 @@ def sailed(hulls, orders, air=(0.0, 0.0), dt=0.1, time=10.0, **changes):
     orders, air = (torch.tensor(np.broadcast_to(x, (n, 2)).copy(), dtype=torch.float32) for x in (orders, air))
     otter.sail(torch.from_numpy(otter.table_of(NUMBERS | changes)), hull, orders, air, dt, round(time / dt), way)
     return hull.numpy().astype(float), way.numpy().astype(float)
+
+
+@kernel
+def integrals(flow: array2, length: ti.f32, out: array2):
+    for i in range(flow.shape[0]):
+        half = 0.5 * length
+        force, moment = cross_flow(flow[i, 0], half * flow[i, 1])
+        out[i, 0], out[i, 1] = half * force, half * half * moment
 
 
 @kernel
@@ -48,6 +57,16 @@ def along(v, r, power, half):
         return x**power * abs(v + x * r) * (v + x * r)
 
     return quad(local, -half, half, points=kinks, epsabs=1e-9)[0]
+
+
+def test_cross_flow_is_the_integral_along_the_hull():
+    flow = [(0.7, 0.0), (0.0, -0.4), (0.3, 0.2), (-0.1, 0.3), (0.05, -0.5), (0.0, 0.0), (0.2, 0.2)]
+    out = torch.zeros(len(flow), 2)
+    integrals(torch.tensor(flow), 2.0, out)
+    expected = [[along(v, r, power, 1.0) for power in (0, 1)] for v, r in flow]
+    np.testing.assert_allclose(out.numpy(), expected, rtol=1e-5, atol=1e-7)
+    assert out[0, 0].item() == pytest.approx(0.7**2 * 2)
+    assert out[1, 1].item() == pytest.approx(-(0.4**2) * 2**4 / 32)
 
 
 def energy(hull, numbers):
