@@ -106,7 +106,8 @@ def motion(wave: ti.template(), sea: ti.i32, level: ti.template(), x: ti.f32, y:
 def set_phases(start: double_lanes, frequency: double_lanes, clock: double1, wave: waves, serial: ti.template()):
     """Bring the phases of all seas to a time; `serial`: the calling thread does it all.
 
-    Amplitudes are read because Vulkan brings only what a kernel reads to the device, and takes the whole array back.
+    The old phases are read because Vulkan brings only what a kernel reads to the device, and takes the whole array
+    back.
 
     Args:
         start, frequency: φ/2π and ω/2π (Hz), each (seas, groups). clock: (1,), the time, s.
@@ -115,8 +116,9 @@ def set_phases(start: double_lanes, frequency: double_lanes, clock: double1, wav
     for sea in range(wave.shape[0]):
         for n in range(wave.shape[1]):
             turns = start[sea, n] - clock[0] * frequency[sea, n]
-            phase = ti.cast(turns - ti.floor(turns), ti.f32)
-            wave[sea, n, PHASE] = ti.select(wave[sea, n, AMPLITUDE] != 0.0, phase, lanes(0.0))
+            turns = turns - ti.floor(turns)
+            phase = lanes([ti.cast(turns[lane], ti.f32) for lane in ti.static(range(LANES))])
+            wave[sea, n, PHASE] = 0.0 * wave[sea, n, PHASE] + phase
 
 
 @kernel

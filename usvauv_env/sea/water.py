@@ -135,8 +135,10 @@ class AirySea:
         start, frequency = (torch.tensor(airy.group(part / airy.TWO_PI), device=device) for part in (phase, omega))
         self._clock = torch.zeros(1, dtype=torch.float64, device=device)
         serial = runtime.better_alone(len(omega) // SEAS_A_MICROSECOND)
-        times = start, frequency, self._clock
-        self._set_phases = Launch(airy.set_phases, *times, self.wave, serial) if omega.size else None
+        self._set_phases = None
+        if omega.size:
+            arguments = start, frequency, self._clock, self.wave, serial
+            self._set_phases = Launch(airy.set_phases, *arguments, settings=runtime.vectors_in_registers())
         self.set_time(0.0)
 
     def set_time(self, time: float) -> None:
