@@ -150,8 +150,9 @@ def take_profile(worlds: ti.template(), w, k, x: places, y: places, u: places, v
     for n in ti.static(range(PROFILE_POINTS)):
         worlds.observation[w, k, first + 2 * n] = along_x[1 + n]
         worlds.observation[w, k, first + 2 * n + 1] = along_y[1 + n]
-    worlds.auv[w, k, AuvColumn.current_x] = along_x[0]
-    worlds.auv[w, k, AuvColumn.current_y] = along_y[0]
+    if ti.static(not worlds.program.vehicle):
+        waves = current.long_wave_velocity(worlds.water, worlds.water.sea_index[w], x[0], y[0])
+        carry_along(worlds, w, k, vec2(along_x[0], along_y[0]) + waves)
 
 
 @func
@@ -230,16 +231,34 @@ def take_profiles(worlds: ti.template(), w):
 
 
 @func
-def sense_current(worlds: ti.template(), w, k):
-    """Store the velocity of the water at AUV k of world w and at each boat of its number, modulo the number of AUVs.
+def feel_storm(worlds: ti.template(), w, k):
+    """Store the storm's velocity at AUV k, to which `sense_current` adds; a vehicle senses it by itself."""
+    water = ti.static(worlds.water)
+    if ti.static(not worlds.program.vehicle):
+        x, y = worlds.auv[w, k, AuvColumn.x], worlds.auv[w, k, AuvColumn.y]
+        storm = airy.motion(water.wave, water.sea_index[w], Level.cruise, x, y)
+        worlds.auv[w, k, AuvColumn.current_x] = storm[3]
+        worlds.auv[w, k, AuvColumn.current_y] = storm[4]
 
-    It carries them during the coming step. A profile of the current, if there is one, has been taken with others' by
-    `take_profiles`, or is taken here. `add_storm` follows.
+
+@func
+def carry_along(worlds: ti.template(), w, k, velocity: vec2):
+    """Add what carries AUV k besides the storm, m/s."""
+    for axis in ti.static(range(2)):
+        column = ti.static(AuvColumn.current_x + axis)
+        worlds.auv[w, k, column] = worlds.auv[w, k, column] + velocity[axis]
+
+
+@func
+def sense_current(worlds: ti.template(), w, k):
+    """Complete the velocity of the water at AUV k of world w and at each boat of its number, modulo the number of AUVs.
+
+    It carries them during the coming step. `feel_storm` has come before. A profile of the current, if there is one, has
+    been taken with others' by `take_profiles`, or is taken here, and with it the current at the AUV.
     """
     water = ti.static(worlds.water)
     period = ti.static(water.eddies.period)
     profile = ti.static(current_profile in worlds.program.observation)
-    sea = water.sea_index[w]
     num_auvs = worlds.auv.shape[1]
     if ti.static(profile and not worlds.program.in_lanes):
         x, y = profiled(worlds, w, k)
@@ -250,31 +269,13 @@ def sense_current(worlds: ti.template(), w, k):
         place = boat_motion.boat_place(worlds, w, b)
         u, v = vortex.current(water.vortex, w, place[0], place[1], period)
         boat_motion.drift_along(worlds, w, b, vec2(u, v))
-    here = vec2(0.0)
     if ti.static(worlds.program.vehicle):
         here = vehicles.sense(worlds, w, k)
-    else:
-        x = worlds.auv[w, k, AuvColumn.x]
-        y = worlds.auv[w, k, AuvColumn.y]
-        if ti.static(profile):
-            here = vec2(worlds.auv[w, k, AuvColumn.current_x], worlds.auv[w, k, AuvColumn.current_y])
-            here += current.long_wave_velocity(water, sea, x, y)
-        else:
-            here = current.velocity(water, Level.cruise, w, x, y)
-    worlds.auv[w, k, AuvColumn.current_x] = here[0]
-    worlds.auv[w, k, AuvColumn.current_y] = here[1]
-
-
-@func
-def add_storm(worlds: ti.template(), w, k):
-    """Add the storm's velocity at AUV k to what `sense_current` has stored; a vehicle has sensed it already."""
-    auv = ti.static(worlds.auv)
-    water = ti.static(worlds.water)
-    if ti.static(not worlds.program.vehicle):
-        x, y = auv[w, k, AuvColumn.x], auv[w, k, AuvColumn.y]
-        storm = airy.motion(water.wave, water.sea_index[w], Level.cruise, x, y)
-        auv[w, k, AuvColumn.current_x] = auv[w, k, AuvColumn.current_x] + storm[3]
-        auv[w, k, AuvColumn.current_y] = auv[w, k, AuvColumn.current_y] + storm[4]
+        worlds.auv[w, k, AuvColumn.current_x] = here[0]
+        worlds.auv[w, k, AuvColumn.current_y] = here[1]
+    elif ti.static(not profile):
+        x, y = worlds.auv[w, k, AuvColumn.x], worlds.auv[w, k, AuvColumn.y]
+        carry_along(worlds, w, k, current.velocity(water, Level.cruise, w, x, y))
 
 
 OF_NODES = (target, service, next_node)

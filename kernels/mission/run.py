@@ -124,25 +124,25 @@ def observe_round(worlds: ti.template(), w, k):
 @func
 def look_round(worlds: ti.template(), w, k):
     """What AUV k meets and observes at the beginning of an episode and at the end of a step."""
+    observation.feel_storm(worlds, w, k)
     observation.sense_current(worlds, w, k)
-    observation.add_storm(worlds, w, k)
     observe_round(worlds, w, k)
 
 
 @func
+def feel_storm(worlds: ti.template(), w):
+    """The storm at the AUVs of world w."""
+    for k in range(worlds.auv.shape[1]):
+        observation.feel_storm(worlds, w, k)
+
+
+@func
 def sense(worlds: ti.template(), w):
-    """The currents at the AUVs and boats of world w, but for the storm."""
+    """The currents at the AUVs and boats of world w, added to the storm."""
     if ti.static(worlds.program.in_lanes and observation.current_profile in worlds.program.observation):
         observation.take_profiles(worlds, w)
     for k in range(worlds.auv.shape[1]):
         observation.sense_current(worlds, w, k)
-
-
-@func
-def feel_storm(worlds: ti.template(), w):
-    """The storm at the AUVs of world w, a stage of its own: waves of one world after another come from memory."""
-    for k in range(worlds.auv.shape[1]):
-        observation.add_storm(worlds, w, k)
 
 
 @func
@@ -155,8 +155,8 @@ def observe(worlds: ti.template(), w):
 @func
 def look(worlds: ti.template(), w):
     """`look_round` of all AUVs of world w."""
-    sense(worlds, w)
     feel_storm(worlds, w)
+    sense(worlds, w)
     observe(worlds, w)
 
 
@@ -255,6 +255,13 @@ def ride(worlds: ti.template(), w):
 
 
 @func
+def ride_and_feel(worlds: ti.template(), w):
+    """`ride` and `feel_storm`, while the waves of world w are in the cache: AUVs have made their step."""
+    ride(worlds, w)
+    feel_storm(worlds, w)
+
+
+@func
 def locate(worlds: ti.template(), w):
     """The boats locate the AUVs."""
     if ti.static(worlds.program.schedule == Schedule.every_step):
@@ -285,12 +292,12 @@ def begin_chosen(worlds: ti.template(), w):
 
 
 BEGIN, END = (move_auvs, prepare), (plan, move_boats, ride, locate, end_step)
-LOOK = (sense, feel_storm, observe)
+LOOK = (sense, observe)
 STAGES = {
     Phase.reset: (begin_chosen,),
-    Phase.step: (*BEGIN, *END, *LOOK),
+    Phase.step: (*BEGIN, *END, feel_storm, *LOOK),
     Phase.move: (*BEGIN, plan, move_boats),
-    Phase.ride: (ride,),
+    Phase.ride: (ride_and_feel,),
     Phase.answer: (locate, end_step),
     Phase.look: LOOK,
     Phase.begin: BEGIN,
