@@ -4,6 +4,8 @@
 it to |t| ≤ ½ is exact: cos 2πt = 1 − 2 sin² πt and sin 2πt = 2 sin πt cos πt.
 """
 
+import taichi as ti
+
 from usvauv.kernels.functions import func
 
 
@@ -19,3 +21,9 @@ def half_cosine(t):
     """cos πt for |t| ≤ ½, within 5e-8 before rounding."""
     q = t * t
     return 0.99999995 + q * (-4.93479283 + q * (4.05841135 + q * (-1.33187657 + q * 0.21968961)))
+
+
+@func
+def narrowed(v):
+    """A vector of double precision in single precision, number by number: Taichi converts no vector in registers."""
+    return ti.Vector([ti.cast(v[n], ti.f32) for n in ti.static(range(v.n))])

@@ -34,7 +34,7 @@ import taichi as ti
 import torch
 
 from usvauv.kernels.functions import func, kernel
-from usvauv.kernels.trigonometry import half_cosine, half_sine
+from usvauv.kernels.trigonometry import half_cosine, half_sine, narrowed
 from usvauv.kernels.types import vec4
 
 LANES = 16
@@ -116,9 +116,7 @@ def set_phases(start: double_lanes, frequency: double_lanes, clock: double1, wav
     for sea in range(wave.shape[0]):
         for n in range(wave.shape[1]):
             turns = start[sea, n] - clock[0] * frequency[sea, n]
-            turns = turns - ti.floor(turns)
-            phase = lanes([ti.cast(turns[lane], ti.f32) for lane in ti.static(range(LANES))])
-            wave[sea, n, PHASE] = 0.0 * wave[sea, n, PHASE] + phase
+            wave[sea, n, PHASE] = 0.0 * wave[sea, n, PHASE] + narrowed(turns - ti.floor(turns))
 
 
 @kernel

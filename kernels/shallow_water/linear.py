@@ -25,7 +25,7 @@ from usvauv.kernels.shallow_water.discretisation import (
     vectors,
 )
 from usvauv.kernels.shallow_water.wavefront import WavefrontBackend
-from usvauv.kernels.trigonometry import half_sine
+from usvauv.kernels.trigonometry import half_sine, narrowed
 
 COURANT = 0.95  # fraction of the stability limit that a substep may use
 PRESCRIBED = 2  # place of the prescribed elevation among the arrays that one interval does not change
@@ -64,7 +64,7 @@ def tabulate(
         E = vector(0.0)
         for n in range(first, first + components):
             turns = frequency[n] * time + phase[n]
-            half = half_sine(ti.cast(turns - ti.floor(turns + 0.5), ti.f32))
+            half = half_sine(narrowed(turns - ti.floor(turns + 0.5)))
             E += amplitude[n] * (1.0 - 2.0 * half * half)
         prescribed[task] = E
 
@@ -108,7 +108,8 @@ class PrescribedElevation:
         a, *turns = (part.to(tensor.device) for part in columns)
         each = table.view(-1, LANES)
         serial = runtime.better_alone(tensor.numel() // LANES)
-        self._tabulate = Launch(tabulate, a.float(), *turns, self._clock, time_step, packing.blocks, each, serial)
+        arguments = a.float(), *turns, self._clock, time_step, packing.blocks, each, serial
+        self._tabulate = Launch(tabulate, *arguments, settings=runtime.vectors_in_registers())
 
     def at(self, time: float) -> np.ndarray:
         """E at a time (s), m, (num_seas, 1)."""
