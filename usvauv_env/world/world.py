@@ -208,6 +208,9 @@ class World:
         for name, array in arrays.items():
             setattr(self, name, array)
         self._clock = torch.full((num_worlds, 2), -1, dtype=torch.int32, device=self.device)
+        # Views for each step: making them takes a tenth of that of a single world.
+        self._service_rate, self._measures = self.auv[..., AuvColumn.service_rate], self.auv[..., MEASURED]
+        self._steps_done = self._clock[:, 1:].expand(-1, self.num_auvs)
         self._chosen = torch.ones(num_worlds, dtype=torch.uint8, device=self.device)
         self._action = self._zeros(num_worlds, self.num_auvs, self.action_size)
         groups = -(-num_worlds * self.num_auvs // LANES) if scenario.auv.dynamic else 0
@@ -355,10 +358,10 @@ class World:
         for part in self._step:
             part()
         self._stop_at_fault()
-        served = self.auv[..., AuvColumn.service_rate] > 0
+        served = self._service_rate > 0
         horizon_ended = served if self.scenario.reward.service_terminates else torch.zeros_like(served)
-        truncated = (self._clock[:, 1:] >= self.steps).expand(-1, self.num_auvs)
-        info = {"reward_terms": self.reward_terms, "measures": self.measures()}
+        truncated = self._steps_done >= self.steps
+        info = {"reward_terms": self.reward_terms, "measures": self._measures}
         return Step(self.observation, self.reward, horizon_ended, truncated, info)
 
     def _steer_boats(self, action: torch.Tensor) -> None:
@@ -515,7 +518,7 @@ class World:
 
     def measures(self) -> torch.Tensor:
         """What the last step cost and brought, (num_worlds, num_auvs, 6), columns `measure_names`."""
-        return self.auv[..., MEASURED]
+        return self._measures
 
     def current(self) -> torch.Tensor:
         """True velocity of the water at each AUV, (num_worlds, num_auvs, 2), m/s: all that
