@@ -41,7 +41,9 @@ LANES = 16
 PARTS = 16  # of many numbers, among the threads of a CPU
 MANY = 1 << 18  # numbers, from which on several threads look at them
 SHAPE = 0  # member of an array argument that holds its shape, as in Taichi's `SHAPE_POS_IN_NDARRAY`
-lanes = ti.types.vector(LANES, ti.f32)
+STREAMS = 4  # places that a thread reads in turns, so that more comes from memory at a time
+MAGNITUDE = 0x7FFFFFFF  # bits of a number but for its sign
+lanes = ti.types.vector(LANES, ti.i32)
 rows = ti.types.ndarray(dtype=lanes, ndim=1)
 UNSIGNED = (ti.u8, ti.u16, ti.u32, ti.u64)
 
@@ -330,16 +332,22 @@ def mark_outside(numbers: array1, limit: ti.f32, flag: index1):
 
 
 @kernel
-def mark_rows_outside(numbers: rows, limit: ti.f32, flag: index1):
-    """`mark_outside` on a CPU, LANES numbers side by side."""
+def mark_rows_outside(bits: rows, limit: ti.i32, flag: index1):
+    """`mark_outside` on a CPU by the bits of numbers and limit, LANES numbers side by side.
+
+    Magnitudes are ordered as their bits are, and what is not finite comes last.
+    """
     ti.loop_config(block_dim=1)
     for part in range(PARTS):
-        outside = lanes(0.0)
-        for n in range(part * numbers.shape[0] // PARTS, (part + 1) * numbers.shape[0] // PARTS):
-            x = numbers[n]
-            outside += ti.select(x <= limit, lanes(0.0), lanes(1.0)) + ti.select(x >= -limit, lanes(0.0), lanes(1.0))
-        if outside.sum() > 0.0:
-            flag[0] = 1
+        count = (bits.shape[0] + STREAMS - 1) // STREAMS
+        largest = lanes(0)
+        for n in range(part * count // PARTS, (part + 1) * count // PARTS):
+            for stream in ti.static(range(STREAMS)):
+                row = n + stream * (bits.shape[0] - count) // (STREAMS - 1)
+                largest = ti.max(largest, bits[row] & MAGNITUDE)
+        for lane in ti.static(range(LANES)):
+            if largest[lane] > limit:
+                flag[0] = 1
 
 
 class DeviceFlag:
@@ -364,8 +372,8 @@ class DeviceFlag:
         if isinstance(numbers, DeviceArray):
             self._mark = Launch(mark_outside, numbers.view(-1), limit, self._outside)
         elif running.on_cpu and numbers.numel() >= MANY and numbers.numel() % LANES == 0:
-            settings = runtime.vectors_in_registers()
-            self._mark = Launch(mark_rows_outside, numbers.view(-1, LANES), limit, self._outside, settings=settings)
+            arguments = numbers.view(torch.int32).view(-1, LANES), np.float32(limit).view(np.int32), self._outside
+            self._mark = Launch(mark_rows_outside, *arguments, settings=runtime.vectors_in_registers())
         elif not self._at_once:
             self._copy = torch.zeros(1, dtype=torch.int32, pin_memory=torch.cuda.is_available())
             self._seen = self._copy.numpy()
