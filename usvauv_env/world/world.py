@@ -208,7 +208,7 @@ class World:
         for name, array in arrays.items():
             setattr(self, name, array)
         self._clock = torch.full((num_worlds, 2), -1, dtype=torch.int32, device=self.device)
-        # Views for each step: making them takes a tenth of that of a single world.
+        # Views that each step takes; to make them anew would take a tenth of a single world's step.
         self._service_rate, self._measures = self.auv[..., AuvColumn.service_rate], self.auv[..., MEASURED]
         self._steps_done = self._clock[:, 1:].expand(-1, self.num_auvs)
         self._chosen = torch.ones(num_worlds, dtype=torch.uint8, device=self.device)
