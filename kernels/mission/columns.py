@@ -201,6 +201,7 @@ class AuvColumn(StateColumns):
     velocity_x: Velocity  # velocity through the water at the end of the last step, m/s
     velocity_y: Velocity
     depth_error: Annotated[int, Range(-1e3, 1e3)]  # below its cruise depth, m
+    distance: Amount  # horizontally to its target, as it was before the last step, m
 
 
 Rate = Annotated[int, Range(-1e3, 1e3)]

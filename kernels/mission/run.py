@@ -203,9 +203,19 @@ def begin_episode(worlds: ti.template(), w):
 
 
 @func
-def move_auvs(worlds: ti.template(), w):
-    """Begin a mission step of world w: the AUVs move, and the filters with them."""
+def begin_step(worlds: ti.template(), w):
+    """Begin a mission step of world w, with the distances that are left to the AUVs' targets.
+
+    A stage of its own, so that targets of several worlds come from memory at once.
+    """
     worlds.clock[w, 1] = worlds.clock[w, 1] + 1
+    for k in range(worlds.auv.shape[1]):
+        worlds.auv[w, k, AuvColumn.distance] = motion.distance_to_target(worlds, w, k)
+
+
+@func
+def move_auvs(worlds: ti.template(), w):
+    """The AUVs move, and the filters with them."""
     for k in range(worlds.auv.shape[1]):
         motion.clear_last_step(worlds, w, k)
         motion.renew_depth_error(worlds, w, k)
@@ -291,7 +301,7 @@ def begin_chosen(worlds: ti.template(), w):
         begin_episode(worlds, w)
 
 
-BEGIN, END = (move_auvs, prepare), (plan, move_boats, ride, locate, end_step)
+BEGIN, END = (begin_step, move_auvs, prepare), (plan, move_boats, ride, locate, end_step)
 LOOK = (sense, observe)
 STAGES = {
     Phase.reset: (begin_chosen,),

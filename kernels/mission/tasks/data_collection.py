@@ -175,7 +175,7 @@ def move_and_hover(worlds: ti.template(), w, k, a0, a1):
     """
     p = ti.static(worlds.p)
     auv = ti.static(worlds.auv)
-    before = distance_to_target(worlds, w, k)
+    before = auv[w, k, AuvColumn.distance]
     after = before
     if auv[w, k, AuvColumn.hover] > 0.0:
         wanted = vec2(0.0)
@@ -252,7 +252,7 @@ def move_in_passing(worlds: ti.template(), w, k, a0, a1):
     edge = 0.0
     if p[Parameter.progress] > 0.5:
         edge = p[Parameter.hover_radius]
-    before = ti.max(distance_to_target(worlds, w, k) - edge, 0.0)
+    before = ti.max(worlds.auv[w, k, AuvColumn.distance] - edge, 0.0)
     travel(worlds, w, k, a0, a1)
     distance = distance_to_target(worlds, w, k)
     collect_in_passing(worlds, w, k, distance)
