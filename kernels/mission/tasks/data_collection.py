@@ -13,6 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 import taichi as ti
 
+from usvauv.kernels import random
 from usvauv.kernels.flow.current import grid_sample
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission.columns import AuvColumn, Draw, Information, NodeColumn, Parameter, TallyColumn
@@ -20,11 +21,11 @@ from usvauv.kernels.mission.motion import distance_to_target, hold, offset_to_ta
 from usvauv.kernels.mission.target_rules import knowledge, share_nodes
 from usvauv.kernels.mission.tasks import rewards
 from usvauv.kernels.mission.tasks.task import Task, tasks
-from usvauv.kernels.mission.worlds import uniforms
+from usvauv.kernels.mission.worlds import address, key, uniforms
 from usvauv.kernels.positioning import sonar
 from usvauv.kernels.types import vec2
 
-GUIDE = 256
+GUIDE = 1024
 RATE = 0  # column of the rate; the guide and the cumulative distribution follow
 CUMULATIVE = 1 + GUIDE
 TAIL = 2.0**-26  # probability beyond the end of a table; 1 − 2⁻²⁶ rounds to 1 in single precision
@@ -271,13 +272,15 @@ def move(worlds: ti.template(), w, k, a0, a1):
 @func
 def fill_nodes(worlds: ti.template(), w):
     """Poisson arrivals at every node; what a full buffer cannot hold is lost. Both are counted."""
-    p = ti.static(worlds.p)
     node = ti.static(worlds.node)
+    buffer = worlds.p[Parameter.buffer]
     overflowing = 0.0
     created = 0.0
     lost = 0.0
+    counter, seed = address(worlds, w, worlds.clock[w, 1], Draw.arrival, 0), key(worlds, w)
     for group in range((node.shape[1] + 3) // 4):
-        u = uniforms(worlds, w, Draw.arrival, group)
+        u = random.uniforms(counter, seed)
+        counter[3] += 1
         for part in ti.static(range(4)):
             i = 4 * group + part
             if i < node.shape[1]:
@@ -285,9 +288,9 @@ def fill_nodes(worlds: ti.template(), w):
                 arrivals = draw_arrivals(worlds.arrivals, kind, u[part])
                 backlog = node[w, i, NodeColumn.backlog] + arrivals
                 created += arrivals
-                if backlog > p[Parameter.buffer]:
-                    lost += backlog - p[Parameter.buffer]
-                    backlog = p[Parameter.buffer]
+                if backlog > buffer:
+                    lost += backlog - buffer
+                    backlog = buffer
                     overflowing += 1.0
                 node[w, i, NodeColumn.backlog] = backlog
     worlds.tally[w, TallyColumn.overflowing] = overflowing
