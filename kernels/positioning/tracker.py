@@ -279,7 +279,8 @@ def update(track: ti.template(), w, k, fix: TrackFix, variance, speed):
         variance: of the current, see `renew`; for a track that begins anew.
         speed: greatest of the AUV over ground, m/s; how far rejected fixes that agree can be apart.
     """
-    shift(track, w, k, -fix.carried, -fix.lag)
+    if fix.lag > 0.0:
+        shift(track, w, k, -fix.carried, -fix.lag)
     R = mat2([[fix.covariance[0], fix.covariance[1]], [fix.covariance[1], fix.covariance[2]]])
     innovation = fix.place - vec2(track[w, k, X], track[w, k, Y])
     A = position_block(track, w, k)
@@ -293,7 +294,8 @@ def update(track: ti.template(), w, k, fix: TrackFix, variance, speed):
         track[w, k, REJECTIONS] = 0.0
     else:
         reject(track, w, k, fix, variance, speed)
-    shift(track, w, k, fix.carried, fix.lag)
+    if fix.lag > 0.0:
+        shift(track, w, k, fix.carried, fix.lag)
     return squared
 
 
