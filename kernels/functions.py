@@ -345,9 +345,10 @@ def mark_rows_outside(bits: rows, limit: ti.i32, flag: index1):
             for stream in ti.static(range(STREAMS)):
                 row = n + stream * (bits.shape[0] - count) // (STREAMS - 1)
                 largest = ti.max(largest, bits[row] & MAGNITUDE)
-        for lane in ti.static(range(LANES)):
-            if largest[lane] > limit:
-                flag[0] = 1
+        outside = lanes(0)
+        outside += ti.select(largest > limit, lanes(1), lanes(0))
+        if outside.sum() > 0:
+            flag[0] = 1
 
 
 class DeviceFlag:
