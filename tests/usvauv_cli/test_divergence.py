@@ -61,7 +61,6 @@ def test_sea_keeps_the_records_before(tmp_path, run_usvauv, monkeypatch):
         whole(self)
 
     monkeypatch.setattr(SeaSimulation, "advance", advance)
-    monkeypatch.setattr("usvauv.cli.commands.sea.TRIAL_SECONDS", 0.0)
     out = tmp_path / "s.nc"
     code, _, error = run_usvauv("sea", "extreme", *SCENARIO, "--duration", 20, "--out", out)
     assert code == 2
