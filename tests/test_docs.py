@@ -126,9 +126,6 @@ def test_what_is_named_exists(place):
         pkgutil.resolve_name(place)
 
 
-ROOT = Path(__file__).parents[1]
-
-
 def test_the_page_has_every_dependency_and_no_other():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     extras = project["project"]["optional-dependencies"]

@@ -13,7 +13,7 @@ SHORTER = {  # what is added to the lines of a command, so that they take second
     "simulate": "--duration 10",
     "eval": "--episodes 2 --set mission.duration=10",
     "train": "--steps 256 --worlds 16 --set mission.duration=10",
-    "sea": "--duration 5",
+    "sea": "--duration 2",
 }
 pytestmark = pytest.mark.timeout(1500)  # two dozen commands: minutes on a busy machine
 

@@ -8,7 +8,7 @@ import pytest
 import torch
 from scipy.optimize import minimize_scalar
 
-from tests.policies.toy import ToyWorld, scenario
+from tests.policies.toy import ToyWorld, observe, scenario
 from usvauv import policies
 from usvauv.env import Scenario, World
 from usvauv.policies import PolicyError
@@ -28,12 +28,6 @@ from usvauv.policies.guidance import (
 def directions(count, seed=0):
     angle = 2 * math.pi * torch.rand(count, generator=torch.Generator().manual_seed(seed))
     return torch.stack((angle.cos(), angle.sin()), -1)
-
-
-def observe(toy, worlds=64, seed=0):
-    """Observations of a world that has just begun, and the world."""
-    world = ToyWorld(toy, worlds, seed)
-    return world.reset(), world
 
 
 @pytest.mark.parametrize("size", [1e-9, 1.0, 1e9])

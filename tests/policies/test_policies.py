@@ -7,28 +7,18 @@ import re
 import pytest
 import torch
 
-from tests.policies.toy import LEARNING, ToyWorld, scenario
+from tests.policies.toy import LEARNING, ToyWorld, observe, scenario, seeded
 from usvauv import policies
-from usvauv.env import Scenario, World, evaluate
+from usvauv.env import Scenario, evaluate
 from usvauv.policies import PolicyError, Trainer
 from usvauv.policies import policy as policy_base
 from usvauv.policies.guidance import unit, unrotate
 
 
-def observe(toy, worlds=64, seed=0):
-    """Observations of a world that has just begun, and the world."""
-    world = ToyWorld(toy, worlds, seed)
-    return world.reset(), world
-
-
-def angle(vector):
-    return torch.atan2(vector[..., 1], vector[..., 0])
-
-
 @pytest.mark.parametrize("name", ["clear", "sac-extreme"])
 def test_actions_of_many_worlds_are_those_of_each(name, monkeypatch):
-    world = World(Scenario.load("extreme"), 2100)
-    observation, policy = world.reset(), policies.load(name, world)
+    world = ToyWorld(Scenario.load("extreme"), 2100)
+    policy, observation = policies.load(name, world), torch.rand((2100, 2, world.observation_size), generator=seeded())
     monkeypatch.setattr(policy_base, "LARGEST_PIECE", 700)
     divided = policy.act(observation)
     monkeypatch.setattr(policy_base, "PIECE", 1 << 30)

@@ -109,8 +109,9 @@ def test_the_runs_compared_have_learned(whole):
 def test_ctrl_c_then_resume_of_the_command_equals_a_run_never_stopped(tmp_path, monkeypatch, run_usvauv):
     settings = {"hidden": "16,16", "batch": 32, "n_step": 3, "warmup": WARMUP, "updates": 2, "replay": 4000}
     learn = [text for name, value in settings.items() for text in ("--learn", f"{name}={value}")]
-    begin = ["train", "extreme", "--steps", "400", "--worlds", "8", "--usv", "centroid", "--set", "mission.duration=12"]
-    assert run_usvauv(*begin, *learn, "--out", "whole")[0] == 0
+    short = ["--usv", "centroid", "--set", "mission.duration=12"]
+    begin = ["train", "extreme", "--steps", "400", "--worlds", "8", "--algorithm", "td3", *short, *learn, "--out"]
+    assert run_usvauv(*begin, "whole")[0] == 0
     step, done = World.step, []
 
     def step_and_stop(world, action):
@@ -121,14 +122,20 @@ def test_ctrl_c_then_resume_of_the_command_equals_a_run_never_stopped(tmp_path, 
 
     with monkeypatch.context() as patch:
         patch.setattr(World, "step", step_and_stop)
-        code, said, _ = run_usvauv(*begin, *learn, "--out", "parts")
+        code, said, _ = run_usvauv(*begin, "parts")
     assert (code, "stopped at 168 of 400 world-steps" in said) == (130, True)
+    for again, word in (([*begin, "parts"], "--resume"), ([*begin, "parts", "--resume"], "--set")):
+        code, _, error = run_usvauv(*again)
+        assert (code, word in error) == (2, True)
     assert run_usvauv("train", "--out", "parts", "--resume")[0] == 0
     same(tmp_path / "whole", tmp_path / "parts", "command", "resumed")
     about = policies.read_run(tmp_path / "parts")[2]
     assert about["steps"] == 400
     assert about["command"].startswith("usvauv train extreme --steps 400")
     assert [(again["steps"], again["command"].split()[-1]) for again in about["resumed"]] == [(168, "--resume")]
+    assert about["training"]["algorithm"] == "td3"
+    assert list((tmp_path / "parts" / "tensorboard").glob("events*"))
+    assert run_usvauv("eval", "--policy", "parts/last", "--episodes", 1, *short)[0] == 0
 
 
 def test_where_git_is_not_installed_the_commit_is_unknown(monkeypatch):

@@ -137,6 +137,12 @@ class ToyWorld:
         self.generator.set_state(state["generator"])
 
 
+def observe(toy: Scenario, worlds: int = 64, seed: int = 0) -> tuple[Tensor, ToyWorld]:
+    """Observations of a world that has just begun, and the world."""
+    world = ToyWorld(toy, worlds, seed)
+    return world.reset(), world
+
+
 def mean_reward(world: ToyWorld, policy: policies.LearnedPolicy | str) -> float:
     """Reward of an episode of a learned policy or one by name, mean over worlds and AUVs."""
     policy = policies.load(policy, world) if isinstance(policy, str) else policy

@@ -7,6 +7,18 @@ import pytest
 
 
 @pytest.fixture
+def refused(run_usvauv):
+    """Run a command that is refused: what its one line says, of which standard output has nothing."""
+
+    def run(*arguments):
+        code, out, error = run_usvauv(*arguments)
+        assert (code, out, error.count("\n"), error[:7]) == (2, "", 1, "error: ")
+        return error[7:]
+
+    return run
+
+
+@pytest.fixture
 def plan(run_usvauv):
     """Run `usvauv plan` in an empty folder: exit code, stdout, stderr."""
     return functools.partial(run_usvauv, "plan")

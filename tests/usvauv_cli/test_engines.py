@@ -15,7 +15,7 @@ import pytest
 
 from tests.usvauv_cli import slurm_here, work
 from usvauv.cli.sweep import perform
-from usvauv.cli.sweep.engine import ATTEMPTS, Ended, Engine, Local, Task, conduct, signs_in
+from usvauv.cli.sweep.engine import Ended, Engine, Local, Task, conduct, signs_in
 from usvauv.cli.sweep.perform import OnRay, OnSlurm
 from usvauv.cli.sweep.study import Resources
 from usvauv.kernels.errors import UserError
@@ -43,26 +43,38 @@ def test_a_task_begins_where_it_was_made(tmp_path, monkeypatch):
     assert Path.cwd() == tmp_path / "here"
 
 
+@pytest.fixture(scope="module")
+def done(tmp_path_factory):
+    """How pieces on two processes ended, and what they have written by name."""
+    folder, lost = tmp_path_factory.mktemp("local"), {"always": 99, "never": 0}
+    cores = {name: partial(work.cores_of_process, folder / name) for name in "ab"}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("usvauv.cli.sweep.engine.ATTEMPTS", 2)
+        results = conducted(
+            Local(2, 1),
+            folder,
+            **cores,
+            **{n: partial(work.killed, folder / n, times) for n, times in lost.items()},
+        )
+    ends = {name: result.how for name, result in results.items()}
+    return ends, {path.name: json.loads(path.read_text()) for path in folder.iterdir()}
+
+
 class TestLocalEngine:
     @pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="the system has no such call")
-    def test_keeps_cores_apart(self, tmp_path):
+    def test_keeps_cores_apart(self, done):
         cores = sorted(os.sched_getaffinity(0))
         if len(cores) < 2:
             pytest.skip("one core")
-        conducted(Local(2, 1), tmp_path, **{name: partial(work.cores_of_process, tmp_path / name) for name in "ab"})
-        (one, mine, *threads), (other, theirs, *_) = (json.loads((tmp_path / name).read_text()) for name in "ab")
+        (one, mine, *threads), (other, theirs, *_) = (done[1][name] for name in "ab")
         assert one != other
         assert sorted(mine + theirs) == cores[:2]
         assert threads == ["1", 1, 1]
 
-    def test_does_again_what_a_killed_process_had_and_nothing_else(self, tmp_path):
-        pieces = {"always": 99, "never": 0}
-        results = conducted(
-            Local(1, 1), tmp_path, **{n: partial(work.killed, tmp_path / n, times) for n, times in pieces.items()}
-        )
-        assert {name: result.how for name, result in results.items()} == {"always": "lost", "never": "done"}
-        tries = {name: int((tmp_path / name).read_text()) for name in pieces}
-        assert tries == {"always": ATTEMPTS, "never": 1}
+    def test_does_again_what_a_killed_process_had_and_nothing_else(self, done):
+        ends, written = done
+        assert ends == {"a": "done", "b": "done", "always": "lost", "never": "done"}
+        assert (written["always"], written["never"]) == (2, 1)
 
     def test_fails_in_one_line_where_its_folder_is_removed_meanwhile(self, tmp_path, monkeypatch, capfd):
         gone = tmp_path / "gone"

@@ -286,7 +286,7 @@ def test_resumed_it_is_bit_for_bit_what_it_would_have_been(tmp_path, run_usvauv,
         assert not partial.exists()
 
 
-def test_only_the_same_command_goes_on(tmp_path, run_usvauv, stopping):
+def test_only_the_same_command_goes_on(tmp_path, run_usvauv, refused, stopping):
     stopping(3)
     run_usvauv(*EVAL, "--episodes", 10, "--out", "m.csv")
     partial = tmp_path / "m.csv.partial"
@@ -297,11 +297,9 @@ def test_only_the_same_command_goes_on(tmp_path, run_usvauv, stopping):
         (("--usv", "centroid"), 'boats = ["fim"], here ["centroid"]'),
         (("--set", "auv.count=1"), "scenario.auv.count = 2, here 1"),
     ):
-        refused = f"error: m.csv.partial: is of another command: {told}\n"
-        assert run_usvauv(*EVAL, *more, "--out", "m.csv", "--resume") == (2, "", refused)
-    code, _, error = run_usvauv(*EVAL, "--out", "m.csv")
-    assert (code, error.count("\n")) == (2, 1)
-    assert "take it up with --resume, or remove it" in error
+        said = refused(*EVAL, *more, "--out", "m.csv", "--resume")
+        assert said == f"m.csv.partial: is of another command: {told}\n"
+    assert "take it up with --resume, or remove it" in refused(*EVAL, "--out", "m.csv")
     assert {path: path.read_bytes() for path in partial.iterdir()} == kept
 
 

@@ -144,29 +144,18 @@ def test_a_viser_that_serves_in_another_way_is_refused(monkeypatch):
 
 
 @pytest.mark.parametrize("port", ["70000", "-1", "x"])
-def test_a_port_that_does_not_exist_is_refused(run_usvauv, port):
-    code, out, err = run_usvauv("live", "--port", port)
-    assert (code, out) == (2, "")
-    assert "--port" in err
-    assert err.count("\n") == 1
+def test_a_port_that_does_not_exist_is_refused(refused, port):
+    assert "--port" in refused("live", "--port", port)
 
 
-def test_without_viser_one_line_names_the_extra(run_usvauv, monkeypatch):
+def test_without_viser_one_line_names_the_extra(refused, monkeypatch):
     monkeypatch.setitem(sys.modules, "viser", None)
-    code, out, err = run_usvauv("live")
-    assert (code, out) == (2, "")
-    assert err == 'error: live needs the extra live (viser is missing): pip install "usvauv[live]"\n'
+    assert refused("live") == 'live needs the extra live (viser is missing): pip install "usvauv[live]"\n'
 
 
 def test_the_command_prints_its_address_and_ctrl_c_ends_it():
-    start = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
-    start += "; from usvauv.cli.app import main; main()"
-    process = subprocess.Popen(
-        [sys.executable, "-c", start, "live", "extreme"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    command = [sys.executable, "-c", "from usvauv.cli.app import main; main()", "live", "extreme"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     assert process.stdout is not None
     line = process.stdout.readline()
     found = re.fullmatch(r"live: (http://127\.0\.0\.1:\d+/[\w-]+)/ \(Ctrl-C ends it\)\n", line)

@@ -17,14 +17,8 @@ from usvauv.kernels.planning import objectives, search
 from usvauv.kernels.positioning import usbl
 
 TEAM = ["--auv", "60,80,100", "--auv", "150,120,40"]
-
-
 POSITIONS = [(60.0, 80.0, 100.0), (150.0, 120.0, 40.0)]
-
-
 PLACE_KEYS = {"x", "y", "latitude", "longitude", "log_objective", "rms", "mean", "located", "errors", "budget"}
-
-
 ERROR_KEYS = {
     *("range", "major", "minor", "angle", "good"),
     *("detected", "good_if_detected", "wrapped", "direct_ray", "signal_excess"),
@@ -189,34 +183,18 @@ class TestOutput:
         ([*TEAM, "--json", "missing/plan.json"], ["missing", "does not exist"]),
     ],
 )
-def test_bad_input_is_one_line_and_exit_code_2(plan, tmp_path, arguments, parts):
-    code, stdout, stderr = plan(*arguments)
-    assert (code, stdout) == (2, "")
-    assert stderr.startswith("error: ")
-    assert stderr.count("\n") == 1
-    for part in parts:
-        assert part in stderr
+def test_bad_input_is_one_line_and_exit_code_2(refused, tmp_path, arguments, parts):
+    said = refused("plan", *arguments)
+    assert [part for part in parts if part not in said] == []
     assert not list(tmp_path.iterdir())
 
 
 WIDE = ["--set", "area.width=2000", "--set", "area.length=2000"]
-
-
 FAR = ["--auv", "60,80,100", "--auv", "1500,1200,90", *WIDE]
-
-
 DEAF = ["--auv", "20,20,100", "--set", "acoustics.source_level=60"]
-
-
 BROAD = ["--auv", "20,20,100", "--auv", "199,199,100", "--set", "usbl.spacing=0.08"]
-
-
 FLAT = ["--auv", "20,20,3", "--auv", "190,180,2"]
-
-
 SHADOW = ["--set", "acoustics.sound_speed_profile=[[0,1500],[200,1400]]", "--set", "acoustics.path=transponder"]
-
-
 SHADOW += ["--set", "acoustics.source_level=190", *WIDE]
 
 

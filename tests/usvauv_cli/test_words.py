@@ -107,9 +107,8 @@ class TestLists:
         ("reproduce tabel2 --out a", "table2"),
     ],
 )
-def test_a_name_that_is_mistyped_is_guessed(run_usvauv, arguments, guess):
-    code, _, error = run_usvauv(*arguments.split())
-    assert (code, error.count("\n")) == (2, 1)
+def test_a_name_that_is_mistyped_is_guessed(refused, arguments, guess):
+    error = refused(*arguments.split())
     assert error.endswith(f"; did you mean {guess!r}?\n")
     assert "allowed" in error
 
