@@ -13,8 +13,9 @@ from typing import Any
 
 import pytest
 
+from tests.usvauv_cli.work import Here
 from usvauv import policies
-from usvauv.cli.sweep import run
+from usvauv.cli.sweep import perform, run
 from usvauv.cli.sweep.run import Piece, key_of
 from usvauv.cli.sweep.study import Evaluation, Resources, StudyRun, define, read
 from usvauv.env.storage.tables import read_rows
@@ -182,14 +183,14 @@ def test_a_failed_run_is_shown_and_a_killed_one_done_again(tmp_path, run_usvauv,
     (tmp_path / "own.py").write_text(MINE)
     monkeypatch.delitem(sys.modules, "own", raising=False)  # of another test
     monkeypatch.syspath_prepend(tmp_path)  # which processes that are started take over
-    text = f'[common]\n{SHORT}\n[[runs]]\npolicy = ["own:Good", "own:Bad", "own:Killed"]\n[evaluation]\nepisodes = 3'
-    written(tmp_path, text)
+    runs = '[[runs]]\nscenario = "ideal"\npolicy = ["own:Good", "own:Bad", "own:Killed"]'
+    written(tmp_path, f"[common]\n{SHORT}\n{runs}\n[evaluation]\nepisodes = 3")
     code, said, complaints = run_usvauv("sweep", "study.toml", "--out", "a", "--jobs", "1")
     assert code == 2
     assert "Traceback" not in said + complaints
     assert complaints.startswith("error: 1 of 3 runs failed, see ")
     (line,) = [line for line in " ".join(said.split()).split("(") if "failed: " in line]
-    assert "own:Bad in extreme, seed 0: failed: policy 'own:Bad'" in line
+    assert "own:Bad in ideal, seed 0: failed: policy 'own:Bad'" in line
     assert "the last line" in line
     assert (tmp_path / "killed").exists()
     results = sorted((tmp_path / "a" / "runs").glob("*/episodes.csv"))
@@ -204,6 +205,7 @@ def test_a_failed_run_is_shown_and_a_killed_one_done_again(tmp_path, run_usvauv,
     assert f'File "{tmp_path}/own.py", line 15, in act' in failure.read_text()
 
     (tmp_path / "repaired").touch()
+    monkeypatch.setattr(perform, "Local", lambda jobs, cores: Here())
     code, said, complaints = run_usvauv("sweep", "study.toml", "--out", "a", "--jobs", "1")
     assert (code, complaints) == (0, "")
     assert said.startswith("1 of 3 runs to do, 2 done already\n")
