@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from tests.links import TILTING
 from usvauv import policies
 from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.record.metrics import episode_metrics
@@ -40,12 +41,12 @@ def test_hovering_is_travelling_but_not_below_the_least(speed, power):
 AT_ONCE = ["auv.speed_lag=0", "auv.speed_noise=0", "auv.depth_noise=0"]
 
 
-def serving(hover, *changes, count=1):
-    """One world of `ideal` whose AUVs, at (100, 100), serve nodes there for a time (s); nothing arrives."""
-    own = ["nodes.arrival_rates=[0]", f"auv.count={count}", "auv.start_separation=0", *AT_ONCE, *changes]
-    world = World(Scenario.load("ideal", own), seed=4)
+def serving(hover, *changes, scenario="ideal", boat=None):
+    """One world whose AUVs, at (100, 100), serve nodes there for a time (s); nothing arrives."""
+    own = ["nodes.arrival_rates=[0]", "auv.start_separation=0", *AT_ONCE, *changes]
+    world = World(Scenario.load(scenario, own), 1, 4, boat)
     world.reset()
-    for k in range(count):
+    for k in range(world.num_auvs):
         world.node[0, k, NodeColumn.span("x", "y")] = 100.0
         world.auv[0, k, AuvColumn.span("x", "y")] = 100.0
         world.auv[0, k, AuvColumn.target] = k
@@ -58,7 +59,7 @@ def serving(hover, *changes, count=1):
 def step_in(world, current, action=(1.0, 0.0)):
     """One step in a current (m/s), the same for all AUVs; what it did to AUV 0, by column."""
     world.auv[..., AuvColumn.span("current_x", "current_y")] = torch.tensor(current)
-    world.step(torch.tensor(action).expand(1, world.num_auvs, 2).contiguous())
+    world.step(torch.tensor(action).expand(1, 2, 2).contiguous())
     return dict(zip(AuvColumn.names, world.auv[0, 0].tolist(), strict=True))
 
 
@@ -109,9 +110,9 @@ def test_dead_reckoning_sees_the_drift(sensor, measured, adrift):
 
 def test_speed_follows_its_command_and_errs():
     """Step response 1 − e^{−t/τ} and its integral; in the end the errors have their standard deviations."""
-    world = World(Scenario.load("ideal", ["auv.count=1", "mission.step=0.5"]), 2048, seed=1)
+    world = World(Scenario.load("ideal", ["mission.step=0.5"]), 2048, seed=1)
     world.reset()
-    action = torch.zeros(2048, 1, 2)
+    action = torch.zeros(2048, 2, 2)
     action[..., 0] = 1.7 / 2.2
     ends, moves = [], []
     for _ in range(60):
@@ -139,8 +140,8 @@ def test_without_a_lag_speed_has_no_error():
 
 def test_a_tracker_sees_the_drift():
     """It does not know the current and learns it from what thrust has not held; one that is held tells it nothing."""
-    tracked = ["channel.schedule=every-step", "navigation.sensor=none", "tracker.enabled=true"]
-    world = serving(60.0, *tracked, "auv.hover_radius=80", "usbl.gnss_error=0", "acoustics.source_level=240")
+    tracked = [*TILTING, "tracker.enabled=true", "auv.hover_radius=80", "acoustics.source_level=230"]
+    world = serving(60.0, *tracked, scenario="extreme", boat="centroid")
     for _ in range(30):
         step_in(world, (0.0, -3.0))
     place = world.auv[0, 0, AuvColumn.span("x", "y")]

@@ -1,5 +1,6 @@
 """Packets are conserved, and arrive as Poisson numbers from the table of arrivals."""
 
+import itertools
 import math
 
 import numpy as np
@@ -82,23 +83,23 @@ def test_packets_are_conserved(name, overrides):
 
 def test_what_arrives_during_a_service_stays():
     """A service takes what was there when it began; only that is paid for in time, delivered and gone at its end."""
-    world = World(Scenario.load("ideal", ["auv.count=1", "nodes.count=3"]), num_worlds=32, seed=2)
+    world = World(Scenario.load("ideal"), num_worlds=16, seed=2)
     world.reset()
-    began, taken, stayed = [None] * 32, 0, 0
+    began, taken, stayed = {}, 0, 0
     for _ in range(400):
-        before = world.auv[:, 0].clone()
+        before = world.auv.clone()
         world.step(steer(world))
-        for w in range(32):
-            target = int(before[w, AuvColumn.target])
-            backlog = world.node[w, target, NodeColumn.backlog].item()
-            if world.auv[w, 0, AuvColumn.hover] > 0 and before[w, AuvColumn.hover] == 0:
+        for at in itertools.product(range(16), range(2)):
+            was, auv = before[at], world.auv[at]
+            backlog = world.node[at[0], int(was[AuvColumn.target]), NodeColumn.backlog].item()
+            if auv[AuvColumn.hover] > 0 and was[AuvColumn.hover] == 0:
                 # What came in the step of the arrival itself is not in the service.
-                began[w] = world.auv[w, 0, AuvColumn.cargo].item()
-                assert began[w] <= backlog
-            if world.auv[w, 0, AuvColumn.service_rate] > 0:
-                assert world.auv[w, 0, AuvColumn.packets_delivered].item() == began[w]
-                assert world.auv[w, 0, AuvColumn.delivered].item() == pytest.approx(2 * began[w] / 5000, rel=1e-6)
-                taken += began[w]
+                began[at] = auv[AuvColumn.cargo].item()
+                assert began[at] <= backlog
+            if auv[AuvColumn.service_rate] > 0:
+                assert auv[AuvColumn.packets_delivered].item() == began[at]
+                assert auv[AuvColumn.delivered].item() == pytest.approx(2 * began[at] / 5000, rel=1e-6)
+                taken += began[at]
                 stayed += backlog
     assert 0.005 < stayed / taken < 0.1
 

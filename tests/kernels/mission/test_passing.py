@@ -16,14 +16,21 @@ from usvauv.kernels.mission.columns import AuvColumn, BeliefColumn, NodeColumn, 
 from usvauv.policies.heuristics.passing import Loiter, loiter_radius
 
 STILL = ["auv.speed_lag=0", "auv.speed_noise=0", "auv.depth_noise=0", "nodes.arrival_rates=[0]", "auv.count=1"]
-SOUND = ["nodes.service=passing", "nodes.service_range=80", "nodes.rate_law=shannon", "nodes.payload=200"]
+SOUND = [
+    "nodes.service=passing",
+    "nodes.service_range=80",
+    "nodes.rate_law=shannon",
+    "nodes.payload=200",
+    "nodes.information=visits",
+    "usbl.carriers=[15000]",  # of any number of AUVs
+]
 BED = ["area.bed_rms=3", "area.bed_seed=4"]  # 3 m
 NODE, SPEED, PACKETS = (100.0, 100.0), 2.0, 5000 / 200  # m; m/s; a Mbit
 
 
 @pytest.fixture(scope="module")
 def world():
-    return World(Scenario.load("ideal", [*STILL, *SOUND, *BED, "nodes.information=visits"]), seed=4)
+    return World(Scenario.load("ideal", [*STILL, *SOUND, *BED]), seed=4)
 
 
 def put(world, place, backlog):
@@ -108,7 +115,7 @@ def test_a_service_ends_with_its_last_packet(world):
 
 
 def test_packets_are_conserved_and_figures_are_those_of_travelling():
-    scenario = Scenario.load("extreme", ["nodes.service=passing", "mission.duration=250", "nodes.start_backlog=5000"])
+    scenario = Scenario.load("ideal", [*SOUND, "mission.duration=250", "nodes.start_backlog=5000", "nodes.payload=20"])
     world = World(scenario, 4, seed=3)
     policy = policies.load("pass:100", world)
     observation = world.reset()
