@@ -75,16 +75,16 @@ def sigma(K, S, source_level=162.0):
 
 
 def log_objective(boat, auvs, link, code):
-    """ln of the objective in r̂, t̂ form and double precision: boat (..., 2), auvs (..., K, 3)."""
+    """ln of the objective in r̂, t̂ form and double precision: boat (..., 2), auvs (..., K, 3), link (..., K, :)."""
     d = auvs[..., :2] - boat[..., None, :]
     z2 = auvs[..., 2].square().clamp(min=1.0)
     rho2 = d.square().sum(-1)
     q = rho2 + z2
-    S0 = link[:, acoustic_link.REFERENCE]
+    S0 = link[..., acoustic_link.REFERENCE]
     log_T = (
-        link[:, acoustic_link.LEVEL]
-        - link[:, acoustic_link.POWER] * torch.log(q / S0**2)
-        - link[:, acoustic_link.DECAY] * (q.sqrt() - S0)
+        link[..., acoustic_link.LEVEL]
+        - link[..., acoustic_link.POWER] * torch.log(q / S0**2)
+        - link[..., acoustic_link.DECAY] * (q.sqrt() - S0)
     )
     T, s2 = log_T.exp(), z2 / q
     cross = d[..., :, None, 0] * d[..., None, :, 1] - d[..., :, None, 1] * d[..., None, :, 0]
@@ -92,7 +92,7 @@ def log_objective(boat, auvs, link, code):
         weight = T * (1 + s2**2) / (rho2 + 1)
         pairs = (weight[..., :, None] * weight[..., None, :] * cross.square()).sum((-1, -2)) / 2
         return (3 * (T.square() * s2).sum(-1) + pairs).log()
-    v = 1 / T + link[:, acoustic_link.ATTITUDE] * z2
+    v = 1 / T + link[..., acoustic_link.ATTITUDE] * z2
     if code == CODES["sum fix"]:
         return 2 * (1 / v).sum(-1).log()
     if code == CODES["sum phase"]:
@@ -102,7 +102,7 @@ def log_objective(boat, auvs, link, code):
         pairs = (b[..., :, None] * b[..., None, :] * cross.square()).sum((-1, -2)) / 2
         return (a.sum(-1) ** 2 + a.sum(-1) * tall + pairs).log()
     by_phases = code in (CODES["d phase"], CODES["a phase"])
-    alignment, heading, speed, place = (link[:, column] for column in SYSTEMATIC)
+    alignment, heading, speed, place = (link[..., column] for column in SYSTEMATIC)
     turned = v + alignment * z2
     across = turned + place + heading * rho2
     along = (turned + speed * rho2) / s2**2 + place if by_phases else turned + place + 4 * speed * rho2
@@ -112,40 +112,56 @@ def log_objective(boat, auvs, link, code):
 
 
 def best_by_dense_search(points, link, code, box):
-    """Largest log objective of each layout over a grid of 5 m (200 m box), polished in double precision."""
-    points, link = points.double(), link.double()
-    n, cells = points.shape[0], 41
-    axis = torch.linspace(0, box, cells, dtype=torch.float64)
-    grid = torch.cartesian_prod(axis, axis)
-    value = torch.cat([log_objective(grid, part[:, None], link, code) for part in points.split(50)])
-    image = value.reshape(n, cells, cells)
-    peak = image >= torch.nn.functional.max_pool2d(image[:, None], 3, 1, 1)[:, 0]
-    x = grid[torch.where(peak.reshape(n, -1), value, -torch.inf).topk(5, dim=1).indices]
-    return polished(torch.cat([x, points[..., :2].clamp(0, box)], 1), points, link, code, box)
+    """Largest log objective of each layout over a grid of 5 m (200 m box), polished in double precision.
+
+    Link table and side of the box are those of all layouts, or one each.
+    """
+    points, n, cells = points.double(), len(points), 41
+    link, box = link.double().expand(n, -1, -1), torch.as_tensor(box, dtype=torch.float64).expand(n)[:, None, None]
+    axis = torch.linspace(0, 1, cells, dtype=torch.float64)
+    grid = torch.cartesian_prod(axis, axis) * box
+    parts = zip(grid.split(50), points[:, None].split(50), link[:, None].split(50), strict=True)
+    value = torch.cat([log_objective(*part, code) for part in parts])
+    image = value.reshape(n, 1, cells, cells)
+    peak = image >= torch.nn.functional.max_pool2d(image, 3, 1, 1)
+    highest = torch.where(peak.reshape(n, -1), value, -torch.inf).topk(5, dim=1).indices
+    x = torch.cat([grid[torch.arange(n)[:, None], highest], points[..., :2].clamp(min=0).minimum(box)], 1)
+    return polished(x, points, link, code, box)
 
 
 def polished(x, points, link, code, box):
-    """Best of the maxima uphill of some places (n, m, 2), by Newton steps with derivatives from autograd."""
+    """Best of the maxima uphill of some places (n, m, 2), by Newton steps with derivatives from autograd.
 
-    def f(boat, auvs):
+    A place from which a step gains less than 1e-9 is at its maximum.
+    """
+
+    def f(boat, auvs, link):
         return log_objective(boat, auvs, link, code)
 
-    best = f(x, points[:, None])
-    gradient, curvature = vmap(vmap(grad(f), (0, None))), vmap(vmap(jacrev(grad(f)), (0, None)))
+    gradient, curvature = vmap(grad(f)), vmap(jacrev(grad(f)))
+    n, m, _ = x.shape
+    x, points, link, box = x.flatten(0, 1), *(each.repeat_interleave(m, 0) for each in (points, link, box[:, 0]))
+    best, rising = f(x, points, link), torch.arange(n * m)
     for _ in range(12):
-        g, H = gradient(x, points), curvature(x, points)
-        held = ((x <= 0) & (g < 0)) | ((x >= box) & (g > 0))
+        centre = there = x[rising]
+        highest = start = best[rising]
+        about, side = (points[rising], link[rising]), box[rising]
+        g, H = gradient(centre, *about), curvature(centre, *about)
+        held = ((centre <= 0) & (g < 0)) | ((centre >= side) & (g > 0))
         g = g.masked_fill(held, 0.0)
         H = H.masked_fill(held[..., None] | held[..., None, :], 0.0)
         root, V = torch.linalg.eigh(H)
         step = (V @ ((V.mT @ g[..., None]) / root.abs().clamp(min=1e-6)[..., None]))[..., 0]
-        centre = x
         for halving in range(8):
-            there = (centre + 0.4**halving * step).clamp(0, box)
-            height = f(there, points[:, None])
-            better = height > best
-            best, x = torch.where(better, height, best), torch.where(better[..., None], there, x)
-    return best.amax(1)
+            tried = (centre + 0.4**halving * step).clamp(min=0).minimum(side)
+            height = f(tried, *about)
+            better = height > highest
+            highest, there = torch.where(better, height, highest), torch.where(better[..., None], tried, there)
+        best[rising], x[rising] = highest, there
+        rising = rising[highest > start + 1e-9]
+        if len(rising) == 0:
+            break
+    return best.view(n, m).amax(1)
 
 
 def unequal_links(K, seed, tables, n):

@@ -53,13 +53,17 @@ class TestPlan:
     )
     @pytest.mark.parametrize("name", slowly([name for name in CODES if name[0] in "ds"], "d phase"))
     def test_unequal_links(self, device, name, K, seed, tables, layouts, some):
+        found = []
         for side, link, points in unequal_links(K, seed, tables, layouts):
             points = points[some]
             out = search.plan_batch(link.to(device), points.to(device), code=CODES[name], width=side, length=side)
-            out = out.double().cpu()
-            reached = log_objective(out[:, :2], points.double(), link.double(), CODES[name])
-            assert (best_by_dense_search(points, link, CODES[name], side) - reached).max() < 1e-3
-            assert (out[:, 2] - reached).abs().max() < 1e-3
+            found.append(
+                (torch.full((len(points),), side), link.expand(len(points), -1, -1), points, out.double().cpu())
+            )
+        side, link, points, out = map(torch.cat, zip(*found, strict=True))
+        reached = log_objective(out[:, :2], points.double(), link.double(), CODES[name])
+        assert (best_by_dense_search(points, link, CODES[name], side) - reached).max() < 1e-3
+        assert (out[:, 2] - reached).abs().max() < 1e-3
 
     @pytest.mark.parametrize("name", [name for name in CODES if not name.startswith("paper")])
     def test_optimum_for_one_position_is_straight_above(self, device, name):
