@@ -76,9 +76,9 @@ def test_boat_strategy(run_usvauv, evaluated):
 
 def test_target_rule(evaluated):
     setting = ("--set", "mission.duration=300", "--set", "nodes.count=6", "--targets")
-    oldest, rate = (evaluated("target_rule.py", *setting, rule) for rule in ("oldest", "rate"))
+    oldest, tour = (evaluated("target_rule.py", *setting, rule) for rule in ("oldest", "tour"))
     assert [row["targets"] for row in oldest] == ["oldest"] * len(oldest)
-    assert sum(float(row["jain"]) for row in oldest) > sum(float(row["jain"]) for row in rate)
+    assert sum(float(row["jain"]) for row in oldest) > sum(float(row["jain"]) for row in tour) + 0.1
 
 
 def test_noise_law(evaluated):

@@ -345,7 +345,7 @@ def test_batches_are_halved_until_they_fit_into_memory(run_usvauv, tmp_path, mon
 
 
 def test_from_python_a_table_has_means_and_paired_differences_with_their_intervals():
-    scenario = Scenario.load("extreme", ["mission.duration=20"])
+    scenario = Scenario.load("ideal", ["mission.duration=20"])
     made = {
         "east": lambda world: lambda observation: torch.ones_like(observation[..., :2]),
         **policies.named("straight"),
