@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import onnxruntime
 import pytest
@@ -19,10 +20,9 @@ from usvauv.policies.frames import FRAMES
 from usvauv.policies.learned import Standardizer
 
 KINDS = {
-    "shipped": ("extreme", None, {}),
-    "shared": ("extreme", ["auv.count=3", "observation.current=speed"], {"shared": True}),
-    "deterministic": ("extreme", ["auv.action=polar", "observation.current=none"], {"algorithm": "td3"}),
-    "alone": ("extreme", ["auv.count=1"], {"algorithm": "ddpg", "frame": "world"}),
+    "shared": (["auv.count=3", "observation.current=speed"], {"shared": True}),
+    "deterministic": (["auv.action=polar", "observation.current=none"], {"algorithm": "td3"}),
+    "alone": (["auv.count=1"], {"algorithm": "ddpg", "frame": "world"}),
 }
 
 
@@ -51,56 +51,62 @@ def untrained(scenario: Scenario, **settings) -> LearnedPolicy:
 @pytest.fixture(scope="module", params=slowly(KINDS, "shared", "deterministic"))
 def exported(request, tmp_path_factory):
     """A policy, the session that runs its file, and the file."""
-    name, overrides, settings = KINDS[request.param]
-    scenario = Scenario.load(name, overrides or ())
-    policy = untrained(scenario, **settings) if settings else policies.load_learned("sac-extreme")
+    overrides, settings = KINDS[request.param]
+    policy = untrained(Scenario.load("extreme", overrides), **settings)
     path = tmp_path_factory.mktemp(request.param) / "policy.onnx"
     export(policy, path)
     return policy, onnxruntime.InferenceSession(path), path
 
 
-class TestActions:
-    def test_they_are_those_of_torch(self, exported):
-        policy, session, _ = exported
-        observation = observations(policy.scenario, 64)
-        for worlds in (1, 2, 3, 64):
-            some = observation[:worlds]
-            (action,) = session.run(["action"], {"observation": some.numpy()})
-            expected = policy.act(some).detach()
-            torch.testing.assert_close(torch.from_numpy(action), expected, atol=1e-5, rtol=0)
-        assert expected.std() > 0.1
+def check_actions(policy: LearnedPolicy, session: onnxruntime.InferenceSession) -> None:
+    observation = observations(policy.scenario, 64)
+    for worlds in (1, 2, 3, 64):
+        some = observation[:worlds]
+        (action,) = session.run(["action"], {"observation": some.numpy()})
+        expected = policy.act(some).detach()
+        torch.testing.assert_close(torch.from_numpy(action), expected, atol=1e-5, rtol=0)
+    assert expected.std() > 0.1
 
 
-class TestMetadata:
-    def test_it_is_complete(self, exported):
-        policy, session, path = exported
-        assert b".py" not in path.read_bytes()  # nothing of this machine
-        read = {name: json.loads(text) for name, text in session.get_modelmeta().custom_metadata_map.items()}
-        assert set(read) == {"observation", "action", "policy"}
-        (given,), (taken,) = session.get_outputs(), session.get_inputs()
-        assert taken.shape == ["N", policy.scenario.auv.count, len(read["observation"])]
-        assert given.shape == ["N", policy.scenario.auv.count, len(read["action"])]
-        for rows in (read["observation"], read["action"]):
-            assert [row["index"] for row in rows] == list(range(len(rows)))
-            assert all(set(row) == {"index", "quantity", "unit", "low", "high"} for row in rows)
-            assert all(row["quantity"] and row["unit"] and row["low"] < row["high"] for row in rows)
-            assert len({row["quantity"] for row in rows}) == len(rows)
-        assert read["policy"]["scenario"] == "extreme"
-        assert read["policy"]["num_auvs"] == policy.scenario.auv.count
-        if policy.name == "sac-extreme":
-            assert read["policy"]["command"].startswith("usvauv train extreme")
-            assert len(read["policy"]["commit"]) >= 40
-        assert policy.name in session.get_modelmeta().description
+def check_metadata(policy: LearnedPolicy, session: onnxruntime.InferenceSession, path: Path) -> None:
+    assert b".py" not in path.read_bytes()  # nothing of this machine
+    read = {name: json.loads(text) for name, text in session.get_modelmeta().custom_metadata_map.items()}
+    assert set(read) == {"observation", "action", "policy"}
+    (given,), (taken,) = session.get_outputs(), session.get_inputs()
+    assert taken.shape == ["N", policy.scenario.auv.count, len(read["observation"])]
+    assert given.shape == ["N", policy.scenario.auv.count, len(read["action"])]
+    for rows in (read["observation"], read["action"]):
+        assert [row["index"] for row in rows] == list(range(len(rows)))
+        assert all(set(row) == {"index", "quantity", "unit", "low", "high"} for row in rows)
+        assert all(row["quantity"] and row["unit"] and row["low"] < row["high"] for row in rows)
+        assert len({row["quantity"] for row in rows}) == len(rows)
+    assert read["policy"]["scenario"] == "extreme"
+    assert read["policy"]["num_auvs"] == policy.scenario.auv.count
+    if policy.name == "sac-extreme":
+        assert read["policy"]["command"].startswith("usvauv train extreme")
+        assert len(read["policy"]["commit"]) >= 40
+    assert policy.name in session.get_modelmeta().description
+
+
+def test_actions_are_those_of_torch(exported):
+    check_actions(*exported[:2])
+
+
+def test_metadata_are_complete(exported):
+    check_metadata(*exported)
 
 
 class TestCommand:
-    def test_it_writes_the_file_and_nothing_else(self, tmp_path, run_usvauv):
+    def test_it_writes_a_shipped_policy_and_nothing_else(self, tmp_path, run_usvauv):
         code, out, err = run_usvauv("export", "sac-extreme", "extreme", "--set", "auv.speed_max=2.0")
         assert (code, err) == (0, "")
         assert "sac-extreme.onnx: observation (N, 2, 23), action (N, 2, 2)" in out
         assert [path.name for path in tmp_path.iterdir()] == ["sac-extreme.onnx"]
         session = onnxruntime.InferenceSession("sac-extreme.onnx")
         assert '"unit": "2 m/s"' in session.get_modelmeta().custom_metadata_map["action"]
+        slower = policies.load_learned("sac-extreme").for_scenario(Scenario.load("extreme", ["auv.speed_max=2.0"]))
+        check_actions(slower, session)
+        check_metadata(slower, session, tmp_path / "sac-extreme.onnx")
 
     @pytest.mark.parametrize(
         ("arguments", "parts"),

@@ -126,7 +126,7 @@ def test_another_strategy_or_rule_goes_on_with_the_state():
     session.set("current", 2.0)
     before = session.world.state()
     elevation = session.world.sea.elevation()
-    for change in (lambda: session.set_strategy("belief"), lambda: session.set_rule("nearest")):
+    for change in (lambda: session.set_strategy("centroid"), lambda: session.set_rule("nearest")):
         change()
         after = session.world.state()
         for name in ("auv", "boat", "vortex", "estimate", "track", "own", "exchange", "clock", "tally"):
@@ -137,10 +137,10 @@ def test_another_strategy_or_rule_goes_on_with_the_state():
         assert session.values["current"] == 2.0
         assert session.time == 5.0
     stepped(session, 3)
-    assert session.world.strategy.name == "belief"
+    assert session.world.strategy.name == "centroid"
     assert session.scenario.nodes.target_rule == "nearest"
     assert session.figures() is not None
-    assert session.figures().usv == "belief"
+    assert session.figures().usv == "centroid"
     old = session.world
     with pytest.raises(ScenarioError, match="no longer there"):
         session.set_strategy("fim-horizon")
