@@ -18,8 +18,6 @@ from tests.slowly import slowly
 from usvauv.kernels.planning import search
 
 AREA = 200.0
-
-
 GAP = 1e-6  # in ln of the objective
 
 

@@ -152,12 +152,8 @@ TABLE = [
     (0.0, 35.0, 100.0, 23.4),
     (10.0, 35.0, 100.0, 33.6),
 ]
-
-
 # Pure water, α/f² in 1e-15 s²/m (Np/m): Pinkerton, Proc. Phys. Soc. B 62 (1949) 129, doi 10.1088/0370-1301/62/2/307.
 PINKERTON = [(0.0, 56.9), (10.0, 36.1), (20.0, 25.3), (30.0, 19.1)]
-
-
 FREQUENCIES = np.geomspace(100.0, 1e6, 41)
 
 
@@ -222,14 +218,10 @@ class TestRelaxation:
 
 
 KNOT = 1852 / 3600  # m/s
-
-
 # Wind noise of sea states: Sadowski, Katz and McFadden, "Ambient noise standards for acoustic modeling and analysis",
 # NUSC Technical Document 7265 (1984), also in Hodges (below); their winds in knots: Urick, "Ambient Noise in the Sea"
 # (1984), table 1-1.
 STANDARD_FREQUENCIES = (1e3, 5e3, 1e4, 2.5e4, 5e4)
-
-
 STANDARD = {
     (4, 6): (52.9, 42.0, 36.5, 29.3, 23.8),  # sea state 1
     (7, 10): (58.8, 48.3, 42.8, 35.6, 30.1),
@@ -238,8 +230,6 @@ STANDARD = {
     (22, 27): (66.7, 56.4, 50.9, 43.7, 38.2),
     (28, 33): (69.4, 59.0, 53.5, 46.3, 40.8),  # sea state 6
 }
-
-
 # Hildebrand et al., "An empirical model for wind-generated ocean noise", J. Acoust. Soc. Am. 149 (2021) 4516, doi
 # 10.1121/10.0005430, near the surface, worked out by hand from their coefficients: m/s, Hz, dB.
 HILDEBRAND = [
@@ -249,8 +239,6 @@ HILDEBRAND = [
     (9.4, 2.5e4, 48.2),  # 48.3 + 20 log10 9.4 − 14 log10 25
     (12.3, 5e3, 60.1),  # 48.4 + 20 log10 12.3 − 14.5 log10 5
 ]
-
-
 # Hodges, "Underwater Acoustics" (2010), chapter 7: rain of 1, 5, 10 and 100 mm/h, kHz.
 HODGES = {
     1.0: (52.9, 62.6, 66.0, 75.4),

@@ -15,11 +15,7 @@ from usvauv.kernels.positioning.sonar import coates
 from usvauv.kernels.types import array2, vec2, vec3
 
 CARRIERS = (15000.0, 18000.0)
-
-
 LEVEL = (0.0, 0.0)
-
-
 DRAWS = 200_000
 
 

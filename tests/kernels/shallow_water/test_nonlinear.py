@@ -11,12 +11,23 @@ import pytest
 
 from tests.cases.case import order, relative_L1
 from tests.cases.plain import GRAVITY as g
-from tests.cases.plain import SIDES, centres
+from tests.cases.plain import SIDES, centres, from_wall
 from tests.cases.solutions import channel
 from usvauv.kernels import runtime
 from usvauv.kernels.shallow_water import nonlinear
 from usvauv.kernels.shallow_water.linear import ShallowWater
 from usvauv.kernels.shallow_water.nonlinear import NonlinearShallowWater
+
+
+def start(solver: NonlinearShallowWater, along_y: bool, eta: np.ndarray, u: np.ndarray | float = 0.0) -> None:
+    """Give a channel an elevation and a velocity along it, (n,)."""
+    eta, u = (np.broadcast_to(f, (4, len(eta))) for f in (eta, u))
+    solver.set_state(eta.T if along_y else eta, **{"v": u.T} if along_y else {"u": u})
+
+
+def along(field: np.ndarray, along_y: bool) -> np.ndarray:
+    """A field of a channel, (4, n)."""
+    return field.T if along_y else field
 
 
 class TestRunUp:
@@ -53,16 +64,12 @@ class TestSmooth:
         errors = []
         for n in (100, 200, 400):
             average = lambda at, n=n: np.interp(centres(20 * n, 10), at, c).reshape(n, 20)  # noqa: E731
-            start, end = average(points), average(moved)
+            begin, end = ([(s**2 / g).mean(1), 2 * (s.mean(1) - c0)] for s in (average(points), average(moved)))
             solver = channel(n, 10, along_y, bed=-h0, interval=t)
-            h, u = (start**2 / g).mean(axis=1), 2 * (start.mean(axis=1) - c0)
-            eta, u = (np.broadcast_to(f, (4, n)) for f in (h - h0, u))
-            solver.set_state(eta.T if along_y else eta, **{"v": u.T} if along_y else {"u": u})
+            start(solver, along_y, begin[0] - h0, begin[1])
             solver.advance()
-            h, speed = solver.depth(), solver.velocity()[along_y]
-            h, speed = (h.T, speed.T) if along_y else (h, speed)
-            exact = (end**2 / g).mean(axis=1)
-            errors.append((np.abs(h[0] - exact).mean(), np.abs(speed[0] - 2 * (end.mean(axis=1) - c0)).mean()))
+            found = solver.depth(), solver.velocity()[along_y]
+            errors.append([np.abs(along(f, along_y) - e).mean() for f, e in zip(found, end, strict=True)])
         for series in zip(*errors, strict=True):
             assert order(series) > 1.8
 
@@ -122,14 +129,13 @@ class TestBoundaries:
     def test_open_boundary_lets_waves_out(self, side, kind):
         """A hump of 40 m length on 10 m of water leaves; the rest, as a fraction of its height."""
         n, h, amplitude = 200, 10.0, 2.0
-        x = centres(n, 200.0)
-        x = x if side in ("east", "north") else x[::-1]
+        x = from_wall(centres(n, 200.0), side, 200.0)
         along_y = side in ("south", "north")
         outward = 1 if side in ("east", "north") else -1
         solver = channel(n, 200.0, along_y, bed=-h, interval=180 / math.sqrt(g * h), boundaries={side: kind})
-        eta = np.broadcast_to(amplitude * np.exp(-(((x - 100) / 20) ** 2)), (4, n))
+        eta = amplitude * np.exp(-(((x - 100) / 20) ** 2))
         u = outward * 2 * (np.sqrt(g * (h + eta)) - math.sqrt(g * h))  # a simple wave
-        solver.set_state(eta.T if along_y else eta, **{"v": u.T} if along_y else {"u": u})
+        start(solver, along_y, eta, u)
         solver.advance()
         assert np.abs(solver.elevation()).max() < 0.003 * amplitude
 
@@ -154,20 +160,19 @@ class TestBoundaries:
         """E = a (1 − cos ωt)/2 of a tenth of the depth: a simple wave, η = E(s) at x = (3c(s) − 2c0) (t − s)."""
         h, a, T, L, t = 10.0, 1.0, 10.0, 100.0, 9.0
         c0 = math.sqrt(g * h)
-        start = np.linspace(t, 0, 20001)
-        E = a * (1 - np.cos(2 * math.pi / T * start)) / 2
-        at = (3 * np.sqrt(g * (h + E)) - 2 * c0) * (t - start)
+        entry = np.linspace(t, 0, 20001)
+        E = a * (1 - np.cos(2 * math.pi / T * entry)) / 2
+        at = (3 * np.sqrt(g * (h + E)) - 2 * c0) * (t - entry)
         along_y, opposite = side in ("south", "north"), SIDES[SIDES.index(side) ^ 1]
         errors = []
         for n in (50, 100, 200):
-            x = centres(n, L)
-            exact = np.interp(x if side in ("west", "south") else L - x, at, E, right=0.0)
+            exact = np.interp(L - from_wall(centres(n, L), side, L), at, E, right=0.0)
             boundaries = {side: "incident", opposite: "radiating"}
             solver = channel(n, L, along_y, bed=-h, interval=t, boundaries=boundaries)
             solver.set_forcing(np.array([a / 2, -a / 2]), np.array([1e30, T]), np.zeros(2))
             solver.set_state(0.0)
             solver.advance()
-            errors.append(np.abs((solver.elevation().T if along_y else solver.elevation())[0] - exact).mean() / a)
+            errors.append(np.abs(along(solver.elevation(), along_y) - exact).mean() / a)
         assert order(errors) > 1.7
         assert errors[-1] < 5e-4
         solver.set_forcing(np.zeros(1), np.ones(1), np.zeros(1))  # no more waves: the sea comes to rest
@@ -184,16 +189,14 @@ class TestBoundaries:
         along_y = side in ("south", "north")
         errors = []
         for n in (25, 50, 100):
-            x = centres(n, L)
-            shape = np.cos(k * (L - x if side in ("west", "south") else x)) / math.cos(k * L)
+            shape = np.cos(k * from_wall(centres(n, L), side, L)) / math.cos(k * L)
             solver = channel(n, L, along_y, bed=-h, interval=T / 8, boundaries={side: "forced"})
             solver.set_forcing(np.array([a]), np.array([T]), np.zeros(1))
-            eta = np.broadcast_to(a * shape, (4, n))
-            solver.set_state(eta.T if along_y else eta)
+            start(solver, along_y, a * shape)
             squares = 0.0
             for _ in range(16):
                 solver.advance()
-                eta = solver.elevation().T if along_y else solver.elevation()
+                eta = along(solver.elevation(), along_y)
                 squares += np.mean((eta / a - shape * math.cos(omega * solver.time)) ** 2) / 16
             errors.append(math.sqrt(squares))
         assert errors[-1] < 5e-4
