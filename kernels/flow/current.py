@@ -12,7 +12,7 @@ import taichi as ti
 import torch
 
 from usvauv.kernels.flow import vortex
-from usvauv.kernels.flow.vortex import ENDLESS, PLACES, Eddies, places
+from usvauv.kernels.flow.vortex import ENDLESS, PLACES, Eddies, Pattern, places
 from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.shallow_water.discretisation import LANES
 from usvauv.kernels.types import Level, array1, array3, array4, index1, mask1, vec2, vec3
@@ -35,7 +35,7 @@ class Water(NamedTuple):
         nx, ny: number of cells.
         sea_index: (W,) int32, which sea of the pool a world sails on.
         wave: (seas, groups, columns, LANES) the storm's components, `airy`; velocities at each `Level`.
-        eddies: how the vortices fill the water.
+        pattern: of the vortices.
     """
 
     vortex: Any
@@ -52,7 +52,7 @@ class Water(NamedTuple):
     ny: Any = None
     sea_index: Any = None
     wave: Any = None
-    eddies: Eddies = ENDLESS
+    pattern: Pattern = ENDLESS.pattern
 
 
 @func
@@ -183,7 +183,7 @@ def long_wave_velocity(water: ti.template(), sea: ti.i32, x: ti.f32, y: ti.f32) 
 def at_level(water: ti.template(), level: ti.i32):
     """`fade` and `share` at a level, as of `without_waves`."""
     deep = level == Level.cruise
-    return ti.select(deep, ti.cast(water.eddies.cruise, ti.f32), 1.0), ti.cast(deep, ti.f32)
+    return ti.select(deep, ti.cast(water.pattern.cruise, ti.f32), 1.0), ti.cast(deep, ti.f32)
 
 
 @func
@@ -205,7 +205,7 @@ def without_waves(water: ti.template(), w: ti.i32, x: places, y: places, fade: t
     Args:
         fade: speed of vortices over that at the surface. share: of the way from the surface to cruise depth.
     """
-    u, v = vortex.current(water.vortex, w, x, y, water.eddies.period)
+    u, v = vortex.current(water.vortex, w, x, y, water.pattern)
     return at_share(water, x, y, u, v, fade, share)
 
 
@@ -225,7 +225,7 @@ def at_share(water: ti.template(), x: places, y: places, u: places, v: places, f
 def velocity(water: ti.template(), level: ti.i32, w: ti.i32, x: ti.f32, y: ti.f32) -> vec2:
     """Velocity (m/s) at (x, y) in world w."""
     fade, share = at_level(water, level)
-    u, v = vortex.current(water.vortex, w, x, y, water.eddies.period)
+    u, v = vortex.current(water.vortex, w, x, y, water.pattern)
     waves = long_wave_velocity(water, water.sea_index[w], x, y)
     return fade * vec2(u, v) + real_current(water, x, y, share) + waves
 
@@ -246,15 +246,19 @@ def on_grid(
     mask: mask1,
     margin: ti.f32,
     flow: array4,
-    eddies: ti.template(),
+    repeats: ti.template(),
+    eddy_scale: ti.f32,
+    eddy_share: ti.f32,
+    cruise: ti.f32,
 ):
     """Velocity (m/s) at cruise level on a grid over the area without a margin (m), in worlds where `mask` is not 0.
 
     `size` is the area's width and length, m. `flow` is (W, rows, columns, 2), row 0 in the south.
     """
     for w, i in ti.ndrange(flow.shape[0], flow.shape[1]):
+        pattern = ti.static(Pattern(repeats, eddy_scale, eddy_share, cruise))
         water = ti.static(
-            Water(vortices, stream, size[0], size[1], bed, None, U, V, unit_x, unit_y, nx, ny, sea_index, None, eddies)
+            Water(vortices, stream, size[0], size[1], bed, None, U, V, unit_x, unit_y, nx, ny, sea_index, None, pattern)
         )
         fade, share = at_level(water, Level.cruise)
         y = margin + (size[1] - 2.0 * margin) * i / (flow.shape[1] - 1)
@@ -281,10 +285,14 @@ def _trace_paths(
     length: ti.f32,
     step: ti.f32,
     path: array3,
-    eddies: ti.template(),
+    repeats: ti.template(),
+    eddy_scale: ti.f32,
+    eddy_share: ti.f32,
+    cruise: ti.f32,
 ):
     for g in range((path.shape[0] + PLACES - 1) // PLACES):
-        water = ti.static(Water(vortices, stream, width, length, eddies=eddies))
+        pattern = ti.static(Pattern(repeats, eddy_scale, eddy_share, cruise))
+        water = ti.static(Water(vortices, stream, width, length, pattern=pattern))
         fade, share = at_level(water, level)
         x, y = places(0.0), places(0.0)
         for n in ti.static(range(PLACES)):  # those beyond the last follow its path
@@ -326,5 +334,5 @@ def particle_paths(
         (N, count + 1, 2) float32, m.
     """
     path = points[:, None].repeat(1, count + 1, 1).contiguous()
-    _trace_paths(vortices.contiguous(), stream.contiguous(), level, *size, step, path, eddies)
+    _trace_paths(vortices.contiguous(), stream.contiguous(), level, *size, step, path, *eddies.pattern)
     return path

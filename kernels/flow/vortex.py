@@ -30,7 +30,7 @@ Source: Weiss and McWilliams (1991), doi 10.1063/1.858014; Whittaker and Watson,
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import taichi as ti
 import torch
@@ -38,7 +38,7 @@ import torch
 from usvauv.kernels import runtime
 from usvauv.kernels.flow.airy import LANES, lanes, total
 from usvauv.kernels.functions import Launch, func, kernel
-from usvauv.kernels.types import Columns, array3, array4, columns, vec4
+from usvauv.kernels.types import Columns, array3, array4, columns, vec2, vec4
 
 PLACES = 8  # places side by side
 ABREAST = 32  # worlds side by side: enough independent numbers that the processor need not wait for any
@@ -53,8 +53,24 @@ rows4 = ti.types.ndarray(dtype=vec4, ndim=2)
 blocks_abreast = ti.types.ndarray(dtype=abreast, ndim=3)
 
 
+class Pattern(NamedTuple):
+    """What a function needs of `Eddies` to compute a velocity.
+
+    Attributes:
+        repeats: whether there is a period; compiled into kernels.
+        scale: by which `induced` measures lengths: 1/L, 1/m; 1 without a period.
+        share: velocity over what `induced` gives: 1/(2πL), 1/m; 1/(2π) without a period.
+        cruise: as of `Eddies`.
+    """
+
+    repeats: bool
+    scale: Any
+    share: Any
+    cruise: Any = 1.0
+
+
 class Eddies(NamedTuple):
-    """How the vortices of a world fill the water; compiled into kernels. By default without end, alike at all depths.
+    """How the vortices of a world fill the water. By default without end, alike at all depths.
 
     Attributes:
         period: L of the pattern in x and y, m; 0: the vortices have no images.
@@ -67,6 +83,12 @@ class Eddies(NamedTuple):
     centre: tuple[float, float] = (0.0, 0.0)
     cruise: float = 1.0
     column: float = 1.0
+
+    @property
+    def pattern(self) -> Pattern:
+        """For kernels."""
+        length = self.period or 1.0
+        return Pattern(self.period > 0, 1.0 / length, 0.5 / math.pi / length, self.cruise)
 
 
 ENDLESS = Eddies()
@@ -116,32 +138,20 @@ def images(x, y, real, r4):
 
 
 @func
-def nearest(d, period: ti.template()):
-    """A component of the way from the nearest image of a vortex, from that of the way from any."""
-    return d - ti.static(period) * ti.floor(d * ti.static(1.0 / period) + 0.5)
-
-
-@func
-def per_length(period: ti.template()):
-    """1/L, of which lengths are shares in `induced`; 1 without a period."""
-    return ti.static(1.0 / (period or 1.0))
-
-
-@func
-def induced(x, y, width2, period: ti.template()):
+def induced(x, y, width2, repeats: ti.template()):
     """2πL times the velocity (m/s) at (x, y) from a vortex of circulation 1 m²/s.
 
     Numbers or vectors of numbers, without branches. A vortex adds exactly 0 at its centre.
 
     Args:
-        x, y: over L. width2: `FAR` δ²/L².
+        x, y: over L. width2: `FAR` δ²/L². repeats: of `Pattern`.
     """
-    if ti.static(period > 0):
+    if ti.static(repeats):
         x, y = x - ti.floor(x + 0.5), y - ti.floor(y + 0.5)
     x2, y2 = x * x, y * y
     r2 = x2 + y2 + LEAST
     u, v = x, y
-    if ti.static(period > 0):
+    if ti.static(repeats):
         r4 = r2 * r2
         share = 1.0 / (r2 * width2)  # one division in place of two
         turn = math.pi - core(r4 * share) * (width2 * share)
@@ -154,30 +164,28 @@ def induced(x, y, width2, period: ti.template()):
 
 
 @func
-def current(vortex: ti.template(), w: ti.i32, x, y, period: ti.template()):
+def current(vortex: ti.template(), w: ti.i32, x, y, pattern: ti.template()):
     """Velocity (u, v) in m/s at the surface at (x, y) in world w: numbers, or vectors of numbers.
 
     Args:
         vortex: of shape (W, V, 4).
-        x, y: m. period: of `Eddies`.
+        x, y: m. pattern: of the vortices.
     """
-    scale = per_length(period)
+    scale, share = pattern.scale, pattern.share
     x, y = x * scale, y * scale
     u, v = 0.0 * x, 0.0 * y
     for n in range(vortex.shape[1]):
         delta = vortex[w, n, Vortex.delta] * scale
         x_n, y_n = vortex[w, n, Vortex.x] * scale, vortex[w, n, Vortex.y] * scale
-        along_x, along_y = induced(x - x_n, y - y_n, FAR * delta * delta, period)
+        along_x, along_y = induced(x - x_n, y - y_n, FAR * delta * delta, pattern.repeats)
         u += vortex[w, n, Vortex.Gamma] * along_x
         v += vortex[w, n, Vortex.Gamma] * along_y
-    share = ti.static(0.5 / math.pi / (period or 1.0))
     return share * u, share * v
 
 
 @func
-def load(vortex: ti.template(), work: ti.template(), w: ti.i32, period: ti.template()):
+def load(vortex: ti.template(), work: ti.template(), w: ti.i32, scale: ti.f32):
     """Put the vortices of a world into the workspace; lanes without a vortex have no circulation."""
-    scale = per_length(period)
     for v in range(vortex.shape[1]):
         g, n = v // LANES, v % LANES
         delta = vortex[w, v, Vortex.delta] * scale
@@ -208,11 +216,11 @@ def scatter(vortex: ti.template(), first: ti.i32, v: ti.i32, x, y, Gamma, delta)
 
 
 @func
-def within(place, axis: ti.template(), eddies: ti.template()):
-    """A coordinate of a centre; of a periodic pattern, that of the image in its square."""
-    if ti.static(eddies.period > 0):
-        middle = ti.static(eddies.centre[axis])
-        place = middle + nearest(place - middle, eddies.period)
+def within(place, middle: ti.f32, period: ti.f32, scale: ti.f32, repeats: ti.template()):
+    """A coordinate of a centre, m; of a periodic pattern, that of the image in the square around its `middle`."""
+    if ti.static(repeats):
+        away = place - middle
+        place = middle + (away - period * ti.floor(away * scale + 0.5))
     return place
 
 
@@ -225,7 +233,7 @@ def passed_on(row: lanes, size: ti.i32) -> lanes:
 
 
 @func
-def carry(work: ti.template(), w: ti.i32, count: ti.i32, period: ti.template()):
+def carry(work: ti.template(), w: ti.i32, count: ti.i32, repeats: ti.template()):
     """2πL times the velocities (m/s) of all centres of a world from the other vortices, into the workspace.
 
     Each pair is met once. In a group of lanes the vortices stand in a ring: its copy is passed on by one lane a time,
@@ -244,7 +252,7 @@ def carry(work: ti.template(), w: ti.i32, count: ti.i32, period: ti.template()):
             met_Gamma, met_width2 = passed_on(met_Gamma, size), passed_on(met_width2, size)
             back_u, back_v = passed_on(back_u, size), passed_on(back_v, size)
             if 2 * turn <= size:
-                along_u, along_v = induced(x - met_x, y - met_y, width2 + met_width2, period)
+                along_u, along_v = induced(x - met_x, y - met_y, width2 + met_width2, repeats)
                 u += met_Gamma * along_u
                 v += met_Gamma * along_v
                 if 2 * turn < size:  # else both of a pair meet the other
@@ -260,7 +268,7 @@ def carry(work: ti.template(), w: ti.i32, count: ti.i32, period: ti.template()):
                 for h in range(g):
                     x_h, y_h, width2_h = work[w, Work.x, h], work[w, Work.y, h], work[w, Work.width2, h]
                     Gamma_h, u_h, v_h = work[w, Work.Gamma, h], work[w, Work.u, h], work[w, Work.v, h]
-                    along_u, along_v = induced(x_h - x_n, y_h - y_n, width2_h + width2_n, period)
+                    along_u, along_v = induced(x_h - x_n, y_h - y_n, width2_h + width2_n, repeats)
                     back_u += Gamma_h * along_u
                     back_v += Gamma_h * along_v
                     work[w, Work.u, h] = u_h + Gamma_n * along_u
@@ -280,7 +288,7 @@ def add(work: ti.template(), b: ti.i32, column: ti.template(), i: ti.i32, more):
 
 
 @func
-def carry_abreast(work: ti.template(), b: ti.i32, period: ti.template()):
+def carry_abreast(work: ti.template(), b: ti.i32, repeats: ti.template()):
     """`carry` where worlds lie side by side: the same sums in the same order, so the same bits."""
     count = work.shape[2]
     for g in range((count + LANES - 1) // LANES):
@@ -295,7 +303,7 @@ def carry_abreast(work: ti.template(), b: ti.i32, period: ti.template()):
                 if j >= end:
                     j -= end - first
                 x, y = work[b, Work.x, i] - work[b, Work.x, j], work[b, Work.y, i] - work[b, Work.y, j]
-                u, v = induced(x, y, work[b, Work.width2, i] + work[b, Work.width2, j], period)
+                u, v = induced(x, y, work[b, Work.width2, i] + work[b, Work.width2, j], repeats)
                 Gamma_i, Gamma_j = work[b, Work.Gamma, i], work[b, Work.Gamma, j]
                 add(work, b, Work.u, i, (Gamma_j * u, Gamma_j * v))
                 if 2 * turn < end - first:  # else both of a pair meet the other
@@ -311,7 +319,7 @@ def carry_abreast(work: ti.template(), b: ti.i32, period: ti.template()):
             Gamma_i, width2_i = work[b, Work.Gamma, i], work[b, Work.width2, i]
             for j in range(first):
                 x, y = work[b, Work.x, j] - x_i, work[b, Work.y, j] - y_i
-                u, v = induced(x, y, work[b, Work.width2, j] + width2_i, period)
+                u, v = induced(x, y, work[b, Work.width2, j] + width2_i, repeats)
                 Gamma_j = work[b, Work.Gamma, j]
                 add(work, b, Work.back_u, j % LANES, (Gamma_j * u, Gamma_j * v))
                 add(work, b, Work.u, j, (Gamma_i * u, Gamma_i * v))
@@ -323,10 +331,8 @@ def carry_abreast(work: ti.template(), b: ti.i32, period: ti.template()):
 
 
 @func
-def advance(work: ti.template(), b: ti.i32, stage: ti.i32, dt: ti.f32, viscosity: ti.f32, eddies: ti.template()):
+def advance(work: ti.template(), b: ti.i32, stage: ti.i32, dt: ti.f32, viscosity: ti.f32, scale: ti.f32, share: ti.f32):
     """Bring the centres and widths of a block to where the next stage evaluates velocities."""
-    scale = per_length(eddies.period)
-    share = ti.static(0.5 / math.pi / (eddies.period or 1.0) * eddies.column)
     weight = (stage + 2.0) / 9.0
     time = dt * (stage + 2.0) / 4.0  # of the next stage
     grown = ti.select(stage == 0, 2.0, 1.0) * viscosity * dt * FAR * scale * scale
@@ -346,24 +352,28 @@ def _evolve(
     dt: ti.f32,
     viscosity: ti.f32,
     mutual: ti.i32,
-    eddies: ti.template(),
+    scale: ti.f32,
+    share: ti.f32,
+    period: ti.f32,
+    middle: vec2,
+    repeats: ti.template(),
 ):
     ti.loop_config(serialize=serial)
     for w in range(work.shape[0]):
         if mutual != 0:
-            load(vortex, work, w, eddies.period)
+            load(vortex, work, w, scale)
             for g in range(work.shape[2]):
                 for axis in ti.static(range(2)):
                     work[w, Work.x + axis, g] = work[w, Work.start_x + axis, g]
                     work[w, Work.mean_u + axis, g] = lanes(0.0)
             for stage in range(3):
-                carry(work, w, vortex.shape[1], eddies.period)
-                advance(work, w, stage, dt, viscosity, eddies)
+                carry(work, w, vortex.shape[1], repeats)
+                advance(work, w, stage, dt, viscosity, scale, share)
         for v in range(vortex.shape[1]):
             if mutual != 0:
                 for axis in ti.static(range(2)):
                     place = vortex[w, v, axis] + dt * work[w, Work.mean_u + axis, v // LANES][v % LANES]
-                    vortex[w, v, axis] = within(place, axis, eddies)
+                    vortex[w, v, axis] = within(place, middle[axis], period, scale, repeats)
             delta = vortex[w, v, Vortex.delta]
             vortex[w, v, Vortex.delta] = ti.sqrt(delta * delta + 4.0 * viscosity * dt)
 
@@ -374,12 +384,15 @@ def _evolve_abreast(
     work: blocks_abreast,
     dt: ti.f32,
     viscosity: ti.f32,
-    eddies: ti.template(),
+    scale: ti.f32,
+    share: ti.f32,
+    period: ti.f32,
+    middle: vec2,
+    repeats: ti.template(),
 ):
     """`_evolve` of centres that move, ABREAST worlds side by side, bit for bit."""
     for b in range(work.shape[0]):
         first = b * ABREAST
-        scale = per_length(eddies.period)
         for v in range(vortex.shape[1]):
             x, y, Gamma, delta = gathered(vortex, first, v)
             start = scale * x, scale * y
@@ -391,12 +404,12 @@ def _evolve_abreast(
             delta = scale * delta
             work[b, Work.width2, v] = FAR * delta * delta
         for stage in range(3):
-            carry_abreast(work, b, eddies.period)
-            advance(work, b, stage, dt, viscosity, eddies)
+            carry_abreast(work, b, repeats)
+            advance(work, b, stage, dt, viscosity, scale, share)
         for v in range(vortex.shape[1]):
             x, y, Gamma, delta = gathered(vortex, first, v)
-            x = within(x + dt * work[b, Work.mean_u, v], 0, eddies)
-            y = within(y + dt * work[b, Work.mean_v, v], 1, eddies)
+            x = within(x + dt * work[b, Work.mean_u, v], middle[0], period, scale, repeats)
+            y = within(y + dt * work[b, Work.mean_v, v], middle[1], period, scale, repeats)
             scatter(vortex, first, v, x, y, Gamma, ti.sqrt(delta * delta + 4.0 * viscosity * dt))
 
 
@@ -407,15 +420,17 @@ def _evolve_each(
     dt: ti.f32,
     viscosity: ti.f32,
     mutual: ti.template(),
-    eddies: ti.template(),
+    scale: ti.f32,
+    share: ti.f32,
+    period: ti.f32,
+    middle: vec2,
+    repeats: ti.template(),
 ):
     """`_evolve` with a thread for each vortex, and without lanes.
 
     Args:
         velocity: (3, W, V, 2), of each stage, m/s; workspace.
     """
-    scale = per_length(eddies.period)
-    share = ti.static(0.5 / math.pi / (eddies.period or 1.0) * eddies.column)
     for stage in ti.static(range(3 if mutual else 0)):
         for w, i in ti.ndrange(vortex.shape[0], vortex.shape[1]):
             time = dt * ti.static((0.0, 0.5, 0.75)[stage])
@@ -431,7 +446,7 @@ def _evolve_each(
                     other_x += time * velocity[stage - 1, w, j, 0]
                     other_y += time * velocity[stage - 1, w, j, 1]
                 width2 = FAR * scale * scale * (delta2 + vortex[w, j, Vortex.delta] ** 2)
-                along_x, along_y = induced(scale * (x - other_x), scale * (y - other_y), width2, eddies.period)
+                along_x, along_y = induced(scale * (x - other_x), scale * (y - other_y), width2, repeats)
                 u += vortex[w, j, Vortex.Gamma] * along_x
                 v += vortex[w, j, Vortex.Gamma] * along_y
             velocity[stage, w, i, 0] = share * u
@@ -441,7 +456,7 @@ def _evolve_each(
             for axis in ti.static(range(2)):
                 slopes = ti.Vector([velocity[stage, w, i, axis] for stage in ti.static(range(3))])
                 place = vortex[w, i, axis] + dt / 9.0 * slopes.dot(ti.Vector([2.0, 3.0, 4.0]))
-                vortex[w, i, axis] = within(place, axis, eddies)
+                vortex[w, i, axis] = within(place, middle[axis], period, scale, repeats)
         vortex[w, i, Vortex.delta] = ti.sqrt(vortex[w, i, Vortex.delta] ** 2 + 4.0 * viscosity * dt)
 
 
@@ -450,14 +465,16 @@ def _sample_current(
     vortex: array3,
     points: array3,
     out: array3,
-    period: ti.template(),
+    repeats: ti.template(),
+    scale: ti.f32,
+    share: ti.f32,
 ):
     for w, g in ti.ndrange(points.shape[0], (points.shape[1] + PLACES - 1) // PLACES):
         x, y = places(0.0), places(0.0)
         for n in ti.static(range(PLACES)):
             point = ti.min(g * PLACES + n, points.shape[1] - 1)
             x[n], y[n] = points[w, point, 0], points[w, point, 1]
-        u, v = current(vortex, w, x, y, period)
+        u, v = current(vortex, w, x, y, ti.static(Pattern(repeats, scale, share)))
         for n in ti.static(range(PLACES)):
             point = ti.min(g * PLACES + n, points.shape[1] - 1)
             out[w, point, 0], out[w, point, 1] = u[n], v[n]
@@ -481,18 +498,20 @@ def evolution(vortex: torch.Tensor, dt: float, viscosity: float, mutual: bool, e
         eddies: their period and the speed of their columns.
     """
     worlds, count = vortex.shape[:2]
+    repeats, scale, share, _ = eddies.pattern
+    numbers = scale, share * eddies.column, eddies.period, eddies.centre, repeats
     if not runtime.start().on_cpu:
         velocity = vortex.new_zeros((3, worlds, count, 2))
-        return Launch(_evolve_each, vortex, velocity, dt, viscosity, bool(mutual), eddies)
+        return Launch(_evolve_each, vortex, velocity, dt, viscosity, bool(mutual), *numbers)
     if mutual and worlds >= ABREAST * runtime.start().threads:
         work = vortex.new_zeros((-(-worlds // ABREAST), len(Work.names), count, ABREAST))
         settings = {**runtime.vectors_in_registers(), **runtime.quickly()}
-        return Launch(_evolve_abreast, vortex, work, dt, viscosity, eddies, settings=settings)
+        return Launch(_evolve_abreast, vortex, work, dt, viscosity, *numbers, settings=settings)
     work = vortex.new_zeros((worlds, len(Work.names), -(-count // LANES), LANES))
     work[:, Work.width2] = 1.0  # of lanes without a vortex: `induced` divides by it
     serial = runtime.better_alone(worlds * count)
     settings = runtime.vectors_in_registers()
-    return Launch(_evolve, serial, vortex, work, dt, viscosity, int(mutual), eddies, settings=settings)
+    return Launch(_evolve, serial, vortex, work, dt, viscosity, int(mutual), *numbers, settings=settings)
 
 
 def sample_current(vortex: torch.Tensor, points: torch.Tensor, period: float = 0.0) -> torch.Tensor:
@@ -508,5 +527,5 @@ def sample_current(vortex: torch.Tensor, points: torch.Tensor, period: float = 0
     """
     out = torch.zeros_like(points)
     if vortex.shape[1]:
-        _sample_current(vortex.contiguous(), points.contiguous(), out, period)
+        _sample_current(vortex.contiguous(), points.contiguous(), out, *Eddies(period).pattern[:3])
     return out

@@ -71,6 +71,9 @@ class Parameter(Columns):
     length: int
     diagonal: int
     period: int
+    eddy_scale: int  # of `usvauv.kernels.flow.vortex.Pattern`
+    eddy_share: int  # likewise
+    eddies_at_cruise: int  # velocity of vortices over that at the surface, 1
     circulation_min: int
     circulation_max: int
     alternate: int

@@ -224,7 +224,7 @@ def take_profiles(worlds: ti.template(), w):
         j, k = 2 * pair, ti.min(2 * pair + 1, num_auvs - 1)
         x_j, y_j = profiled(worlds, w, j)
         x_k, y_k = profiled(worlds, w, k)
-        u, v = vortex.current(worlds.water.vortex, w, both(x_j, x_k), both(y_j, y_k), worlds.water.eddies.period)
+        u, v = vortex.current(worlds.water.vortex, w, both(x_j, x_k), both(y_j, y_k), worlds.water.pattern)
         take_profile(worlds, w, j, x_j, y_j, half(u, 0), half(v, 0))
         if k > j:
             take_profile(worlds, w, k, x_k, y_k, half(u, PLACES), half(v, PLACES))
@@ -257,17 +257,17 @@ def sense_current(worlds: ti.template(), w, k):
     been taken with others' by `take_profiles`, or is taken here, and with it the current at the AUV.
     """
     water = ti.static(worlds.water)
-    period = ti.static(water.eddies.period)
+    pattern = ti.static(water.pattern)
     profile = ti.static(current_profile in worlds.program.observation)
     num_auvs = worlds.auv.shape[1]
     if ti.static(profile and not worlds.program.in_lanes):
         x, y = profiled(worlds, w, k)
-        u, v = vortex.current(water.vortex, w, x, y, period)
+        u, v = vortex.current(water.vortex, w, x, y, pattern)
         take_profile(worlds, w, k, x, y, u, v)
     for turn in range(ti.static(1 if profile else 0), (worlds.boat.shape[1] - k + num_auvs - 1) // num_auvs):
         b = k + turn * num_auvs
         place = boat_motion.boat_place(worlds, w, b)
-        u, v = vortex.current(water.vortex, w, place[0], place[1], period)
+        u, v = vortex.current(water.vortex, w, place[0], place[1], pattern)
         boat_motion.drift_along(worlds, w, b, vec2(u, v))
     if ti.static(worlds.program.vehicle):
         here = vehicles.sense(worlds, w, k)

@@ -13,7 +13,7 @@ import taichi as ti
 from usvauv.kernels import random
 from usvauv.kernels.flow import airy
 from usvauv.kernels.flow.current import Water
-from usvauv.kernels.flow.vortex import Vortex
+from usvauv.kernels.flow.vortex import Pattern, Vortex
 from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.mission import belief_planner, boat_motion, fixes, motion, observation, reception, vehicles
 from usvauv.kernels.mission.belief_planner import OTHER_GOALS
@@ -388,8 +388,10 @@ def run({", ".join(f"{name}: PARAMETERS[{name!r}]" for name in PARAMETERS)}):
         threads = boat.shape[1] * (auv.shape[1] + OTHER_GOALS)
     ti.loop_config(serialize=program.serial, block_dim=ti.static(block(program)))
     for n in range((clock.shape[0] * threads + count - 1) // count):
+        pattern = ti.static(Pattern(program.repeats, p[Parameter.eddy_scale], p[Parameter.eddy_share],
+                                    p[Parameter.eddies_at_cruise]))
         water = ti.static(Water(vortex, stream, p[Parameter.width], p[Parameter.length], bed, eta, U, V,
-                                unit_x, unit_y, nx, ny, sea_index, wave, program.eddies))
+                                unit_x, unit_y, nx, ny, sea_index, wave, pattern))
         pulses = ti.static(Pulses(pulse_envelope, pulse_output, pulse_rate, program.tone))
         worlds = ti.static(Worlds(program, water, pulses, {", ".join(PASSED)}))
         for stage in ti.static(STAGES[phase]):
@@ -416,6 +418,7 @@ run = kernel_of(
     PARAMETERS=PARAMETERS,
     Parameter=Parameter,
     Phase=Phase,
+    Pattern=Pattern,
     Water=Water,
     Pulses=Pulses,
     Worlds=Worlds,

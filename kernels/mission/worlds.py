@@ -12,7 +12,7 @@ import taichi as ti
 from taichi.lang import impl
 
 from usvauv.kernels import random
-from usvauv.kernels.flow.vortex import Eddies, Vortex
+from usvauv.kernels.flow.vortex import Vortex
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission.columns import (
     AuvColumn,
@@ -73,7 +73,7 @@ class Program(NamedTuple):
         fleet: there is more than one boat.
         vehicle: AUVs are vehicles with dynamics, see `usvauv.kernels.mission.vehicles`.
         otter: boats move as `usvauv.kernels.vehicles.otter` says; else they are points.
-        eddies: how vortices fill the water.
+        repeats: the pattern of vortices has a period.
         passing: nodes are served in passing, not hovering.
         serial: the calling thread does all worlds: for few worlds on a CPU waking another thread takes longer.
         in_lanes: the parts of a step are launches of their own, some in vectors, see `usvauv.kernels.mission.run`.
@@ -98,7 +98,7 @@ class Program(NamedTuple):
     fleet: bool
     vehicle: bool
     otter: bool
-    eddies: Eddies
+    repeats: bool
     passing: bool
     serial: bool = False
     in_lanes: bool = False

@@ -22,7 +22,6 @@ from usvauv.env.world.boat_strategies import BoatStrategy, StrategyChoice
 from usvauv.env.world.current_statistics import FOREVER, current_model
 from usvauv.env.world.observation import ObservationLayout, observation_terms
 from usvauv.kernels import runtime
-from usvauv.kernels.flow.vortex import Eddies
 from usvauv.kernels.mission import target_rules
 from usvauv.kernels.mission.boat_motion import CONTROL_TIME, DRIFT_TIME
 from usvauv.kernels.mission.columns import Action, Information, Parameter, Schedule, Sensor
@@ -210,7 +209,7 @@ def program(site: Site, strategy: BoatStrategy, link: np.ndarray) -> Program:
         fleet=s.boat.count > 1,
         vehicle=s.auv.dynamic,
         otter=s.boat.model == "otter",
-        eddies=Eddies(s.current.period, cruise=site.eddies.cruise),  # the same for areas of any size
+        repeats=site.eddies.pattern.repeats,
         passing=s.nodes.service == "passing",
     )
 
@@ -348,6 +347,9 @@ def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
     named = {name: value for section in sections for name, value in section if name in Parameter.names}
     numbers = named | {
         "diagonal": s.area.diagonal,
+        "eddy_scale": site.eddies.pattern.scale,
+        "eddy_share": site.eddies.pattern.share,
+        "eddies_at_cruise": site.eddies.cruise,
         "random_vortices": s.current.count > 0 and not s.current.centres,
         "sound_speed_error": s.acoustics.sound_speed_error / s.acoustics.sound_speed,
         "gnss_memory": math.exp(-s.mission.step / s.usbl.gnss_correlation_time),

@@ -551,7 +551,7 @@ class World:
             mask.to(self.device, torch.uint8).contiguous(),
             margin,
             flow,
-            self.site.eddies,
+            *self.site.eddies.pattern,
         )
 
     def _upload_tables(self) -> dict[str, Any]:

@@ -52,7 +52,7 @@ def sample(
 ):
     for n in range(points.shape[0]):
         water = ti.static(
-            Water(vortices, stream, SIDE, SIDE, bed, still, still, still, 1.0, 1.0, NX, NY, sea, wave, EDDIES)
+            Water(vortices, stream, SIDE, SIDE, bed, still, still, still, 1.0, 1.0, NX, NY, sea, wave, EDDIES.pattern)
         )
         found = at_depth.around(water, 0, points[n, 0], points[n, 1], points[n, 2], CRUISE, DECAY)
         for i in ti.static(range(3)):

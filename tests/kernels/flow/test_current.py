@@ -75,7 +75,7 @@ class Sample:
             torch.tensor(mask, dtype=torch.uint8, device=self.device),
             margin,
             flow,
-            self.eddies,
+            *self.eddies.pattern,
         )
         return flow.double().cpu().numpy()
 
