@@ -15,11 +15,7 @@ from usvauv.env.site import place
 from usvauv.env.site.place import LocalFrame
 
 CORNER = LocalFrame(114.02, 22.51)
-
-
 PLACED = {"water": {"longitude": 114.02, "latitude": 22.51}}
-
-
 PLANE = Transformer.from_crs(4326, CRS.from_wkt(place.grid_mapping(CORNER)["crs_wkt"]), always_xy=True)
 
 

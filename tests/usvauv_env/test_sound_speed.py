@@ -14,17 +14,9 @@ from usvauv.env.world.tables import sound_profile
 from usvauv.kernels.positioning import rays
 
 THERMOCLINE = SoundSpeedProfile.from_table([(0, 1522.0), (20, 1522.3), (50, 1492.0), (200, 1490.0)])
-
-
 MELTWATER = SoundSpeedProfile.from_table([(0, 1440.0), (3, 1440.0), (20, 1475.0), (60, 1480.0), (200, 1482.0)])
-
-
 ISOTHERMAL = SoundSpeedProfile.from_table([(0, 1490.0), (200, 1493.3)])
-
-
 DUCT = SoundSpeedProfile.from_table([(0, 1500.0), (30, 1510.0), (60, 1480.0), (90, 1495.0), (200, 1492.0)])
-
-
 PROFILES = {"thermocline": THERMOCLINE, "meltwater": MELTWATER, "isothermal": ISOTHERMAL, "duct": DUCT}
 
 
