@@ -20,6 +20,14 @@ EVERY_STEP = [
     "navigation.sensor=none",
     "boat.noise_level=0",
 ]
-# The same with errors of pitch and roll of 0.1°, as options of a command.
+# A coded pulse that a transponder answers.
+CODED = [
+    *EVERY_STEP,
+    "acoustics.path=transponder",
+    "acoustics.source_level=187",
+    "acoustics.bandwidth=4000",
+    "usbl.signal=code",
+]
+# The first with errors of pitch and roll of 0.1°, as options of a command.
 TILTING = [*EVERY_STEP, "usbl.attitude_error=0.0017453"]
 TILTING_OPTIONS = [part for change in TILTING for part in ("--set", change)]

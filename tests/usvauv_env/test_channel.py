@@ -6,25 +6,14 @@ import numpy as np
 import pytest
 import torch
 
-from tests.links import EVERY_STEP
+from tests.links import CODED
 from usvauv import policies
 from usvauv.env import Scenario, World
 from usvauv.kernels.mission.columns import AuvColumn, ExchangeColumn, Reply
 from usvauv.kernels.positioning import tracker, usbl
 
-SOUND = [
-    *EVERY_STEP,
-    "acoustics.path=transponder",
-    "acoustics.source_level=187",
-    "acoustics.bandwidth=4000",
-    "usbl.signal=code",
-    "channel.schedule=round-robin",
-]
-
-
-GROUND = ["navigation.sensor=ground", "usbl.attitude_error=0.002"]
-
-
+SOUND = [*CODED, "channel.schedule=round-robin", "navigation.sensor=ground"]
+TILTED = ["usbl.attitude_error=0.002"]
 SPEED = 1500.0
 
 
@@ -67,7 +56,7 @@ class TestTiming:
 
     def test_by_need_does_not_go_on_asking_whom_it_cannot_hear(self):
         """Most AUVs are out of hearing, and the boat knows least of these: still others are heard nearly as in turn."""
-        changes = [*GROUND, "mission.duration=400", "auv.count=8", "channel.turn_around=0.9"]
+        changes = [*TILTED, "mission.duration=400", "auv.count=8", "channel.turn_around=0.9"]
         heard_by = {}
         for schedule in ("round-robin", "by-need"):
             world = World(Scenario.load("wide", [*changes, f"channel.schedule={schedule}"]), 6, 3, usv="hold:300,300")
@@ -80,7 +69,7 @@ class TestReplies:
         """Without noise a fix lies behind a moving AUV by its way since: half the exchange, no turn-around."""
         changes = ["auv.count=1", "area.depth=2000", "auv.depth=1900", "acoustics.source_level=240", "mission.step=0.1"]
         changes += ["channel.turn_around=1.0", "auv.speed_lag=0", "auv.speed_noise=0"]
-        world = World(Scenario.load("ideal", [*SOUND, *changes]), 50, 6)
+        world = World(Scenario.load("ideal", [*SOUND, *changes]), 50, 6, usv="hold:100,100")
         seen = right = 0
         for _ in sail(world, still(world), 300):
             auv = world.auv[:, 0].double().cpu().numpy()
@@ -97,7 +86,7 @@ class TestReplies:
     def test_losses(self):
         """Interrogation and reply are each lost with the probability given."""
         changes = ["usbl.packet_loss=0.3", "auv.count=1", "channel.turn_around=0.5"]
-        world = World(Scenario.load("ideal", [*SOUND, *changes]), 200, 7)
+        world = World(Scenario.load("ideal", [*SOUND, *changes]), 200, 7, usv="hold:100,100")
         fixes = tried = 0
         for _ in sail(world, still(world), 50):
             flags = world.auv[..., AuvColumn.fix_flags].cpu().numpy().astype(int)
@@ -143,7 +132,7 @@ class TestFilters:
     )
     def test_the_auvs_filters_are_consistent(self, changes):
         """Normalised squared errors have the mean 2, over worlds, with a Doppler log."""
-        world = World(Scenario.load("extreme", [*SOUND, *GROUND, *changes]), 300, 8, usv="centroid")
+        world = World(Scenario.load("extreme", [*SOUND, *TILTED, *changes]), 300, 8, usv="centroid")
         act = policies.acting("straight", world)
         mean = []
         for step, _ in enumerate(sail(world, act, 120)):
@@ -172,7 +161,7 @@ class TestFilters:
         """The way's error after t: bias σ_b² τ² (2t/τ − 2 + 2e^{−t/τ}) and noise q t, per axis."""
         changes = ["acoustics.source_level=60", "navigation.velocity_bias=0.1", "navigation.velocity_noise=0.2"]
         changes += ["navigation.bias_correlation_time=40"]
-        world = World(Scenario.load("extreme", [*SOUND, *GROUND, *changes]), 2000, 10)
+        world = World(Scenario.load("extreme", [*SOUND, *TILTED, *changes]), 2000, 10, usv="centroid")
         for _ in sail(world, still(world), 60):
             pass
         error = (world.own[..., :2] - world.auv[..., :2]).double().cpu().numpy()
@@ -185,7 +174,7 @@ class TestTold:
     def test_an_auv_knows_what_it_was_told(self):
         """Without dead reckoning's errors the AUV's filter is the boat's, moved on by the way since its last reply."""
         changes = ["navigation.velocity_bias=0", "navigation.velocity_noise=0", "auv.count=1", "channel.turn_around=2"]
-        world = World(Scenario.load("ideal", [*SOUND, "navigation.sensor=ground", *changes]), 30, 11)
+        world = World(Scenario.load("ideal", [*SOUND, *changes]), 30, 11, usv="hold:100,100")
         longest = 0.0
         for _ in sail(world, still(world), 50):
             assert (world.own[..., :2] - world.auv[..., :2]).norm(dim=-1).max() < 0.05

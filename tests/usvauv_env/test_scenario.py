@@ -177,6 +177,7 @@ MUTUAL = "current.mutual=true current.count=3 current.core_radius_min=1 mission.
         ),
         ("usbl.model=waveform usbl.signal=tone", "usbl.periods", 5, 4, "must be at least 5 with"),
         ("acoustics.multipath=true acoustics.bandwidth=2000", "usbl.pulse_length", 0.5, 0.501, "1002 chips; from 16"),
+        ("acoustics.multipath=true acoustics.bandwidth=4000", "usbl.pulse_length", 0.004, 0.003, "12 chips; from 16"),
         (
             "usbl.model=waveform acoustics.bandwidth=1000",
             "usbl.pulse_length",
