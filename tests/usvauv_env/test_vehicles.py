@@ -17,8 +17,9 @@ from usvauv.policies.frames import FRAMES
 TORPEDO = ["auv.model=torpedo", "nodes.service=passing", "mission.duration=60"]
 
 
-def torpedo(*overrides: str) -> Scenario:
-    return Scenario.load("extreme", [*TORPEDO, *overrides])
+def torpedo(worlds: int, seed: int, *overrides: str) -> World:
+    scenario = Scenario.load("extreme-torpedo", ["mission.duration=60", *overrides])
+    return World(scenario, worlds, seed, usv="centroid")
 
 
 def north_west(world: World) -> torch.Tensor:
@@ -29,7 +30,7 @@ def north_west(world: World) -> torch.Tensor:
 
 @pytest.fixture(scope="module")
 def trace():
-    world = World(torpedo("area.width=2000", "area.length=2000", "auv.start_margin=300"), 3, seed=2)
+    world = torpedo(3, 2, "area.width=2000", "area.length=2000", "auv.start_margin=300")
     return record(world, lambda _: north_west(world), "north-west")
 
 
@@ -48,15 +49,9 @@ def test_it_moves_as_vehicles_alone_in_the_same_water():
     circulation, core, middle, action = 500.0, 80.0, np.array([300.0, 300.0]), np.array([-0.6, 0.5])
     eddy = [f"current.circulation_{end}={circulation}" for end in ("min", "max")]
     eddy += [f"current.core_radius_{end}={core}" for end in ("min", "max")]
-    place = [
-        "area.width=600",
-        "area.length=600",
-        "auv.start_margin=200",
-        "current.centres=[[300.0, 300.0]]",
-        "auv.depth_noise=0",
-    ]
-    exact = ["current.alternate=false", "auv.depth_noise=0"]
-    world = World(Scenario.load("ideal", [*TORPEDO, *place, *eddy, *exact]), 3, seed=5)
+    eddy += ["current.centres=[[300.0, 300.0]]", "current.alternate=false"]
+    place = ["area.width=600", "area.length=600", "auv.start_margin=200", "auv.depth_noise=0"]
+    world = World(Scenario.load("ideal", [*TORPEDO, *place, *eddy]), 3, seed=5)
     world.reset()
     auvs = Fleet(world.num_worlds * world.num_auvs)
     begun = world.body.reshape(auvs.count, -1).double().cpu().numpy()
@@ -87,7 +82,7 @@ def test_it_moves_as_vehicles_alone_in_the_same_water():
 
 def test_the_depth_sensor_errs_and_the_vehicle_follows_it():
     """Errors of the given standard deviation from the first step on; what it takes for its depth stays near 100 m."""
-    world, noise = World(torpedo("auv.depth_noise=2.0"), 32, seed=6), []
+    world, noise = torpedo(32, 6, "auv.depth_noise=2.0"), []
     world.reset()
     for _ in range(60):
         world.step(north_west(world))
@@ -100,7 +95,7 @@ def test_the_depth_sensor_errs_and_the_vehicle_follows_it():
 
 
 def test_an_action_commands_the_depth():
-    world = World(torpedo("auv.action=vector-depth", "auv.depth_min=80"), 2, seed=1)
+    world = torpedo(2, 1, "auv.action=vector-depth", "auv.depth_min=80")
     world.reset()
     action = north_west(world)
     action[..., 2] = 0.0  # half way, 90 m
@@ -112,7 +107,7 @@ def test_an_action_commands_the_depth():
 
 
 def test_fins_turn_it_to_starboard_and_down():
-    world = World(torpedo("auv.action=fins", "auv.variation=0.2"), 2, seed=1)
+    world = torpedo(2, 1, "auv.action=fins", "auv.variation=0.2")
     world.reset()
     assert world.action_size == 3
     assert len(world.body[..., BodyColumn.mass].unique()) == 4
@@ -126,10 +121,9 @@ def test_fins_turn_it_to_starboard_and_down():
 @pytest.mark.parametrize("step", [0.2, 1.0])
 def test_helm_steers_by_fins_to_its_target_at_its_depth_and_speed(step):
     """It is what commands fins where no policy is named, and what a network begins as."""
-    scenario = torpedo("auv.action=fins", f"mission.step={step}", "auv.speed_max=2.5")
-    assert policies.default(scenario) == "helm"
-    world = World(scenario, 4, seed=1)
-    policy, frame = policies.load("helm:1.4", world), FRAMES["fins"](scenario)
+    world = torpedo(4, 1, "auv.action=fins", f"mission.step={step}", "auv.speed_max=2.5")
+    assert policies.default(world.scenario) == "helm"
+    policy, frame = policies.load("helm:1.4", world), FRAMES["fins"](world.scenario)
     observation, ahead = world.reset(), []
     for _ in range(round(60 / step)):
         action = policy.act(observation)
@@ -145,7 +139,7 @@ def test_helm_steers_by_fins_to_its_target_at_its_depth_and_speed(step):
 
 
 def test_it_stays_in_the_area():
-    world = World(torpedo("mission.duration=200"), 4, seed=3)
+    world = torpedo(4, 3, "mission.duration=200")
     world.reset()
     borders = 0.0
     for _ in range(200):
