@@ -20,9 +20,9 @@ RACE += ["current.core_radius_min=40", "current.core_radius_max=40"]
 CASES = {
     "extreme": ("extreme", ["nodes.start_backlog=5000"], "fim"),
     "tracked": ("extreme", TRACKED, "centroid"),
-    "strong current": ("extreme", RACE, "centroid"),
-    "paper-extreme": ("paper-extreme", [], "hold:0,200"),
-    "station-keeping": ("station-keeping", [], "centroid"),
+    "strong current": ("extreme", RACE, "hold:0,200"),
+    "paper-extreme": ("paper-extreme", [], "fim"),
+    "station-keeping": ("station-keeping", [], "fim"),
 }
 
 
@@ -112,7 +112,7 @@ ALONE = {
     "waveform": ("ideal", [*EVERY_STEP, "usbl.model=waveform"], "fim"),
     "sampled pulses": ("extreme", ["usbl.model=waveform", "acoustics.multipath=true"], "fim"),
     "nonlinear": ("extreme", ["sea.equations=nonlinear", "sea.radiating_edges=['west']"], "centroid"),
-    "station-keeping": ("station-keeping", ["auv.count=5"], "centroid"),
+    "station-keeping": ("station-keeping", ["auv.count=5"], "fim"),
     "plugin": ("extreme", ["task=survey"], "centroid"),
     "torpedo": ("extreme-torpedo", [], "centroid"),
 }
