@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.links import EVERY_STEP
@@ -75,10 +76,24 @@ def test_boat_strategy(run_usvauv, evaluated):
 
 
 def test_target_rule(evaluated):
-    setting = ("--set", "mission.duration=300", "--set", "nodes.count=6", "--targets")
-    oldest, tour = (evaluated("target_rule.py", *setting, rule) for rule in ("oldest", "tour"))
-    assert [row["targets"] for row in oldest] == ["oldest"] * len(oldest)
-    assert sum(float(row["jain"]) for row in oldest) > sum(float(row["jain"]) for row in tour) + 0.1
+    """No AUV takes a node while a free one was left longer ago."""
+    rows = evaluated("target_rule.py", "--targets", "oldest")
+    assert [row["targets"] for row in rows] == ["oldest"] * len(rows)
+    world = World(Scenario.load("ideal", ["nodes.count=6"]), 8, targets="oldest")
+    act, observation = policies.acting("straight", world), world.reset()
+    left, before, seen = np.full((8, 6), -1), world.auv[..., AuvColumn.target].int().tolist(), 0
+    for step in range(200):
+        observation = world.step(act(observation))[0]
+        targets = world.auv[..., AuvColumn.target].int().tolist()
+        for w, (old, new) in enumerate(zip(before, targets, strict=True)):
+            changed = [k for k in range(2) if old[k] != new[k]]
+            left[w, [old[k] for k in changed]] = step
+            if len(changed) == 1:
+                free = [i for i in range(6) if i not in (*old, new[1 - changed[0]])]
+                assert left[w, new[changed[0]]] == left[w, free].min()
+                seen += 1
+        before = targets
+    assert seen > 30
 
 
 def test_noise_law(evaluated):
