@@ -169,18 +169,24 @@ def test_a_command_compiles_nothing_that_it_compiled_before(tmp_path):
 
 
 KEPT = """
+import sys
 from usvauv import Scenario, World
 
-world = World(Scenario.load("paper-ideal", ["boat.strategy=centroid"]))
+world = World(Scenario.load("paper-ideal", ["boat.strategy=centroid", *sys.argv[1:]]))
 world.reset()
 """
 
 
 @pytest.mark.cpu("files of compiled kernels")
 def test_a_program_that_leaves_its_worlds_alone_keeps_what_it_compiled(tmp_path):
-    folder = {"TI_OFFLINE_CACHE_FILE_PATH": str(tmp_path / "cache")}
-    subprocess.run([sys.executable, "-c", KEPT], env={**os.environ, **folder}, timeout=300, check=True)
-    assert len(list((tmp_path / "cache").glob("*.tic"))) > 1
+    """It serves other depths, areas and decays of vortices too."""
+    folder, kept = {"TI_OFFLINE_CACHE_FILE_PATH": str(tmp_path / "cache")}, []
+    for numbers in ([], ["current.decay_depth=100", "auv.depth=90", "area.width=210"]):
+        command = [sys.executable, "-c", KEPT, *numbers]
+        subprocess.run(command, env={**os.environ, **folder}, timeout=300, check=True)
+        kept.append({path.name for path in (tmp_path / "cache").glob("*.tic")})
+    assert len(kept[0]) > 1
+    assert kept[1] == kept[0]
 
 
 DAMAGE = """
