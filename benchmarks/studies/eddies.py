@@ -19,7 +19,7 @@ import torch
 from usvauv.env import Scenario
 from usvauv.env.site.site import Site
 from usvauv.env.world.tables import first_vortices
-from usvauv.kernels.flow import vortex
+from usvauv.kernels.flow import vortex, vortex_motion
 
 TIMES = (100, 200, 500, 1000)  # s
 COURANT = 0.5  # of a grid cell that the fastest water crosses in a step
@@ -84,7 +84,7 @@ def errors(scenario: Scenario, draws: int, n: int) -> np.ndarray:
     flow = PeriodicFlow(start, side, current.viscosity, site.eddies.column)
     grid = np.stack(np.meshgrid(*2 * [side / n * np.arange(n)]), axis=-1).reshape(1, -1, 2)
     points = torch.tensor(grid, dtype=torch.float32, device=centres.device).expand(draws, -1, -1).contiguous()
-    step = vortex.evolution(centres, scenario.mission.step, current.viscosity, current.mutual, site.eddies)
+    step = vortex_motion.evolution(centres, scenario.mission.step, current.viscosity, current.mutual, site.eddies)
     found, now = [], 0.0
     for time in (0, *TIMES):
         if time:

@@ -168,6 +168,9 @@ def begin_episode(worlds: ti.template(), w):
     worlds.clock[w, 1] = 0
     worlds.program.task.place(worlds, w)
     place_vortices(worlds, worlds.water.vortex, w)
+    for v in range(worlds.drift.shape[1]):
+        for c in range(worlds.drift.shape[2]):
+            worlds.drift[w, v, c] = 0.0
     for k in range(num_auvs):
         place_auv(worlds, w, k)
         if ti.static(worlds.program.vehicle):

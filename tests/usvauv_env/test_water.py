@@ -14,7 +14,7 @@ from usvauv.env.sea.long_waves import build_sea
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site
 from usvauv.env.world.tables import DataLink
-from usvauv.kernels.flow import vortex
+from usvauv.kernels.flow import vortex, vortex_motion
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn
 from usvauv.kernels.positioning import sonar
 from usvauv.kernels.positioning.acoustic_link import shannon
@@ -169,8 +169,9 @@ class TestVortices:
         assert (expected[..., :2] < 0).any()
         assert (expected[..., :2] > 200).any()
         eddies = vortex.Eddies(300.0, (100.0, 100.0), column=(1 + math.exp(-120 / 280)) / 2)
+        evolve = vortex_motion.evolution(expected, 1.0, 0.1, True, eddies)
         for _ in range(20):
-            vortex.evolution(expected, 1.0, 0.1, True, eddies)()
+            evolve()
             world.step(torch.zeros(5, 2, 2))
         assert torch.equal(world.vortex, expected)
 

@@ -14,7 +14,7 @@ from usvauv.env.sea.long_waves import build_sea, check_sea, fine_cells
 from usvauv.env.sea.water import LARGEST_SEED, SeaWatch, build_short_waves, whole_number
 from usvauv.env.site.site import Site
 from usvauv.kernels import runtime
-from usvauv.kernels.flow import vortex
+from usvauv.kernels.flow import vortex, vortex_motion
 from usvauv.kernels.types import Level
 
 FEWEST, MOST = 3, 8192  # cells along a side of the area
@@ -100,7 +100,7 @@ class SeaSimulation:
         if (current.viscosity > 0 or current.mutual) and self._vortex.shape[1]:
             step = interval / self._pieces
             spread_and_move = current.viscosity, current.mutual
-            self._evolve_vortices = vortex.evolution(self._vortex, step, *spread_and_move, site.eddies)
+            self._evolve_vortices = vortex_motion.evolution(self._vortex, step, *spread_and_move, site.eddies)
         self._flow = site.current
         flow_changes = self._flow is not None and len(self._flow.times) > 1
         self.steady = self._evolve_vortices is None and not flow_changes

@@ -37,7 +37,7 @@ from usvauv.env.world.state import (
 )
 from usvauv.kernels import runtime
 from usvauv.kernels.errors import DivergenceError, blaming
-from usvauv.kernels.flow import current, vortex
+from usvauv.kernels.flow import current, vortex_motion
 from usvauv.kernels.flow.vortex import Vortex
 from usvauv.kernels.functions import DeviceFlag, Launch
 from usvauv.kernels.mission.belief_planner import OTHER_GOALS
@@ -142,6 +142,7 @@ class World:
     body: torch.Tensor
     node: torch.Tensor
     vortex: torch.Tensor
+    drift: torch.Tensor
     boat: torch.Tensor
     hull: torch.Tensor
     tally: torch.Tensor
@@ -219,8 +220,10 @@ class World:
         self._evolve_vortices = None
         eddies = scenario.current
         if eddies.viscosity > 0 or eddies.mutual:
-            self._evolve_vortices = vortex.evolution(
-                self.vortex, scenario.mission.step, eddies.viscosity, eddies.mutual, self.site.eddies
+            self._evolve_vortices = vortex_motion.evolution(
+                *(self.vortex, scenario.mission.step, eddies.viscosity, eddies.mutual, self.site.eddies),
+                drift=self.drift,
+                clock=self._clock,
             )
         self._constants = self._upload_tables()
         whole, own = (seeds, 0) if batch is None else (Seeds.of(seed, batch), first_world)

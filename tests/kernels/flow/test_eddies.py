@@ -8,7 +8,8 @@ from scipy.integrate import solve_ivp
 from scipy.special import exp1
 
 from benchmarks.studies.eddies import PeriodicFlow, vorticity
-from usvauv.kernels.flow.vortex import IMAGES, Eddies, evolution, sample_current
+from usvauv.kernels.flow.vortex import IMAGES, Eddies, sample_current
+from usvauv.kernels.flow.vortex_motion import evolution
 
 L = 300.0
 CENTRE = (100.0, 80.0)

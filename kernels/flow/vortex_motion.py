@@ -1,0 +1,363 @@
+"""How vortices spread, and carry one another.
+
+With a viscosity ν a core spreads, dδ²/dt = 4ν, and the circulation stays: a lone vortex is then an exact solution of
+the Navier–Stokes equations. Where vortices carry one another, a centre moves with the mean of the others' velocity over
+the vorticity of its own core, which is the velocity of a vortex with δ² = δ_i² + δ_j² at the centre (a Gaussian folded
+with a Gaussian). That is the exact motion of the centroid of a circular core (Euler's equations, first moment), and it
+keeps the impulse Σ Γ_i X_i and, in ideal fluid, the energy; cores do not deform.
+In a pattern that repeats, centres follow Hamilton's equations on a torus, so by Liouville's theorem centres that are
+uniform and independent once are so for ever: the field is stationary.
+"""
+
+from collections.abc import Callable
+
+import taichi as ti
+import torch
+
+from usvauv.kernels import runtime
+from usvauv.kernels.flow.airy import LANES, lanes
+from usvauv.kernels.flow.vortex import ENDLESS, FAR, Eddies, Vortex, induced
+from usvauv.kernels.functions import Launch, func, kernel
+from usvauv.kernels.types import Columns, array3, array4, columns, index1, index2, vec2, vec4
+
+ABREAST = 32  # worlds side by side: enough independent numbers that the processor need not wait for any
+RENEWAL = 4.0  # s, at most, for which a centre keeps its acceleration
+STAGES = 4  # of the Runge–Kutta method
+
+blocks3 = ti.types.ndarray(dtype=lanes, ndim=3)
+abreast = ti.types.vector(ABREAST, ti.f32)
+rows4 = ti.types.ndarray(dtype=vec4, ndim=2)
+blocks_abreast = ti.types.ndarray(dtype=abreast, ndim=3)
+
+
+class Drift(Columns):
+    """Motion of a vortex's centre, (W, V, 4)."""
+
+    u: int  # velocity, m/s
+    v: int
+    u_rate: int  # acceleration, m/s²
+    v_rate: int
+
+
+# A step: its time, s; ν, m²/s; numbers of `Pattern`, with the speed of columns; L and centre of `Eddies`, m; and the
+# number of steps from one renewal of a world's `Drift` to the next.
+Step = ti.types.struct(
+    dt=ti.f32, viscosity=ti.f32, scale=ti.f32, share=ti.f32, period=ti.f32, middle=vec2, renewal=ti.i32
+)
+# Rows of the workspace: vortices with δ², what `carry` finds, where centres are, and their `Drift`.
+Work = columns(
+    *("x", "y", "Gamma", "width2", "u", "v"),
+    *("start_x", "start_y", "drift_u", "drift_v", "u_rate", "v_rate"),
+)
+
+
+@func
+def load(vortex: ti.template(), work: ti.template(), w: ti.i32, scale: ti.f32):
+    """Put the vortices of a world into the workspace; lanes without a vortex have no circulation."""
+    for v in range(vortex.shape[1]):
+        g, n = v // LANES, v % LANES
+        delta = vortex[w, v][Vortex.delta] * scale
+        for axis in ti.static(range(2)):
+            work[w, Work.start_x + axis, g][n] = vortex[w, v][axis] * scale
+            work[w, Work.x + axis, g][n] = vortex[w, v][axis] * scale
+        work[w, Work.Gamma, g][n] = vortex[w, v][Vortex.Gamma]
+        work[w, Work.width2, g][n] = FAR * delta * delta
+
+
+@func
+def gathered(vortex: ti.template(), due: ti.template(), first: ti.i32, v: ti.i32):
+    """x, y, Γ and δ of vortex v of worlds in `due`, from the first on; the last one stands for those after it."""
+    rows = abreast(0.0), abreast(0.0), abreast(0.0), abreast(0.0)
+    for n in ti.static(range(ABREAST)):
+        one = vortex[due[ti.min(first + n, due[0])], v]
+        for column in ti.static(range(4)):
+            rows[column][n] = one[column]
+    return rows
+
+
+@func
+def scatter(drift: ti.template(), due: ti.template(), first: ti.i32, v: ti.i32, work: ti.template(), b: ti.i32):
+    """Write the `Drift` that is found for what `gathered` reads."""
+    rows = [work[b, Work.drift_u + column, v] for column in ti.static(range(4))]
+    for n in ti.static(range(ABREAST)):
+        drift[due[ti.min(first + n, due[0])], v] = vec4([rows[column][n] for column in ti.static(range(4))])
+
+
+@func
+def within(place, middle: ti.f32, period: ti.f32, scale: ti.f32, repeats: ti.template()):
+    """A coordinate of a centre, m; of a periodic pattern, that of the image in the square around its `middle`."""
+    if ti.static(repeats):
+        away = place - middle
+        place = middle + (away - period * ti.floor(away * scale + 0.5))
+    return place
+
+
+@func
+def carry(work: ti.template(), w: ti.i32, count: ti.i32, repeats: ti.template()):
+    """2πL times the velocities (m/s) of all centres of a world from the vortices, into the workspace.
+
+    Sums are in the order of the vortices. Of a pair, what the second meets is that of the first, turned round.
+    """
+    lane = ti.Vector(ti.static(list(range(LANES))), ti.i32)
+    for g in range(work.shape[2]):
+        x, y, width2 = work[w, Work.x, g], work[w, Work.y, g], work[w, Work.width2, g]
+        u, v = lanes(0.0), lanes(0.0)
+        for n in range(count):
+            x_n, y_n = work[w, Work.x, n // LANES][n % LANES], work[w, Work.y, n // LANES][n % LANES]
+            Gamma_n, width2_n = work[w, Work.Gamma, n // LANES][n % LANES], work[w, Work.width2, n // LANES][n % LANES]
+            sign = ti.select(lane < n - g * LANES, lanes(1.0), lanes(-1.0))
+            along_u, along_v = induced(sign * (x - x_n), sign * (y - y_n), width2 + width2_n, repeats)
+            u += sign * (Gamma_n * along_u)
+            v += sign * (Gamma_n * along_v)
+        work[w, Work.u, g] = u
+        work[w, Work.v, g] = v
+
+
+@func
+def carry_abreast(work: ti.template(), b: ti.i32, repeats: ti.template()):
+    """`carry` where worlds lie side by side, each pair once: the same sums in the same order, so the same bits.
+
+    Sums are written out: `+=` on an array would be an atomic.
+    """
+    for i in range(work.shape[2]):
+        work[b, Work.u, i] = abreast(0.0)
+        work[b, Work.v, i] = abreast(0.0)
+    for i in range(work.shape[2]):
+        x_i, y_i, Gamma_i, width2_i = [work[b, row, i] for row in ti.static((Work.x, Work.y, Work.Gamma, Work.width2))]
+        u, v = work[b, Work.u, i], work[b, Work.v, i]
+        for j in range(i + 1, work.shape[2]):
+            along_u, along_v = induced(
+                x_i - work[b, Work.x, j], y_i - work[b, Work.y, j], width2_i + work[b, Work.width2, j], repeats
+            )
+            u += work[b, Work.Gamma, j] * along_u
+            v += work[b, Work.Gamma, j] * along_v
+            work[b, Work.u, j] = work[b, Work.u, j] - Gamma_i * along_u
+            work[b, Work.v, j] = work[b, Work.v, j] - Gamma_i * along_v
+        work[b, Work.u, i] = u
+        work[b, Work.v, i] = v
+
+
+@func
+def advance(work: ti.template(), b: ti.i32, stage: ti.i32, step: ti.template()):
+    """Bring the centres and widths of a block to where the next stage evaluates velocities."""
+    interval = step.dt * step.renewal
+    time = ti.select(stage < 2, 0.5, 1.0) * interval  # of the next stage
+    weight = ti.select(stage == 0, -5.0, ti.select(stage == 3, 1.0, 2.0)) / (3.0 * interval)
+    grown = ti.select(stage == 1, 0.0, 2.0) * step.viscosity * interval * FAR * step.scale * step.scale
+    for g in range(work.shape[2]):
+        for axis in ti.static(range(2)):
+            velocity = step.share * work[b, Work.u + axis, g]
+            rate = weight * velocity
+            if stage == 0:
+                work[b, Work.drift_u + axis, g] = velocity
+            else:
+                rate += work[b, Work.u_rate + axis, g]
+            work[b, Work.u_rate + axis, g] = rate
+            work[b, Work.x + axis, g] = work[b, Work.start_x + axis, g] + (time * step.scale) * velocity
+        work[b, Work.width2, g] = work[b, Work.width2, g] + grown
+
+
+@func
+def moved(vortex, drift, step: ti.template(), repeats: ti.template()):
+    """A vortex and its `Drift` after a step, in which its centre moves and its core spreads."""
+    for axis in ti.static(range(2)):
+        gained = step.dt * drift[Drift.u_rate + axis]
+        place = vortex[axis] + step.dt * (drift[axis] + 0.5 * gained)
+        vortex[axis] = within(place, step.middle[axis], step.period, step.scale, repeats)
+        drift[axis] += gained
+    vortex[Vortex.delta] = ti.sqrt(vortex[Vortex.delta] ** 2 + 4.0 * step.viscosity * step.dt)
+    return vortex, drift
+
+
+@kernel
+def _evolve(
+    serial: ti.template(),
+    vortex: rows4,
+    drift: rows4,
+    clock: index2,
+    work: blocks3,
+    step: Step,
+    mutual: ti.i32,
+    repeats: ti.template(),
+):
+    ti.loop_config(serialize=serial)
+    for w in range(work.shape[0]):
+        if mutual != 0 and clock[w, 1] % step.renewal == 0:
+            load(vortex, work, w, step.scale)
+            for stage in range(STAGES):
+                carry(work, w, vortex.shape[1], repeats)
+                advance(work, w, stage, step)
+            for v in range(vortex.shape[1]):
+                for column in ti.static(range(4)):
+                    drift[w, v][column] = work[w, Work.drift_u + column, v // LANES][v % LANES]
+        for v in range(vortex.shape[1]):
+            vortex[w, v], drift[w, v] = moved(vortex[w, v], drift[w, v], step, repeats)
+
+
+@kernel
+def _evolve_abreast(
+    vortex: rows4,
+    drift: rows4,
+    clock: index2,
+    due: index1,
+    work: blocks_abreast,
+    step: Step,
+    repeats: ti.template(),
+):
+    """`_evolve` of centres that carry one another, ABREAST worlds side by side, bit for bit.
+
+    Args:
+        due: (W + 1,) number and indices of the worlds whose `Drift` is renewed; workspace.
+    """
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        count = 0
+        for w in range(clock.shape[0]):
+            if clock[w, 1] % step.renewal == 0:
+                count += 1
+                due[count] = w
+        due[0] = count
+    for b in range((due[0] + ABREAST - 1) // ABREAST):
+        first = 1 + b * ABREAST
+        for v in range(vortex.shape[1]):
+            x, y, Gamma, delta = gathered(vortex, due, first, v)
+            place = step.scale * x, step.scale * y
+            for axis in ti.static(range(2)):
+                work[b, Work.start_x + axis, v] = place[axis]
+                work[b, Work.x + axis, v] = place[axis]
+            work[b, Work.Gamma, v] = Gamma
+            delta = step.scale * delta
+            work[b, Work.width2, v] = FAR * delta * delta
+        for stage in range(STAGES):
+            carry_abreast(work, b, repeats)
+            advance(work, b, stage, step)
+        for v in range(vortex.shape[1]):
+            scatter(drift, due, first, v, work, b)
+    for w in range(vortex.shape[0]):
+        for v in range(vortex.shape[1]):
+            vortex[w, v], drift[w, v] = moved(vortex[w, v], drift[w, v], step, repeats)
+
+
+@kernel
+def _evolve_each(
+    vortex: array3,
+    drift: array3,
+    clock: index2,
+    velocity: array4,
+    step: Step,
+    mutual: ti.template(),
+    repeats: ti.template(),
+):
+    """`_evolve` with a thread for each vortex, and without lanes.
+
+    Args:
+        velocity: (STAGES, W, V, 2), of each stage, m/s; workspace.
+    """
+    for stage in ti.static(range(STAGES if mutual else 0)):
+        for w, i in ti.ndrange(vortex.shape[0], vortex.shape[1]):
+            if clock[w, 1] % step.renewal == 0:
+                time = step.dt * step.renewal * ti.static((0.0, 0.5, 0.5, 1.0)[stage])
+                x, y = vortex[w, i, Vortex.x], vortex[w, i, Vortex.y]
+                if ti.static(stage > 0):
+                    x += time * velocity[stage - 1, w, i, 0]
+                    y += time * velocity[stage - 1, w, i, 1]
+                delta2 = vortex[w, i, Vortex.delta] ** 2 + 8.0 * step.viscosity * time  # with the growth of both cores
+                u, v = 0.0, 0.0
+                for j in range(vortex.shape[1]):
+                    other_x, other_y = vortex[w, j, Vortex.x], vortex[w, j, Vortex.y]
+                    if ti.static(stage > 0):
+                        other_x += time * velocity[stage - 1, w, j, 0]
+                        other_y += time * velocity[stage - 1, w, j, 1]
+                    width2 = FAR * step.scale * step.scale * (delta2 + vortex[w, j, Vortex.delta] ** 2)
+                    along = step.scale * (x - other_x), step.scale * (y - other_y)
+                    along_x, along_y = induced(along[0], along[1], width2, repeats)
+                    u += vortex[w, j, Vortex.Gamma] * along_x
+                    v += vortex[w, j, Vortex.Gamma] * along_y
+                velocity[stage, w, i, 0] = step.share * u
+                velocity[stage, w, i, 1] = step.share * v
+    for w, i in ti.ndrange(vortex.shape[0], vortex.shape[1]):
+        if ti.static(mutual):
+            if clock[w, 1] % step.renewal == 0:
+                for axis in ti.static(range(2)):
+                    slopes = ti.Vector([velocity[stage, w, i, axis] for stage in ti.static(range(STAGES))])
+                    rate = slopes.dot(ti.Vector([-5.0, 2.0, 2.0, 1.0])) / (3.0 * step.dt * step.renewal)
+                    drift[w, i, axis] = slopes[0]
+                    drift[w, i, Drift.u_rate + axis] = rate
+        before = vec4([vortex[w, i, column] for column in ti.static(range(4))])
+        drifts = vec4([drift[w, i, column] for column in ti.static(range(4))])
+        after, drifts = moved(before, drifts, step, repeats)
+        for column in ti.static(range(4)):
+            vortex[w, i, column], drift[w, i, column] = after[column], drifts[column]
+
+
+def evolution(
+    vortex: torch.Tensor,
+    dt: float,
+    viscosity: float,
+    mutual: bool,
+    eddies: Eddies = ENDLESS,
+    drift: torch.Tensor | None = None,
+    clock: torch.Tensor | None = None,
+) -> Callable[[], None]:
+    """A function that lets vortices spread and move one another for a time, in place.
+
+    A centre moves with uniform acceleration for a time T, the largest multiple of `dt` up to `RENEWAL`, or `dt` itself
+    where that is longer. It starts with its velocity at the beginning of T, and ends where the classical Runge–Kutta
+    method of fourth order has it after a step of T. The motion is chaotic: errors grow exponentially, those of rounding
+    too. In the pattern of `extreme` they are below 2 mm after 100 s (`tests/kernels/flow/test_eddies.py`).
+    Source: Hairer, Nørsett and Wanner, "Solving Ordinary Differential Equations I" (1993), §II.1.
+
+    Centres of a periodic pattern that leave its square come in at the opposite side.
+
+    Args:
+        vortex: (W, V, 4) float32.
+        dt: s; a vortex should not move further than a fraction of a core radius in it.
+        viscosity: ν ≥ 0, m²/s.
+        mutual: whether the centres move.
+        eddies: their period and the speed of their columns.
+        drift: (W, V, 4) float32, columns `Drift`, with the vortices all that decides their future; default: kept here.
+        clock: (W, 2) int32, in column 1 the steps that each world's vortices have made; default: counted here.
+    """
+    if drift is None:
+        drift = torch.zeros_like(vortex)
+    own = None
+    if clock is None:
+        own = clock = torch.zeros((len(vortex), 2), dtype=torch.int32, device=vortex.device)
+    launch = _launch(vortex, drift, clock, dt, viscosity, mutual, eddies)
+
+    def advance_all() -> None:
+        launch()
+        if own is not None:
+            own.add_(1)
+
+    return advance_all
+
+
+def _launch(
+    vortex: torch.Tensor,
+    drift: torch.Tensor,
+    clock: torch.Tensor,
+    dt: float,
+    viscosity: float,
+    mutual: bool,
+    eddies: Eddies,
+) -> Launch:
+    """The kernel of `evolution`."""
+    worlds, count = vortex.shape[:2]
+    repeats, scale, share, _ = eddies.pattern
+    renewal = max(1, int(RENEWAL / dt + 1e-6))
+    step = dt, viscosity, scale, share * eddies.column, eddies.period, eddies.centre, renewal
+    arrays = vortex, drift, clock
+    if not runtime.start().on_cpu:
+        velocity = vortex.new_zeros((STAGES, worlds, count, 2))
+        return Launch(_evolve_each, *arrays, velocity, step, bool(mutual), repeats)
+    if mutual and worlds >= ABREAST * runtime.start().threads:
+        work = vortex.new_zeros((-(-worlds // ABREAST), len(Work.names), count, ABREAST))
+        due = torch.zeros(worlds + 1, dtype=torch.int32)
+        settings = {**runtime.vectors_in_registers(), **runtime.quickly()}
+        return Launch(_evolve_abreast, *arrays, due, work, step, repeats, settings=settings)
+    work = vortex.new_zeros((worlds, len(Work.names), -(-count // LANES), LANES))
+    work[:, Work.width2] = 1.0  # of lanes without a vortex: `induced` divides by it
+    serial = runtime.better_alone(worlds * count)
+    settings = runtime.vectors_in_registers()
+    return Launch(_evolve, serial, *arrays, work, step, int(mutual), repeats, settings=settings)
