@@ -320,17 +320,16 @@ def evolution(
     """
     if drift is None:
         drift = torch.zeros_like(vortex)
-    own = None
-    if clock is None:
-        own = clock = torch.zeros((len(vortex), 2), dtype=torch.int32, device=vortex.device)
-    launch = _launch(vortex, drift, clock, dt, viscosity, mutual, eddies)
+    if clock is not None:
+        return _launch(vortex, drift, clock, dt, viscosity, mutual, eddies)
+    own = torch.zeros((len(vortex), 2), dtype=torch.int32, device=vortex.device)
+    launch = _launch(vortex, drift, own, dt, viscosity, mutual, eddies)
 
-    def advance_all() -> None:
+    def counted() -> None:
         launch()
-        if own is not None:
-            own.add_(1)
+        own[:, 1] += 1
 
-    return advance_all
+    return counted
 
 
 def _launch(
