@@ -209,14 +209,13 @@ def _evolve_abreast(
     Args:
         due: (W + 1,) number and indices of the worlds whose `Drift` is renewed; workspace.
     """
+    due[0] = 0
     ti.loop_config(serialize=True)
-    for _ in range(1):
-        count = 0
-        for w in range(clock.shape[0]):
-            if clock[w, 1] % step.renewal == 0:
-                count += 1
-                due[count] = w
-        due[0] = count
+    for w in range(clock.shape[0]):
+        if clock[w, 1] % step.renewal == 0:
+            count = due[0] + 1
+            due[count] = w
+            due[0] = count
     for b in range((due[0] + ABREAST - 1) // ABREAST):
         first = 1 + b * ABREAST
         for v in range(vortex.shape[1]):
