@@ -10,27 +10,25 @@ from __future__ import annotations
 
 import math
 import threading
-from functools import partial
-from typing import Any, ClassVar, cast
+from collections.abc import Sequence
+from typing import ClassVar, cast
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from usvauv.env.scenario import Scenario
 from usvauv.env.world.observation import ObservationLayout
 from usvauv.env.world.world import World
+from usvauv.kernels import runtime
+from usvauv.kernels.guidance import TINY, Passes
 from usvauv.kernels.registry import Registry
 from usvauv.policies.guidance import (
-    TINY,
-    Array,
+    REACH,
     SpeedToFly,
-    as_kind,
-    by_torch,
     clear_of_others,
     command,
     components,
-    functions,
+    cruise_depth,
     length,
     nearest,
     polar,
@@ -48,6 +46,7 @@ PASSING_TERMS = ("current", "service", "next", "attitude", "motion")  # which `P
 TURN = 0.5 * math.pi  # rad, largest offset of a heading
 BORDER_MARGIN = 4.0  # m, more than a step at full speed
 PRICE, PRICE_GAIN = 80.0, 4.0  # W and 1: prices from a watt and a half to some kilowatts, for all speeds in any current
+TERMS = ("target", "others", "position", "current")  # that frames read
 RELATIVE = ("others", "target")  # terms that `TargetFrame` replaces by features of its own
 CURRENTS = ("current_speed", "current", "current_profile")
 VECTORS = {"current": 2, "current_profile": None, "next": 2, "attitude": 2}  # how many of their numbers are vectors
@@ -73,7 +72,7 @@ class Frame:
         self.layout = ObservationLayout.of(scenario)
         self._places = dict(self.layout)
 
-    def term(self, observation: Array, name: str) -> Array:
+    def term(self, observation: Tensor, name: str) -> Tensor:
         """A term of the observation, (W, K, n), see `usvauv.env.world.observation`.
 
         Raises:
@@ -88,6 +87,15 @@ class Frame:
     def decode(self, observation: Tensor, action: Tensor) -> Tensor:
         """The world's actions (W, K, A) for a network's actions (W, K, `actions`) in [−1, 1]."""
         raise NotImplementedError
+
+    def passes(self, worlds: int, mean: Tensor, deviation: Tensor, shared: bool) -> Passes | None:
+        """Kernels that do what `encode` and `decode` do; None: there are none.
+
+        Args:
+            worlds: W. mean, deviation: by which features are standardised, (F,); may change in place.
+            shared: whether AUVs share a network.
+        """
+        return None
 
 
 class WorldFrame(Frame):
@@ -104,15 +112,13 @@ class WorldFrame(Frame):
         return action
 
 
-def in_pairs(vectors: Array) -> Array:
+def in_pairs(vectors: Tensor) -> Tensor:
     """Vectors (..., n, 2) of their components one after the other, (..., 2 n)."""
     return vectors.reshape(*vectors.shape[:-1], -1, 2)
 
 
-def joined(parts: list[Any]) -> Any:
-    """Parts (..., n) side by side; of tensors each number of all AUVs one after the other in memory."""
-    if isinstance(parts[0], np.ndarray):
-        return np.concatenate(parts, -1)
+def joined(parts: Sequence[Tensor]) -> Tensor:
+    """Parts (..., n) side by side, each number of all AUVs one after the other in memory."""
     return torch.cat([part.movedim(-1, 0) for part in parts]).movedim(0, -1)
 
 
@@ -135,11 +141,12 @@ class TargetFrame(Frame):
         self.features = 9 + sum(place.stop - place.start for name, place in self.layout if name not in RELATIVE)
         self.start = f"straight:{(scenario.auv.speed_min + scenario.auv.speed_max) / 2:g}"
         self.reach = max(2.0 * scenario.auv.safe_distance, 1.0) / scenario.area.diagonal
+        self.price = 0.0
 
-    def encode(self, observation: Array) -> Array:
+    def encode(self, observation: Tensor) -> Tensor:
         bearing, distance = polar(self.term(observation, "target"))
         distance = distance[..., None]
-        closeness = by_torch(torch.exp, -distance / self.reach)
+        closeness = torch.exp(-distance / self.reach)
         parts = [distance, closeness, bearing, *self._others(observation, bearing)]
         for name in self.layout.terms:
             if name in RELATIVE:
@@ -155,32 +162,65 @@ class TargetFrame(Frame):
             parts.append(value)
         return joined(parts)
 
-    def _others(self, observation: Array, bearing: Array) -> list[Array]:
+    def _others(self, observation: Tensor, bearing: Tensor) -> list[Tensor]:
         """Nearest other AUV and sum of closeness, (..., 2), and largest closeness, (..., 1); zeros for a single AUV."""
-        of = functions(observation)
         if self.layout.num_auvs == 1:
-            return [of.zeros_like(bearing), of.zeros_like(bearing), of.zeros_like(bearing[..., :1])]
+            return [torch.zeros_like(bearing), torch.zeros_like(bearing), torch.zeros_like(bearing[..., :1])]
         others = unrotate(in_pairs(self.term(observation, "others")), bearing[..., None, :])
         distance = length(others)
-        closeness = by_torch(torch.exp, -distance / self.reach)
+        closeness = torch.exp(-distance / self.reach)
         pull = closeness[..., None] * others / distance[..., None].clip(TINY)
         if self.layout.num_auvs == 2:
             return [others[..., 0, :], pull[..., 0, :], closeness]
         return [
             nearest(distance, others)[1],
-            by_torch(partial(torch.sum, dim=-2), pull),
-            of.amax(closeness, -1)[..., None],
+            pull.sum(-2),
+            closeness.amax(-1)[..., None],
         ]
 
-    def decode(self, observation: Array, action: Array) -> Array:
+    def decode(self, observation: Tensor, action: Tensor) -> Tensor:
         auv = self.scenario.auv
         speed = auv.speed_min + (auv.speed_max - auv.speed_min) * (action[..., 1] + 1.0) / 2.0
         return command(self._course(action, unit(self.term(observation, "target"))), speed, self.scenario)
 
-    def _course(self, action: Array, ahead: Array) -> Array:
+    def passes(self, worlds: int, mean: Tensor, deviation: Tensor, shared: bool) -> Passes | None:
+        if type(self) not in COMPILED or self.scenario.auv.action == "fins" or not runtime.start().on_cpu:
+            return None
+        auv, area, places = self.scenario.auv, self.scenario.area, self._places
+        rules = []
+        for name in self.layout.terms:
+            if name in RELATIVE:
+                continue
+            columns = range(places[name].start, places[name].stop)
+            scale, vectors = auv.speed_max if name in CURRENTS else 1.0, columns[: VECTORS.get(name, 0)]
+            for x in vectors[::2]:
+                rules += [(x, x + 1, 1, scale), (x, x + 1, 2, scale)]
+            rules += [(x, x, 0, scale) for x in columns[len(vectors) :]]
+        first = [places[name].start if name in places else None for name in TERMS]
+        numbers = {
+            "reach": self.reach,
+            "diagonal": area.diagonal,
+            "repelled": REACH * auv.safe_distance,
+            "margin": BORDER_MARGIN,
+            "east": area.width - BORDER_MARGIN,
+            "north": area.length - BORDER_MARGIN,
+            "slowest": auv.speed_min,
+            "fastest": auv.speed_max,
+            "price": self.price,
+            "gain": PRICE_GAIN,
+            "depth": cruise_depth(self.scenario),
+        }
+        size, polar = (worlds, auv.count, self.layout.size), auv.action == "polar"
+        return Passes(size, first, rules, numbers, self._speeds(), polar, auv.action_size, mean, deviation, shared)
+
+    def _speeds(self) -> tuple[Tensor, Tensor] | None:
+        """Speeds among which an autopilot chooses, and their powers."""
+        return None
+
+    def _course(self, action: Tensor, ahead: Tensor) -> Tensor:
         """The course that a_0 commands, π a_0 left of `ahead`; unit vectors in world axes, (..., 2)."""
         course = math.pi * action[..., 0]
-        return turn(ahead, by_torch(torch.cos, course), by_torch(torch.sin, course))
+        return turn(ahead, torch.cos(course), torch.sin(course))
 
 
 class GuidedFrame(TargetFrame):
@@ -200,26 +240,26 @@ class GuidedFrame(TargetFrame):
         self.price = PRICE if "current" in self.layout else self.speed_to_fly.free_price()
         self.start = f"clear:{self.price:.3g}"
 
-    def decode(self, observation: Array, action: Array) -> Array:
+    def decode(self, observation: Tensor, action: Tensor) -> Tensor:
         others, metre = in_pairs(self.term(observation, "others")), self.scenario.area.diagonal
         target = unit(self.term(observation, "target"))
         clear = clear_of_others(target, others * metre, self.scenario.auv.safe_distance)
         track = self._clear_of_border(observation, self._course(action, clear))
         observed = "current" in self.layout
-        current: Any = self.term(observation, "current") if observed else functions(track).zeros_like(track)
-        price = self.price * by_torch(torch.exp, PRICE_GAIN * action[..., 1])
+        current = self.term(observation, "current") if observed else torch.zeros_like(track)
+        price = self.price * torch.exp(PRICE_GAIN * action[..., 1])
         return command(*self.speed_to_fly.steer(track, price, current), self.scenario)
 
-    def _clear_of_border(self, observation: Array, track: Array) -> Array:
+    def _speeds(self) -> tuple[Tensor, Tensor]:
+        return self.speed_to_fly.speeds, self.speed_to_fly.power
+
+    def _clear_of_border(self, observation: Tensor, track: Tensor) -> Tensor:
         """A course over ground (unit vectors, (..., 2)) that does not lead out of the area."""
         position = self.term(observation, "position") * self.scenario.area.diagonal
-        if isinstance(position, Tensor):
-            self._edge = self._edge.to(position)  # copied but once
-        (edge,) = as_kind(position, self._edge)
-        of = functions(track)
-        outwards = ((position < BORDER_MARGIN) & (track < 0.0)) | ((position > edge) & (track > 0.0))
-        direction, size = polar(of.where(outwards, 0.0, track))
-        return of.where(size[..., None] > TINY, direction, track)
+        self._edge = self._edge.to(position)  # copied but once
+        outwards = ((position < BORDER_MARGIN) & (track < 0.0)) | ((position > self._edge) & (track > 0.0))
+        direction, size = polar(torch.where(outwards, 0.0, track))
+        return torch.where(size[..., None] > TINY, direction, track)
 
 
 class Observed(threading.local):
@@ -315,4 +355,4 @@ FRAMES.register("target", TargetFrame)
 FRAMES.register("world", WorldFrame)
 FRAMES.register("passing", PassingFrame)
 FRAMES.register("fins", FinsFrame)
-NUMPY = (GuidedFrame, TargetFrame)  # which take arrays of NumPy too; one derived from them need not
+COMPILED = (GuidedFrame, TargetFrame)  # what kernels compute; a frame derived from them may compute something else

@@ -1,122 +1,88 @@
-"""Guidance towards a point, along a line, round a circle: courses, headings in a current, economical speeds.
-
-Most functions take tensors, or arrays of NumPy, of which an operation on a few AUVs takes a fraction of the time. Both
-give the same bits.
-"""
+"""Guidance towards a point, along a line, round a circle: courses, headings in a current, economical speeds."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from collections.abc import Sequence
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from usvauv.env.scenario import Scenario
+from usvauv.kernels.guidance import HOPELESS, LEAST, LEAST_ADVANCE, NEAREST
 from usvauv.kernels.mission.motion import travelling_power
 from usvauv.kernels.vehicles.fleet import Fleet
 from usvauv.kernels.vehicles.vehicle import Actuators, Command
 from usvauv.policies.policy import PolicyError
 
-TINY = 1e-9
-LEAST = 1e-18  # added to no effect, but that a zero vector has a direction; its square is above zero
 LEVEL_TIME = 1.0  # s
 SPEEDS = 33  # number of speeds among which `SpeedToFly` chooses
-LEAST_ADVANCE = 0.05  # m/s over ground, lower bound on headway
 REACH = 1.5  # safe distances within which the nearest other AUV repels
-NEAREST = 1e-3  # m, smaller distances between AUVs repel like it
-HOPELESS = 1e6  # J/m, above every cost with headway
-
-Array = TypeVar("Array", Tensor, np.ndarray)
 
 
-def functions(array: Tensor | np.ndarray) -> Any:
-    """The module whose functions take such an array: torch or NumPy."""
-    return torch if isinstance(array, Tensor) else np
-
-
-def by_torch(function: Callable[..., Tensor], *arrays: Array) -> Array:
-    """A function of which NumPy has other last bits, such as exp and √, as torch has it."""
-    if isinstance(arrays[0], Tensor):
-        return function(*arrays)
-    return function(*map(torch.from_numpy, arrays)).numpy()
-
-
-def as_kind(array: Tensor | np.ndarray, *tensors: Tensor) -> tuple[Any, ...]:
-    """Tensors on the device of `array` as arrays of its kind."""
-    return tensors if isinstance(array, Tensor) else tuple(tensor.numpy() for tensor in tensors)
-
-
-def of_components(vector: Array) -> tuple[Array, Array]:
-    """The components (...) of vectors (..., 2)."""
-    x, y = vector.unbind(-1) if isinstance(vector, Tensor) else (vector[..., 0], vector[..., 1])
-    return x, y
-
-
-def components(x: Array, y: Array) -> Array:
+def components(x: Tensor, y: Tensor) -> Tensor:
     """Vectors (..., 2) of components (...), which lie apart in memory, so that operations go over many at once."""
-    pair: Any = x, y
-    if isinstance(x, Tensor):
-        return torch.stack(pair).movedim(0, -1)
-    vector = np.empty((2, *x.shape), x.dtype)
-    vector[0], vector[1] = pair
-    return vector.transpose(*range(1, vector.ndim), 0)
+    return torch.stack((x, y)).movedim(0, -1)
 
 
-def length(vector: Array) -> Array:
+def length(vector: Tensor) -> Tensor:
     """Euclidean norm (...) of vectors (..., 2)."""
-    x, y = of_components(vector)
-    return by_torch(torch.sqrt, x * x + y * y)
+    x, y = vector.unbind(-1)
+    return torch.sqrt(x * x + y * y)
 
 
-def polar(vector: Array) -> tuple[Array, Array]:
+def polar(vector: Tensor) -> tuple[Tensor, Tensor]:
     """Direction (..., 2) and length (...) of vectors (..., 2); (1, 0) and `LEAST` for a zero vector."""
-    x, y = of_components(vector)
+    x, y = vector.unbind(-1)
     x = x + LEAST
-    size = by_torch(torch.sqrt, x * x + y * y)
+    size = torch.sqrt(x * x + y * y)
     return components(x / size, y / size), size
 
 
-def unit(vector: Array) -> Array:
+def unit(vector: Tensor) -> Tensor:
     """Direction of vectors (..., 2); (1, 0) for a zero vector."""
     return polar(vector)[0]
 
 
-def turn(direction: Array, cosine: Array, sine: Array) -> Array:
+def turn(direction: Tensor, cosine: Tensor, sine: Tensor) -> Tensor:
     """Vectors (..., 2) turned to the left by an angle of this cosine and sine, (...)."""
-    x, y = of_components(direction)
+    x, y = direction.unbind(-1)
     return components(cosine * x - sine * y, cosine * y + sine * x)
 
 
-def rotate(vector: Array, direction: Array) -> Array:
+def rotate(vector: Tensor, direction: Tensor) -> Tensor:
     """Components in world axes of a vector given along and left of `direction`; both (..., 2)."""
-    return turn(direction, *of_components(vector))
+    return turn(direction, *vector.unbind(-1))
 
 
-def along_and_left(vector: Array, direction: Array) -> tuple[Array, Array]:
+def along_and_left(vector: Tensor, direction: Tensor) -> tuple[Tensor, Tensor]:
     """Components (...) along and left of `direction` of a vector given in world axes; both (..., 2)."""
-    vx, vy = of_components(vector)
-    x, y = of_components(direction)
+    vx, vy = vector.unbind(-1)
+    x, y = direction.unbind(-1)
     return vx * x + vy * y, vy * x - vx * y
 
 
-def unrotate(vector: Array, direction: Array) -> Array:
+def unrotate(vector: Tensor, direction: Tensor) -> Tensor:
     """`along_and_left` as vectors (..., 2)."""
     return components(*along_and_left(vector, direction))
 
 
-def nearest(distance: Array, vectors: Array) -> tuple[Array, Array]:
+def nearest(distance: Tensor, vectors: Tensor) -> tuple[Tensor, Tensor]:
     """The least of distances (..., n), and the vector (..., 2) of the first AUV that has it, of (..., n, 2)."""
     if distance.shape[-1] == 1:
         return distance[..., 0], vectors[..., 0, :]
-    take: Any = torch.take_along_dim if isinstance(distance, Tensor) else np.take_along_axis
     first = distance.argmin(-1)[..., None, None]
-    return functions(distance).amin(distance, -1), take(vectors, first, -2)[..., 0, :]
+    return distance.amin(-1), torch.take_along_dim(vectors, first, -2)[..., 0, :]
 
 
-def command(direction: Array, speed: Array | float, scenario: Scenario) -> Array:
+def cruise_depth(scenario: Scenario) -> float:
+    """The action that commands the cruise depth, linear from −1 at the least depth to 1 at the greatest."""
+    auv = scenario.auv
+    share = 2.0 * (auv.depth - auv.depth_min) / (auv.depth_max - auv.depth_min) - 1.0
+    return min(max(share, -1.0), 1.0)
+
+
+def command(direction: Tensor, speed: Tensor | float, scenario: Scenario) -> Tensor:
     """The world's action for a course (unit vector, (..., 2)) and a speed through the water (..., m/s).
 
     (..., 2), or where actions have a depth too (..., 3) with the cruise depth.
@@ -124,25 +90,23 @@ def command(direction: Array, speed: Array | float, scenario: Scenario) -> Array
     Raises:
         PolicyError: actions are those of fins.
     """
-    auv, of = scenario.auv, functions(direction)
+    auv = scenario.auv
     if auv.action == "fins":
         raise PolicyError('auv.action = "fins": this policy commands course and speed: use "vector" or "vector-depth"')
-    each: Any = speed if isinstance(speed, Tensor | np.ndarray) else of.full_like(direction[..., 0], speed)
+    each = speed if isinstance(speed, Tensor) else torch.full_like(direction[..., 0], speed)
     if auv.action != "polar":
         velocity = (direction * (each / auv.speed_max)[..., None]).clip(-1.0, 1.0)
         if auv.action == "vector":
             return velocity
-        share = 2.0 * (auv.depth - auv.depth_min) / (auv.depth_max - auv.depth_min) - 1.0
-        depth = of.full_like(velocity[..., :1], min(max(share, -1.0), 1.0))
-        return of.concatenate((velocity, depth), -1)
+        return torch.cat((velocity, torch.full_like(velocity[..., :1], cruise_depth(scenario))), -1)
     span = auv.speed_max - auv.speed_min
-    throttle = 2.0 * (each - auv.speed_min) / span - 1.0 if span > 0 else of.zeros_like(each)
-    x, y = of_components(direction)
-    heading = by_torch(torch.atan2, y, x) / math.pi
-    return components(heading, of.broadcast_to(throttle, heading.shape)).clip(-1.0, 1.0)
+    throttle = 2.0 * (each - auv.speed_min) / span - 1.0 if span > 0 else torch.zeros_like(each)
+    x, y = direction.unbind(-1)
+    heading = torch.atan2(y, x) / math.pi
+    return components(heading, throttle.expand_as(heading)).clip(-1.0, 1.0)
 
 
-def crab(track: Array, speed: Array, current: Array) -> Array:
+def crab(track: Tensor, speed: Tensor, current: Tensor) -> Tensor:
     """Heading (unit vector, (..., 2)) whose track over ground is `track` (unit vector), at a speed (...) in a current.
 
     The angle between heading and track has the sine −c_⊥ / V, where c_⊥ is the component of the current across the
@@ -151,13 +115,13 @@ def crab(track: Array, speed: Array, current: Array) -> Array:
     return _crab(track, speed, along_and_left(current, track)[1])
 
 
-def _crab(track: Array, speed: Array, across: Array) -> Array:
+def _crab(track: Tensor, speed: Tensor, across: Tensor) -> Tensor:
     """The same by the component of the current across the track, (...)."""
     sine = (-across / speed).clip(-1.0, 1.0)
-    return turn(track, by_torch(torch.sqrt, (1.0 - sine * sine).clip(0.0)), sine)
+    return turn(track, torch.sqrt((1.0 - sine * sine).clip(0.0)), sine)
 
 
-def clear_of_others(towards: Array, others: Array, safe_distance: float) -> Array:
+def clear_of_others(towards: Tensor, others: Tensor, safe_distance: float) -> Tensor:
     """Track over ground (unit vectors, (..., 2)) towards a target, repelled by the nearest other AUV.
 
     The direction of t + (r − 1) r² n with r = ρ₀/ρ, where t points at the target, n away from the nearest other AUV at
@@ -269,24 +233,22 @@ class SpeedToFly:
             return 0.0
         return max((power_higher * lowest - power_lowest * higher) / (higher - lowest), 0.0)
 
-    def __call__(self, track: Array, price: Array, current: Array) -> Array:
+    def __call__(self, track: Tensor, price: Tensor, current: Tensor) -> Tensor:
         """Speeds (...), m/s, for tracks (unit vectors, (..., 2)), prices (...), W, and currents (..., 2), m/s."""
         return self._best(price, *along_and_left(current, track))
 
-    def steer(self, track: Array, price: Array, current: Array) -> tuple[Array, Array]:
+    def steer(self, track: Tensor, price: Tensor, current: Tensor) -> tuple[Tensor, Tensor]:
         """Headings of `crab` (unit vectors, (..., 2)) and the speeds."""
         along, across = along_and_left(current, track)
         speed = self._best(price, along, across)
         return _crab(track, speed, across), speed
 
-    def _best(self, price: Array, along: Array, across: Array) -> Array:
+    def _best(self, price: Tensor, along: Tensor, across: Tensor) -> Tensor:
         """Speeds (...) by the components of the current along and across the track, (...)."""
-        of, like = functions(along), (SPEEDS, *along.ndim * [1])
-        if isinstance(along, Tensor):
-            self.speeds, self.power = self.speeds.to(along), self.power.to(along)  # copied but once
-        speeds, power = (table.reshape(like) for table in as_kind(along, self.speeds, self.power))
-        advance = by_torch(torch.sqrt, (speeds * speeds - across * across).clip(0.0))
+        self.speeds, self.power = self.speeds.to(along), self.power.to(along)  # copied but once
+        speeds, power = (table.reshape(-1, *along.ndim * [1]) for table in (self.speeds, self.power))
+        advance = torch.sqrt((speeds * speeds - across * across).clip(0.0))
         advance += along
         cost = (power + price) / advance.clip(LEAST_ADVANCE)
-        cost = of.where(advance > LEAST_ADVANCE, cost, HOPELESS - advance)
-        return of.amin(of.where(cost > of.amin(cost, 0), math.inf, speeds), 0)  # of equal costs the lowest speed
+        cost = torch.where(advance > LEAST_ADVANCE, cost, HOPELESS - advance)
+        return torch.where(cost > cost.amin(0), math.inf, speeds).amin(0)  # of equal costs the lowest speed

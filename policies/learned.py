@@ -11,11 +11,11 @@ import torch
 from torch import Tensor
 
 from usvauv.env.scenario import Scenario
-from usvauv.policies.frames import FRAMES, NUMPY
+from usvauv.kernels.guidance import CLIP, Passes
+from usvauv.policies.frames import FRAMES
 from usvauv.policies.networks import StackedMLP, stack, unstack
-from usvauv.policies.policy import Policy, PolicyError, by_pieces
+from usvauv.policies.policy import Policy, PolicyError, by_pieces, in_pieces
 
-CLIP = 8.0
 LEAST_DEVIATION = 1e-3  # of a feature that is scaled
 
 
@@ -85,6 +85,8 @@ class LearnedPolicy(Policy):
         self.shared = shared
         self.about = about
         self.any_team = shared and self.frame.any_team
+        self._passes: Passes | None = None
+        self._acted_on: torch.Size | None = None  # shape of the observations that `_passes` take
 
     def for_scenario(self, scenario: Scenario) -> LearnedPolicy:
         """The same actors in another scenario.
@@ -109,19 +111,23 @@ class LearnedPolicy(Policy):
         )
 
     def act(self, observation: Tensor) -> Tensor:
-        by_numpy = observation.device.type == "cpu" and type(self.frame) in NUMPY
-        return by_pieces(self._by_numpy if by_numpy else self.actions, observation)
+        if self._acted_on != observation.shape:
+            with FRAMES.calling(self.frame_name):
+                statistics = self.standardizer.mean, self.standardizer.deviation
+                self._passes = self.frame.passes(len(observation), *statistics, self.shared)
+            self._acted_on = observation.shape
+        if (passes := self._passes) is None:
+            return by_pieces(self.actions, observation)
+        passes.observation.copy_(observation)
+        passes.encode()
+        passes.action.copy_(in_pieces(self.actor, 1, observation.shape[:2].numel(), passes.features))
+        passes.steer()
+        return passes.command.clone()
 
     def actions(self, observation: Tensor) -> Tensor:
         """The same of all worlds at once, with gradients."""
         with FRAMES.calling(self.frame_name):
             return self.frame.decode(observation, self._through_actor(self.frame.encode(observation)))
-
-    def _by_numpy(self, observation: Tensor) -> Tensor:
-        frame: Any = self.frame
-        seen = observation.numpy()
-        action = self._through_actor(torch.from_numpy(frame.encode(seen)))
-        return torch.from_numpy(frame.decode(seen, action.numpy()))
 
     def _through_actor(self, features: Tensor) -> Tensor:
         """The network's actions (W, K, ·) for features (W, K, F)."""

@@ -53,22 +53,29 @@ def _threads(process: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(runtime.start().threads)
 
 
-def by_pieces(function: Callable[..., Tensor], *tensors: Tensor) -> Tensor:
-    """A function of tensors (W, K, ...) of which each world's part depends on that world alone; evaluated without
-    gradients.
+def in_pieces(function: Callable[..., Tensor], axis: int, auvs: int, *tensors: Tensor) -> Tensor:
+    """A function of tensors, each part of which along an axis depends on the same part of theirs alone; evaluated
+    without gradients.
 
-    On a CPU many worlds are divided among the cores, in pieces of `PIECE` to `LARGEST_PIECE` AUVs, each with one thread
-    of torch. So a small batch wakes no thread, no core waits for another after each operation, what one operation hands
-    to the next stays in the core's cache, and the result is the same for any number of cores.
+    On a CPU many AUVs are divided among the cores, in pieces of `PIECE` to `LARGEST_PIECE` of them, each with one
+    thread of torch. So a small batch wakes no thread, no core waits for another after each operation, what one
+    operation hands to the next stays in the core's cache, and the result is the same for any number of cores.
     """
 
     def one(*piece: Tensor) -> Tensor:
         with torch.no_grad():  # which holds in one thread
-            return function(*map(by_component, piece)).contiguous()
+            return function(*piece)
 
-    first = tensors[0]
-    auvs = first.shape[:2].numel()
     count = max(min(auvs // PIECE, runtime.start().threads), math.ceil(auvs / LARGEST_PIECE))
-    if count < 2 or first.device.type != "cpu":
+    if count < 2 or tensors[0].device.type != "cpu":
         return one(*tensors)
-    return torch.cat(list(_threads(os.getpid()).map(one, *(tensor.tensor_split(count) for tensor in tensors))))
+    return torch.cat(list(_threads(os.getpid()).map(one, *(each.tensor_split(count, axis) for each in tensors))), axis)
+
+
+def by_pieces(function: Callable[..., Tensor], *tensors: Tensor) -> Tensor:
+    """A function of tensors (W, K, ...) of which each world's part depends on that world alone, see `in_pieces`."""
+
+    def one(*piece: Tensor) -> Tensor:
+        return function(*map(by_component, piece)).contiguous()
+
+    return in_pieces(one, 0, tensors[0].shape[:2].numel(), *tensors)

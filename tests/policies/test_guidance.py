@@ -12,7 +12,16 @@ from tests.policies.toy import ToyWorld, observe, scenario
 from usvauv import policies
 from usvauv.env import Scenario, World
 from usvauv.policies import PolicyError
-from usvauv.policies.frames import BORDER_MARGIN, PASS_PRICE, PRICE, TURN, GuidedFrame, PassingFrame, TargetFrame
+from usvauv.policies.frames import (
+    BORDER_MARGIN,
+    FRAMES,
+    PASS_PRICE,
+    PRICE,
+    TURN,
+    GuidedFrame,
+    PassingFrame,
+    TargetFrame,
+)
 from usvauv.policies.guidance import (
     SpeedToFly,
     clear_of_others,
@@ -23,6 +32,8 @@ from usvauv.policies.guidance import (
     unit,
     unrotate,
 )
+from usvauv.policies.learned import LearnedPolicy, Standardizer
+from usvauv.policies.networks import DeterministicActor
 
 
 def directions(count, seed=0):
@@ -257,3 +268,27 @@ class TestFrames:
         course = angle(unrotate(velocity, unit(world.target - world.position)))
         off = (course - math.pi * asked[..., 0] + math.pi).remainder(2 * math.pi) - math.pi
         assert off.abs().max() < 1e-4
+
+    @pytest.mark.parametrize(
+        ("name", "shared", "auv", "observed"),
+        [
+            ("guided", True, {"count": 2}, {"current": "vector"}),
+            ("guided", False, {"count": 5, "model": "torpedo", "action": "vector-depth"}, {"current": "profile"}),
+            ("guided", False, {"count": 1, "action": "polar"}, {"current": "speed"}),
+            ("target", True, {"count": 3, "action": "polar"}, {"current": "none"}),
+        ],
+    )
+    def test_a_policy_acts_as_its_frame_and_network_say(self, name, shared, auv, observed):
+        """On a CPU kernels compute features and commands: beside torch's, for 2,000 observations within the area."""
+        service = {"service": "passing"} if "model" in auv else {}
+        toy = scenario(auv=auv, observation=observed | {"extra": ["next"]}, nodes=service)
+        generator, frame = torch.Generator().manual_seed(5), FRAMES[name](toy)
+        mean, deviation = torch.rand((2, frame.features), generator=generator)
+        actor = DeterministicActor(1 if shared else toy.auv.count, (frame.features, 32, 2), generator, output_gain=4.0)
+        policy = LearnedPolicy("some", toy, name, Standardizer(mean, 0.5 + deviation), actor, shared)
+        observation = torch.rand((2000, toy.auv.count, frame.layout.size), generator=generator) - 0.5
+        position = observation[..., frame.layout.slice("position")]
+        position.copy_((position + 0.5) / math.sqrt(2))
+        off = (policy.act(observation) - policy.actions(observation)).abs()
+        assert (off > 1e-5).float().mean() < 5e-3  # of two speeds that cost the same either may be taken
+        assert off.max() < 0.1
