@@ -82,8 +82,8 @@ class TestBellhop:
         bottom = reflections.SEDIMENTS[sediment]
         profile = SoundSpeedProfile.from_table([(0, SPEED), (BOTTOM, SPEED)])
         heard = arrivals(tmp_path, profile, bottom)
-        for which, bounces in enumerate((SURFACE, BED)):
-            found = reflected(device, which, bottom, profile, bending)
+        direct = [math.hypot(R, ARRAY - depth) for depth, R in PLACES] if bending else None
+        for bounces, found in zip((SURFACE, BED), reflected(device, bottom, profile, direct), strict=True):
             for theirs, (excess, sine, amplitude) in zip(heard, found, strict=True):
                 direct, other = (max(each for each in theirs if each.bounces == wanted) for wanted in (DIRECT, bounces))
                 assert SPEED * (other.time - direct.time) == pytest.approx(excess, abs=5e-4)
@@ -94,9 +94,11 @@ class TestBellhop:
     def test_reflections_where_sound_bends(self, device, tmp_path, name):
         bottom = reflections.SEDIMENTS["moraine"]
         heard = arrivals(tmp_path, PROFILES[name], bottom)
+        ends = tensor([(ARRAY, *place) for place in PLACES], device)
+        times = rays.eigenrays(tensor(PROFILES[name].layers(), device), ends).double().cpu()[:, 3]
+        found = reflected(device, bottom, PROFILES[name], (SPEED * times).tolist())
         for which, bounces in enumerate((SURFACE, BED)):
-            found = reflected(device, which, bottom, PROFILES[name], True)
-            for theirs, (excess, sine, amplitude) in zip(heard, found, strict=True):
+            for theirs, (excess, sine, amplitude) in zip(heard, found[which], strict=True):
                 direct = [each for each in theirs if each.bounces == DIRECT]
                 others = [each for each in theirs if each.bounces == bounces]
                 assert bool(others) == (amplitude != 0.0)

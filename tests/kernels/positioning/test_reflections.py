@@ -11,9 +11,9 @@ from scipy.optimize import brentq
 
 from tests.kernels.positioning.test_rays import MELTWATER, tensor
 from usvauv.env.site.sound_speed import SoundSpeedProfile
-from usvauv.kernels.positioning import rays, reflections
+from usvauv.kernels.positioning import reflections
 from usvauv.kernels.positioning.acoustic_link import ABSORPTION, COLUMNS, SPREADING, WAVELENGTH
-from usvauv.kernels.types import array2, vec3
+from usvauv.kernels.types import array1, array2, array3, vec3
 
 ARRAY, BOTTOM = 3.0, 200.0  # depths, m
 DEPTHS = (40.0, 100.0)  # of the sources, m
@@ -34,29 +34,32 @@ def coefficient(which: int, sine: float, k: float, roughness: float, bottom: tup
 
 
 def reflected(
-    device: torch.device, which: int, bottom: tuple[float, ...], profile: SoundSpeedProfile, bending: bool
-) -> list[list[float]]:
-    """Excess path (m), sine of the angle from below and amplitude over the direct sound's from each of `PLACES`."""
+    device: torch.device, bottom: tuple[float, ...], profile: SoundSpeedProfile, direct: list[float] | None = None
+) -> list[list[list[float]]]:
+    """Excess path (m), sine of the angle from below and amplitude over the direct sound's, from surface and bottom and
+    each of `PLACES`; `direct`: paths of the direct sounds where sound bends, m.
+    """
     link = torch.zeros((1, COLUMNS), device=device)
     link[0, SPREADING], link[0, ABSORPTION], link[0, WAVELENGTH] = *LOSS, WAVELENGTH_HERE
     offsets = tensor([(R, 0.0, ARRAY - depth) for depth, R in PLACES], device)
-    out = torch.empty((len(PLACES), 3), device=device)
+    out = torch.empty((2, len(PLACES), 3), device=device)
     density, speed, absorption = bottom
+    bending = direct is not None
 
     @ti.kernel
-    def take(link: array2, offsets: array2, layers: array2, mirrored: array2, out: array2):
-        for n in range(out.shape[0]):
+    def take(link: array2, offsets: array2, paths: array1, layers: array2, mirrored: array2, out: array3):
+        for which, n in ti.ndrange(2, out.shape[1]):
             offset = vec3(offsets[n, 0], offsets[n, 1], offsets[n, 2])
             boundaries = reflections.Boundaries(ARRAY, BOTTOM, ROUGHNESS, density, speed, absorption)
-            direct = rays.refracted(layers, ARRAY, ARRAY, offset, SPEED)
-            bent = ti.static(reflections.Profile(layers, mirrored, ARRAY, SPEED, direct.slant_range))
+            bent = ti.static(reflections.Profile(layers, mirrored, ARRAY, SPEED, paths[n]))
             around = ti.static(reflections.Waveguide(boundaries, bent if bending else None))
             r = reflections.reflection(which, offset, around, link, 0)
-            out[n, 0] = r.excess
-            out[n, 1] = r.source[2] / r.source.norm()
-            out[n, 2] = r.amplitude
+            out[which, n, 0] = r.excess
+            out[which, n, 1] = r.source[2] / r.source.norm()
+            out[which, n, 2] = r.amplitude
 
-    take(link, offsets, tensor(profile.layers(), device), tensor(profile.mirrored(BOTTOM).layers(), device), out)
+    layers = (tensor(each.layers(), device) for each in (profile, profile.mirrored(BOTTOM)))
+    take(link, offsets, tensor(direct or [0.0] * len(PLACES), device), *layers, out)
     return out.tolist()
 
 
@@ -75,32 +78,21 @@ def exact(profile: SoundSpeedProfile, legs: list[tuple[float, float]], R: float)
     return xi, crossed(xi, -1)
 
 
-# Jensen, Kuperman, Porter and Schmidt (2011), Table 1.3: kg/m³, m/s, dB a wavelength; water has 1000 and 1500.
-TABLE = {
-    "clay": (1500, 1500, 0.2),
-    "silt": (1700, 1575, 1.0),
-    "sand": (1900, 1650, 0.8),
-    "gravel": (2000, 1800, 0.6),
-    "moraine": (2100, 1950, 0.4),
-}
-
-
-@pytest.mark.parametrize("which", [0, 1])
-def test_paths_and_angles_where_sound_bends(device, which):
+def test_paths_and_angles_where_sound_bends(device):
     """MELTWATER has one speed down to the array's depth, so that the reflection from the surface is exact too."""
     bottom = reflections.SEDIMENTS["sand"]
-    found = reflected(device, which, bottom, MELTWATER, True)
-    there = [(0.0, ARRAY), (ARRAY, BOTTOM)][which]
-    for (depth, R), (excess, sine, amplitude) in zip(PLACES, found, strict=True):
-        if R == 1000.0:  # the direct ray turns
-            continue
-        _, direct = exact(MELTWATER, [(ARRAY, depth)], R)
-        xi, time = exact(MELTWATER, [there, [(0.0, depth), (depth, BOTTOM)][which]], R)
-        assert excess == pytest.approx(SPEED * (time - direct), abs=1e-3)
-        assert sine == pytest.approx((1 - 2 * which) * np.sqrt(1 - (xi * MELTWATER.at(ARRAY)) ** 2), abs=2e-6)
-        # Beside what the boundary takes, the longer way of straight rays.
-        at_plane = np.sqrt(1 - (xi * MELTWATER.at(BOTTOM if which else 0.0)) ** 2)
-        ways = np.hypot(R, ARRAY - depth), np.hypot(R, [ARRAY + depth, 2 * BOTTOM - ARRAY - depth][which])
-        loss = [LOSS[0] * np.log10(way) + LOSS[1] * way / 1000 for way in ways]
-        reflected_share = coefficient(which, at_plane, 2 * np.pi / WAVELENGTH_HERE, ROUGHNESS, bottom)
-        assert amplitude == pytest.approx(reflected_share * 10 ** ((loss[0] - loss[1]) / 20), rel=1e-4)
+    direct = [exact(MELTWATER, [(ARRAY, depth)], R)[1] if R < 1000.0 else 1.0 for depth, R in PLACES]
+    found = reflected(device, bottom, MELTWATER, [SPEED * time for time in direct])
+    for which, there in enumerate([(0.0, ARRAY), (ARRAY, BOTTOM)]):
+        for (depth, R), straight, (excess, sine, amplitude) in zip(PLACES, direct, found[which], strict=True):
+            if R == 1000.0:  # the direct ray turns
+                continue
+            xi, time = exact(MELTWATER, [there, [(0.0, depth), (depth, BOTTOM)][which]], R)
+            assert excess == pytest.approx(SPEED * (time - straight), abs=1e-3)
+            assert sine == pytest.approx((1 - 2 * which) * np.sqrt(1 - (xi * MELTWATER.at(ARRAY)) ** 2), abs=2e-6)
+            # Beside what the boundary takes, the longer way of straight rays.
+            at_plane = np.sqrt(1 - (xi * MELTWATER.at(BOTTOM if which else 0.0)) ** 2)
+            ways = np.hypot(R, ARRAY - depth), np.hypot(R, [ARRAY + depth, 2 * BOTTOM - ARRAY - depth][which])
+            loss = [LOSS[0] * np.log10(way) + LOSS[1] * way / 1000 for way in ways]
+            reflected_share = coefficient(which, at_plane, 2 * np.pi / WAVELENGTH_HERE, ROUGHNESS, bottom)
+            assert amplitude == pytest.approx(reflected_share * 10 ** ((loss[0] - loss[1]) / 20), rel=1e-4)
