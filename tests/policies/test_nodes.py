@@ -13,7 +13,7 @@ from tests.links import EVERY_STEP
 from usvauv import policies
 from usvauv.env import Scenario, World
 from usvauv.kernels.mission.target_rules import learned, parse
-from usvauv.kernels.mission.target_rules.learned import FEATURES, Feature
+from usvauv.kernels.mission.target_rules.learned import FEATURES, HEAD, Decision, Feature
 from usvauv.policies.decisions import (
     EVALUATION_EPISODES,
     DecisionConfig,
@@ -40,6 +40,34 @@ def network(seed):
     scores = Scores()
     scores.load((0.3 * torch.randn(learned.NUM_WEIGHTS, generator=generator)).tolist())
     return scores
+
+
+class TestDraws:
+    def test_they_follow_the_scores(self):
+        """How often AUV 0's first node is the best one, and the lowest-numbered one, beside its probabilities."""
+        world, _ = worlds(4000)
+        world.rule_numbers[learned.WEIGHTS] = 0.7
+        world.reset()
+        work = learned.decisions(world.rule_workspace, 12, 3)[:, 0]
+        table = work[:, HEAD:].reshape(4000, 12, FEATURES + 1).double()
+        scores = (0.7 * table[..., Feature.future]).masked_fill(table[..., FEATURES] == 0, -math.inf)
+        probability = scores.softmax(-1)
+        chosen = work[:, Decision.chosen].long()
+        for wanted in (probability.argmax(-1), torch.zeros_like(chosen)):
+            p = probability.gather(1, wanted[:, None])[:, 0]
+            deviation = (p * (1 - p)).sum().sqrt()
+            assert abs((chosen == wanted).sum() - p.sum()) < 4 * deviation
+            assert deviation > 10
+
+    def test_they_are_those_of_a_world_alone(self):
+        """Each AUV and node has a draw of its own, however many worlds there are."""
+        first = []
+        for count in (3, 40):
+            world, _ = worlds(count)
+            world.reset()
+            first.append(learned.decisions(world.rule_workspace, 12, 3)[:3, :, Decision.chosen].clone())
+        assert torch.equal(*first)
+        assert len(first[0].unique()) > 3
 
 
 class TestCollect:
@@ -145,7 +173,9 @@ def test_learns_what_pays():
 
 
 class TestCommand:
-    SHORT = ("ideal", "--iterations", "1", "--worlds", "2", "--set", "mission.duration=5", "--policy", "straight")
+    CHANGES = (*SMALL, "mission.duration=5")  # what the tests above have compiled
+    SHORT = ("ideal", "--iterations", "1", "--worlds", "2", *(word for change in CHANGES for word in ("--set", change)),
+             "--policy", "straight")  # fmt: skip
 
     @pytest.mark.slow
     def test_writes_a_rule(self, run_usvauv, tmp_path):
