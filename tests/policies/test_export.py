@@ -11,7 +11,9 @@ import torch
 
 from tests.slowly import slowly
 from usvauv import policies
-from usvauv.env import Scenario, World
+from usvauv.env import Scenario
+from usvauv.env.site.site import Site
+from usvauv.env.world.observation import observed
 from usvauv.policies import LearnedPolicy, PolicyError, TrainingConfig
 from usvauv.policies import export as exporting
 from usvauv.policies.algorithms import ALGORITHMS, Sizes
@@ -27,13 +29,10 @@ KINDS = {
 
 
 def observations(scenario: Scenario, worlds: int) -> torch.Tensor:
-    """Of missions under way, with AUVs that did not all move alike."""
-    world = World(scenario, worlds, seed=3)
-    world.reset()
-    draw = torch.Generator().manual_seed(0)
-    for _ in range(30):
-        world.step(2.0 * torch.rand((worlds, scenario.auv.count, 2), generator=draw) - 1.0)
-    return world.observation.clone()
+    """Anywhere in their ranges, more than missions fill."""
+    low, high = torch.tensor([(number.low, number.high) for number in observed(Site(scenario))]).T
+    draw = torch.rand((worlds, scenario.auv.count, len(low)), generator=torch.Generator().manual_seed(3))
+    return low + (high - low) * draw
 
 
 def untrained(scenario: Scenario, **settings) -> LearnedPolicy:

@@ -12,6 +12,7 @@ import pytest
 import taichi as ti
 import torch
 
+from tests.links import EVERY_STEP
 from tests.policies.toy import LEARNING, ToyWorld, scenario
 from usvauv import policies
 from usvauv.env import Scenario, World, plugins
@@ -223,7 +224,7 @@ def test_a_frame_and_a_target_rule_are_named_too(tmp_path):
     with pytest.raises(PolicyError, match=r"^frame 'wrong' of .*: raised Odd, in .*plugins\.py, line"):
         Trainer(ToyWorld(scenario(), 32, seed=1), dataclasses.replace(LEARNING, frame="wrong"))
     for name, parts in (("wide", {"workspace": lambda *_: fails(Odd())}), ("read", {"read": lambda _: fails(Odd())})):
-        target_rules.register(name, TargetRule(node_far_beyond, **parts))
+        target_rules.register(name, TargetRule(node_by_number, **parts))
         with pytest.raises(UserError, match=rf"^target rule '{name}' of .*: raised Odd, in .*plugins\.py, line"):
             World(Scenario.load("ideal", [f"nodes.target_rule={name}"]), 1)
 
@@ -243,13 +244,14 @@ def test_a_noise_law(law, match):
 
 
 @ti.func
-def node_far_beyond(worlds: ti.template(), w, k):
-    return 100000000
+def node_by_number(worlds: ti.template(), w, k):
+    return ti.cast(worlds.rule_numbers[0], ti.i32)
 
 
 @ti.func
-def no_place(worlds: ti.template(), w, b):
-    return vec2(ti.math.nan, 0.0)
+def place_by_number(worlds: ti.template(), w, b):
+    """No place with a number below zero."""
+    return vec2(ti.sqrt(worlds.strategy_arguments[0]), 0.0)
 
 
 @ti.func
@@ -257,39 +259,30 @@ def no_vector(worlds: ti.template(), w, b):
     return 3.0
 
 
-def reset_twice(world):
+def reset_twice(usv, rule):
     """On a graphics card what the first one wrote is looked at in the second."""
+    world = World(Scenario.load("ideal", EVERY_STEP), 1, usv=usv, targets=rule)
     world.reset()
     world.reset()
 
 
-@pytest.mark.parametrize(
-    ("goal", "usv", "match"),
-    [
-        (
-            no_place,
-            "hold:0,0",
-            "^world 0 at 0 s: target of AUV 0 is 1e.08: must be .* from 0 to 29 .*'far' of .*plugins",
-        ),
-        (no_place, "wrong", r"^world 0 at 0 s: goal_x of boat 0 is nan.*\(uses usv 'wrong' of .*plugins"),
-        (
-            no_vector,
-            "wrong",
-            "^usv 'wrong' of .*plugins.py: raised TaichiSyntaxError: .*motion.py.*to be a Matrix",
-        ),
-    ],
-)
-def test_what_runs_in_the_kernel(goal, usv, match):
-    target_rules.register("far", TargetRule(node_far_beyond))
-    boat_strategies.register("wrong", BoatStrategy(Strategy(start=goal, goal=goal)))
-    rule = "nodes.target_rule=far" if usv != "wrong" else "nodes.target_rule=greedy"
-    with pytest.raises(UserError, match=match) as caught:
-        reset_twice(World(Scenario.load("ideal", [rule]), 1, usv=usv))
-    assert str(caught.value).isprintable()
+def test_what_runs_in_the_kernel():
+    target_rules.register("far", TargetRule(node_by_number, arguments=(("NODE", 0.0),)))
+    for name, goal, arguments in (("wrong", place_by_number, ("X",)), ("none", no_vector, ())):
+        boat_strategies.register(name, BoatStrategy(Strategy(start=goal, goal=goal), arguments))
+    at_once = "world 0 at 0 s"
+    for rule, usv, match in (
+        ("far:1e6", "wrong:1", f"{at_once}: target of AUV 0 is 1e.06: must be .* from 0 to 29 .*'far' of .*plugins"),
+        ("far:0", "wrong:-1", rf"{at_once}: goal_x of boat 0 is nan.*\(uses .*usv 'wrong' of .*plugins"),
+        ("greedy", "none", "usv 'none' of .*plugins.py: raised TaichiSyntaxError: .*motion.py.*to be a Matrix"),
+    ):
+        with pytest.raises(UserError, match=f"^{match}") as caught:
+            reset_twice(usv, rule)
+        assert str(caught.value).isprintable()
 
 
 def test_an_observation_term_without_numbers():
-    observation_terms.register("wrong", ObservationTerm(no_place, lambda num_auvs: 5, "1", 0.0, 1.0))
+    observation_terms.register("wrong", ObservationTerm(no_vector, lambda num_auvs: 5, "1", 0.0, 1.0))
     with pytest.raises(UserError, match=r"^observation term 'wrong' of .*: raised TypeError"):
         World(Scenario.load("ideal", ['observation.extra=["wrong"]']), 1)
 

@@ -20,7 +20,7 @@ from usvauv.policies.networks import stack, unstack
 
 SEEDS = (3, 4, 9)
 SHORT = dataclasses.replace(LEARNING, num_worlds=8, hidden=(16, 16), batch=32, warmup=160, replay=8 * 64)
-UPDATES = 200
+UPDATES = 100
 STEPS = SHORT.before_learning + 8 * UPDATES
 
 # Relative to the largest number of a tensor. Roundings of 6e-8 grow while learning goes on from what was learned.
@@ -77,7 +77,7 @@ class TestOneSeedIsAsAlone:
         ],
         ids=str,
     )
-    def test_weights_after_some_hundred_updates(self, changes, threads):
+    def test_weights_after_a_hundred_updates(self, changes, threads):
         runs = [toy_run(seed, **changes) for seed in SEEDS]
         Seeds(runs, threads).train(STEPS)
         weights = []
@@ -144,16 +144,16 @@ def resumed(folder, seeds=SEEDS):
 
 class TestStopped:
     def test_ctrl_c_saves_all_and_all_go_on(self, whole, tmp_path):
-        stop_at(tmp_path, SHORT.before_learning + 8 * 77)
+        stop_at(tmp_path, SHORT.before_learning + 8 * 37)
         Seeds(resumed(tmp_path)).train(STEPS)
         for seed in SEEDS:
             same_runs(whole / f"seed-{seed}", tmp_path / f"seed-{seed}", tolerance=0.0)
 
     def test_those_left_behind_come_up_first(self, whole, tmp_path):
         """As after a kill between the first run's checkpoint and the others'."""
-        stop_at(tmp_path, SHORT.before_learning + 8 * 50)
+        stop_at(tmp_path, SHORT.before_learning + 8 * 20)
         ahead, *behind = resumed(tmp_path)
-        steps, seen = SHORT.before_learning + 8 * 90, []
+        steps, seen = SHORT.before_learning + 8 * 60, []
         ahead.train(STEPS, lambda figures: ahead.stop() if figures["steps"] >= steps else None)
         ahead = resumed(tmp_path, SEEDS[:1])[0]
         assert ahead.steps > behind[0].steps

@@ -49,13 +49,12 @@ def storm(num_seas: int, boundaries: dict[str, str]) -> ShallowWater:
     return solver
 
 
-def fingerprint(num_seas: int, boundaries: dict[str, str]) -> str:
-    solver = storm(num_seas, boundaries)
+def fingerprint(solver: ShallowWater) -> str:
     return hashlib.sha256(solver.elevation().tobytes() + np.stack(solver.velocity()).tobytes()).hexdigest()
 
 
 def fingerprints() -> list[str]:
-    return [fingerprint(n, boundaries) for n in (1, 5, 40) for boundaries in (CLOSED, OPEN)]
+    return [fingerprint(storm(*sea)) for sea in ((1, OPEN), (5, CLOSED), (40, OPEN))]
 
 
 class TestSameSea:
@@ -82,13 +81,13 @@ class TestSameSea:
     @pytest.mark.parametrize(("num_seas", "boundaries"), [(1, CLOSED), (1, OPEN), (5, OPEN)])
     def test_gpu_backend_gives_the_same_bits(self, monkeypatch, num_seas, boundaries):
         """The GPU backend, here on the CPU."""
-        bands = fingerprint(num_seas, boundaries)
+        bands = fingerprint(storm(num_seas, boundaries))
         monkeypatch.setattr(linear, "WavefrontBackend", lambda *arguments: CellwiseBackend(*arguments[:2]))
         launched = storm(num_seas, boundaries)
         assert len(launched._launches) == 2 * launched.substeps
-        assert fingerprint(num_seas, boundaries) == bands
+        assert fingerprint(launched) == bands
         water = np.abs(launched.elevation()).max()
-        for _ in range(20):
+        for _ in range(8):
             launched.advance()
             water = max(water, np.abs(launched.elevation()).max())
         assert launched.eta.abs().max() <= water  # nothing grows in the cells outside
