@@ -21,7 +21,7 @@ ALGORITHM_NAMES = "sac", "td3", "ddpg"
 SIZES, BATCH, UPDATES = Sizes(2, 6, 2), 32, 100
 LEARNING = TrainingConfig(hidden=(16, 16))
 WORLDS, TOTAL, STOP = 5, 150, 100  # the ranks' shares differ
-SCENARIO = ["mission.duration=12"]
+SCENARIO = ["mission.duration=12", "boat.strategy=centroid"]
 RUN = TrainingConfig(num_worlds=WORLDS, hidden=(16, 16), batch=32, n_step=3, warmup=60, replay=WORLDS * 25, updates=2)
 
 
@@ -49,7 +49,7 @@ def learned(algorithm: str, ranks: Ranks = ALONE) -> tuple[list[Tensor], dict[st
 
 @cache
 def world(first: int, last: int, batch: int | None) -> World:
-    return World(Scenario.load("extreme", SCENARIO), last - first, 5, first_world=first, batch=batch)
+    return World(Scenario.load("paper-extreme", SCENARIO), last - first, 5, first_world=first, batch=batch)
 
 
 def trainer(folder: Path, ranks: Ranks = ALONE) -> Trainer:
