@@ -57,7 +57,8 @@ def fly(world, steps, policy="pace"):
 
 class TestForesight:
     def test_it_is_nearer_than_where_the_auv_was_heard(self):
-        world = World(Scenario.load("wide", WIDE), 24, 4, "visit")
+        world = World(Scenario.load("wide", [*WIDE, "boat.strategy=visit"]), 24, 4)
+        assert world.strategy.name == "visit"
         foreseen_error, last_error = [], []
         for step, _ in enumerate(fly(world, 400)):
             if step % 20 == 0:
@@ -105,10 +106,9 @@ class TestMissions:
         assert gain.mean() > 3 * gain.std(ddof=1) / math.sqrt(len(gain))
         assert results["belief"][1].mean() < 0.8 * results["centroid"][1].mean()
 
-    def test_the_scenario_says_where_the_boat_goes(self):
+    def test_what_it_cannot_do_is_refused(self):
         for boat in ("belief", "visit"):  # AUVs that do not reckon are not foreseen
             with pytest.raises(ScenarioError, match=f"'{boat}' foresees AUVs .* needs navigation\\.sensor"):
                 World(Scenario.load("wide", ["navigation.sensor=none", f"boat.strategy={boat}"]))
         with pytest.raises(ScenarioError, match=r"^boat\.strategy: 'drift': allowed are fim"):
             World(Scenario.load("wide", ["boat.strategy=drift"]))
-        assert World(Scenario.load("ideal", ["boat.strategy=hold:50,60"])).strategy.name == "hold:50,60"

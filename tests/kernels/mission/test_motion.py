@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from tests.links import TILTING
+from tests.kernels.mission.test_fixes import PLAIN
 from usvauv import policies
 from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.record.metrics import episode_metrics
@@ -140,7 +140,7 @@ def test_without_a_lag_speed_has_no_error():
 
 def test_a_tracker_sees_the_drift():
     """It does not know the current and learns it from what thrust has not held; one that is held tells it nothing."""
-    tracked = [*TILTING, "tracker.enabled=true", "auv.hover_radius=80", "acoustics.source_level=230"]
+    tracked = [*PLAIN, "tracker.enabled=true", "auv.hover_radius=80", "acoustics.source_level=230"]
     world = serving(60.0, *tracked, scenario="extreme", boat="centroid")
     for _ in range(30):
         step_in(world, (0.0, -3.0))
