@@ -57,10 +57,8 @@ def whole(tmp_path_factory):
 @pytest.mark.parametrize(
     ("algorithm", "stops"),
     [
-        ("sac", [20]),  # an evaluation is due there
-        ("sac", [48]),  # an episode has just ended
-        ("sac", [WARMUP]),  # the next step measures the features
-        ("sac", [WARMUP + 4]),
+        # An evaluation is due; an episode has just ended; the next step measures the features; after it.
+        ("sac", [20, 48, WARMUP, WARMUP + 4]),
         ("sac", [44, 92, 148]),  # the replay's ring has gone round
         ("td3", [108]),
         ("ddpg", [108]),

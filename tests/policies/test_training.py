@@ -130,7 +130,7 @@ class TestRenewal:
         trainer.world.step = watched
         stored = []
         trainer.replay.add = lambda *row: (stored.append(row[3].clone()), add(*row))
-        trainer.train(32 * 400)
+        trainer.train(32 * 200)
         assert sum(int(end.sum()) for end in ends) > 50
         assert all(torch.equal(kept, end) for kept, end in zip(stored, ends, strict=True))
         gain = 0.0
