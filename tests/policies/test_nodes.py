@@ -174,8 +174,16 @@ def test_learns_what_pays():
 
 class TestCommand:
     CHANGES = (*SMALL, "mission.duration=5")  # what the tests above have compiled
-    SHORT = ("ideal", "--iterations", "1", "--worlds", "2", *(word for change in CHANGES for word in ("--set", change)),
-             "--policy", "straight")  # fmt: skip
+    SHORT = (
+        "ideal",
+        "--iterations",
+        "1",
+        "--worlds",
+        "2",
+        *(word for change in CHANGES for word in ("--set", change)),
+        "--policy",
+        "straight",
+    )
 
     @pytest.mark.slow
     def test_writes_a_rule(self, run_usvauv, tmp_path):
@@ -190,8 +198,23 @@ class TestCommand:
         assert content["scenario"] == "ideal"
         assert content["settings"]["worlds"] == 2
         assert np.isfinite(content["weights"]).all()
-        assert run_usvauv("eval", "ideal", "--targets", "learned:rule.json", "--episodes", 1, "--policy", "straight",
-                          "--set", "mission.duration=5", "--out", "eval.csv")[0] == 0  # fmt: skip
+        assert (
+            run_usvauv(
+                "eval",
+                "ideal",
+                "--targets",
+                "learned:rule.json",
+                "--episodes",
+                1,
+                "--policy",
+                "straight",
+                "--set",
+                "mission.duration=5",
+                "--out",
+                "eval.csv",
+            )[0]
+            == 0
+        )
 
     @pytest.mark.parametrize(
         ("arguments", "parts"),

@@ -182,6 +182,17 @@ class TestSound:
         assert "\n" not in str(caught.value)
 
 
+class TestModels:
+    def test_tones_and_statistics_scatter_alike(self):
+        """Both models of a fix, over a whole mission: errors in units of the predicted covariance are χ²."""
+        for model in ("statistical", "waveform"):
+            trace = voyage([f"usbl.model={model}", "usbl.attitude_error=0", "usbl.propagation=false"], worlds=64)
+            error = (column(trace, "fix") - column(trace, "auv_position")).reshape(-1, 2)
+            C = column(trace, "fix_covariance").reshape(-1, 3)[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
+            squared = np.einsum("ni,nij,nj->n", error, np.linalg.inv(C), error)
+            assert squared.mean() == pytest.approx(2, abs=5 * math.sqrt(4 / len(squared)))
+
+
 class TestTracker:
     @pytest.mark.parametrize("extra", [[], ["tracker.current_reading=0.1"]])
     def test_estimates_are_better_and_as_good_as_they_say(self, extra):

@@ -39,7 +39,7 @@ SLOW = ("nodes.payload=200",)  # services of minutes, in which the buffer overfl
         ("extreme", ("auv.count=5",)),
         ("extreme", (*CROWDED, *TINY)),
         ("ideal", (*CROWDED, *SLOW)),
-        ("paper-extreme", ("auv.count=1", "nodes.count=1", "boat.strategy=centroid", *TINY)),
+        ("paper-extreme", ("auv.count=1", "nodes.count=1", *TINY)),
         ("ideal", ("nodes.buffer=10000000", "nodes.start_backlog=10000000")),
         ("ideal", ("nodes.count=500", "mission.step=5", "nodes.arrival_rates=[16]", "nodes.buffer=300",
                    "nodes.start_backlog=1")),
@@ -102,6 +102,19 @@ def test_what_arrives_during_a_service_stays():
                 taken += began[at]
                 stayed += backlog
     assert 0.005 < stayed / taken < 0.1
+
+
+def test_two_auvs_at_one_node_take_each_packet_once():
+    """The second takes what came after the first began."""
+    world = World(Scenario.load("ideal", ["auv.count=2", "nodes.count=1", *SLOW]), num_worlds=64, seed=5)
+    world.reset()
+    together = 0
+    for _ in range(250):
+        world.step(steer(world))
+        cargo = world.auv[..., AuvColumn.cargo]
+        assert (cargo.sum(-1) <= world.node[:, 0, NodeColumn.backlog]).all()
+        together += int((cargo > 0).all(-1).sum())
+    assert together > 30
 
 
 RATES = (0.0, 0.3, 3.0, 12.0, 40.0, 80.0)

@@ -220,7 +220,7 @@ class TestAgainstDoublePrecision:
             assert np.abs(covariances(track[1:, n]) - P).max() < 2e-5
 
     def test_positive_definite_for_a_hundred_thousand_steps(self, device):
-        steps, count = 100_000, 8
+        steps, count = 100_000, 2
         random = np.random.default_rng(2)
         axes = np.linalg.qr(random.standard_normal((steps, count, 2, 2)))[0]
         spread = 10 ** (random.uniform(-6, 2, (steps, count, 1)) + random.uniform(0, 3, (steps, count, 2)))
@@ -245,7 +245,7 @@ class TestConsistency:
         "changes", [{}, {"lost": 0.5}, {"age": 0.2}, {"age": 0.2, "lost": 0.3, "hover": 0.5}], ids=str
     )
     def test_nees_and_nis_in_their_bands(self, device, changes):
-        runs = 4000
+        runs = 2000
         states, position, squared = run(device, 21, 120, runs, **changes)
         # At each step the mean over runs; 95 % of the steps should lie inside, errors of near steps being alike.
         for values, dimension in ((states, 4), (position, 2)):
