@@ -13,6 +13,7 @@ import pytest
 from tests.links import EVERY_STEP
 from usvauv import env, policies
 from usvauv.env import Scenario, ScenarioError, World, plugins
+from usvauv.env.world.observation import ObservationLayout
 from usvauv.kernels.mission.columns import AuvColumn, NodeColumn
 from usvauv.kernels.vehicles.fleet import Fleet
 from usvauv.kernels.vehicles.vehicle import Command
@@ -29,12 +30,15 @@ pytestmark = pytest.mark.usefixtures("own_registries")
 
 @pytest.fixture
 def evaluated(run_usvauv, tmp_path):
-    """Function: rows of the CSV of `usvauv eval` with a plugin of the examples, `straight` in a short `ideal`."""
+    """Function: rows of the CSV of `usvauv eval` in a short `ideal` with plugins of the examples and settings."""
 
-    def run(plugin: str, *options: str) -> list[dict[str, str]]:
-        shutil.copy(ROOT / "examples" / "plugins" / plugin, tmp_path)
-        chosen = ("ideal", "--policy", "straight", *SHORT, *options, "--plugin", plugin)
-        code, _, stderr = run_usvauv("eval", *chosen, "--force")
+    def run(plugins: tuple[str, ...], settings: list[str], *options: str) -> list[dict[str, str]]:
+        for plugin in plugins:
+            shutil.copy(ROOT / "examples" / "plugins" / plugin, tmp_path)
+        given = [*(("--plugin", plugin) for plugin in plugins), *(("--set", setting) for setting in settings)]
+        code, _, stderr = run_usvauv(
+            "eval", "ideal", *SHORT, *options, *(part for pair in given for part in pair), "--force"
+        )
         assert code == 0, stderr
         with (tmp_path / "metrics.csv").open() as stream:
             return list(csv.DictReader(stream))
@@ -55,32 +59,72 @@ def test_documentation_shows_the_files():
         assert f"```python\n{path.read_text(encoding='utf-8')}```" in text, path.name
 
 
-def test_task(evaluated):
-    chosen = ("--set", "task=survey", "--set", "auv.count=3")
-    wide = (*chosen, "--set", "task_parameters.radius=60")
-    near, far = evaluated("task.py", *chosen), evaluated("task.py", *wide)
+def test_task_and_vehicle(evaluated):
+    """Two plugins in one mission: the vehicle pays for the speed of `straight` by its own law."""
+
+    def survey(*settings: str) -> list[dict[str, str]]:
+        return evaluated(("task.py", "vehicle.py"), [*vehicle, "task=survey", *settings], "--policy=straight")
+
+    vehicle = ["auv.count=3", "auv.model=dubins", "nodes.service=passing", "vehicle_parameters.drag=5"]
+    wide = "task_parameters.radius=80"
+    near, far, weighted = survey(), survey(wide), survey(wide, "task_parameters.visit=30")
     visits = [sum(float(row["visits"]) for row in rows) for rows in (near, far)]
     assert visits[1] > 2 * visits[0] > 0
-    weighted = evaluated("task.py", *wide, "--set", "task_parameters.visit=30")
     for row, other in zip(far, weighted, strict=True):
         gained = 20 * float(row["visits"]) / 60
         assert float(other["arps"]) - float(row["arps"]) == pytest.approx(gained, rel=1e-5)
+    speed = Scenario.load("ideal").reference.straight_speed
+    for row in near:
+        assert float(row["ec"]) == pytest.approx(15.0 + 5.0 * speed**3, rel=0.02)
+    for wrong, why in (("radius=0.5", "radius = 0.5: must be from 1 to 1000"), ("span=1", "span: allowed .*: radius,")):
+        with pytest.raises(ScenarioError, match=f"^ideal: vehicle_parameters.{why}"):
+            Scenario.load("ideal", [*vehicle, f"vehicle_parameters.{wrong}"])
 
 
-def test_boat_strategy(run_usvauv, evaluated):
-    rows = evaluated("boat_strategy.py", "--usv", "above:0", "--usv", "above:1", "--usv", "fim")
-    assert [row["usv"] for row in rows[::2]] == ["above:0", "above:1", "fim"]
-    assert len({row["position_error_mean"] for row in rows}) == len(rows)
+def test_a_vehicle_turns_on_its_own_radius():
+    plugins.load(ROOT / "examples" / "plugins" / "vehicle.py")
+    auvs = Fleet(3, "dubins", {"radius": 12.0})
+    auvs.set(Command, speed=1.5, depth=20.0)
+    auvs.trim()
+    auvs.set(Command, heading=[2.0, -2.0, 0.0])
+    auvs.flight(1, commanded=True)()
+    assert auvs.numpy("r") == pytest.approx([1.5 / 12.0, -1.5 / 12.0, 0.0])
+
+
+def test_boat_strategy_target_rule_noise_law_observation_term_and_policy(evaluated, run_usvauv, tmp_path, monkeypatch):
+    """Four plugins and a policy by MODULE:CLASS in one mission; each does what its page says."""
+    shutil.copy(OWN_POLICY, tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])  # which gets the working directory
+    monkeypatch.delitem(sys.modules, "own_policy", raising=False)  # of another test
+    files = ("boat_strategy.py", "target_rule.py", "noise_law.py", "observation_term.py")
+    changes = [*EVERY_STEP, "acoustics.ambient_noise=wind-only", 'observation.extra=["backlog"]']
+    options = ["--policy=own_policy:Nearing", "--policy=straight", "--usv=above:0", "--usv=above:1", "--targets=oldest"]
+    quiet, loud = (evaluated(files, [*changes, f"acoustics.wind={wind}"], *options) for wind in (1, 4))
+    assert {row["targets"] for row in quiet} == {"oldest"}
+    own, straight = ([row for row in quiet if row["policy"] == policy] for policy in ("own_policy:Nearing", "straight"))
+    for rows in (own, straight):
+        assert [row["usv"] for row in rows] == ["above:0", "above:0", "above:1", "above:1"]
+        assert len({row["position_error_mean"] for row in rows}) == len(rows)
+    for a, b in zip(straight, (row for row in loud if row["policy"] == "straight"), strict=True):
+        # Two doublings of the wind are 10 dB, which amplitudes of noise have as a factor √10.
+        assert float(b["fix_error_median"]) == pytest.approx(10**0.5 * float(a["fix_error_median"]), rel=0.1)
     code, _, stderr = run_usvauv("eval", "--usv", "above:2", "--plugin", "boat_strategy.py", "--force")
     assert (code, stderr.strip()) == (2, "error: usv: 'above:2': the AUV must be from 0 to 1")
 
+    example = runpy.run_path(str(OWN_POLICY))
+    scenario = Scenario.load("ideal", [*changes, "acoustics.wind=1", "mission.duration=60"])
+    compared = {"own_policy:Nearing": example["Nearing"]}
+    found = env.evaluate(scenario, compared, episodes=2, usv="above:0", targets="oldest")
+    assert own[:2] == [{name: str(value) for name, value in row.columns().items()} for row in found]
 
-def test_target_rule(evaluated):
-    """No AUV takes a node while a free one was left longer ago."""
-    rows = evaluated("target_rule.py", "--targets", "oldest")
-    assert [row["targets"] for row in rows] == ["oldest"] * len(rows)
-    world = World(Scenario.load("ideal", ["nodes.count=6"]), 8, targets="oldest")
+    world = World(Scenario.load("ideal", [*changes, "nodes.count=6"]), 8, usv="above:0", targets="oldest")
+    assert world.observation_size == ObservationLayout.of(Scenario.load("ideal")).size + 1
     act, observation = policies.acting("straight", world), world.reset()
+    backlog = world.node[..., NodeColumn.backlog].gather(1, world.auv[..., AuvColumn.target].long())
+    (index,) = range(*world.observation_layout.slice("backlog").indices(world.observation_size))
+    assert (observation[..., index] - backlog / 5000).abs().max() < 1e-6
+    assert backlog.min() > 0
+    # No AUV takes a node while a free one was left longer ago.
     left, before, seen = np.full((8, 6), -1), world.auv[..., AuvColumn.target].int().tolist(), 0
     for step in range(200):
         observation = world.step(act(observation))[0]
@@ -94,64 +138,6 @@ def test_target_rule(evaluated):
                 seen += 1
         before = targets
     assert seen > 30
-
-
-def test_noise_law(evaluated):
-    changes = [*EVERY_STEP, "acoustics.ambient_noise=wind-only"]
-    options = [part for change in changes for part in ("--set", change)]
-    quiet, loud = (evaluated("noise_law.py", *options, "--set", f"acoustics.wind={wind}") for wind in (1, 4))
-    for a, b in zip(quiet, loud, strict=True):
-        # Two doublings of the wind are 10 dB, which amplitudes of noise have as a factor √10.
-        assert float(b["fix_error_median"]) == pytest.approx(10**0.5 * float(a["fix_error_median"]), rel=0.1)
-
-
-def test_observation_term():
-    plain = World(Scenario.load("ideal"), 3)
-    plugins.load(ROOT / "examples" / "plugins" / "observation_term.py")
-    world = World(Scenario.load("ideal", ['observation.extra=["backlog"]']), 3)
-    assert world.observation_size == plain.observation_size + 1
-    observation = world.reset()
-    assert (observation[..., :-1] == plain.reset()).all()
-    target = world.auv[..., AuvColumn.target].long()
-    backlog = world.node[..., NodeColumn.backlog].gather(1, target)
-    (index,) = range(*world.observation_layout.slice("backlog").indices(world.observation_size))
-    assert (observation[..., index] - backlog / 5000).abs().max() < 1e-6
-    assert backlog.min() > 0
-
-
-def test_vehicle(evaluated):
-    """It pays for the speed of `straight` by its own law, and turns on its own radius."""
-    chosen = ["auv.model=dubins", "nodes.service=passing", "vehicle_parameters.drag=5"]
-    rows = evaluated("vehicle.py", *(part for setting in chosen for part in ("--set", setting)))
-    speed = Scenario.load("ideal").reference.straight_speed
-    for row in rows:
-        assert float(row["ec"]) == pytest.approx(15.0 + 5.0 * speed**3, rel=0.02)
-    for wrong, why in (("radius=0.5", "radius = 0.5: must be from 1 to 1000"), ("span=1", "span: allowed .*: radius,")):
-        with pytest.raises(ScenarioError, match=f"^ideal: vehicle_parameters.{why}"):
-            Scenario.load("ideal", [*chosen, f"vehicle_parameters.{wrong}"])
-    auvs = Fleet(3, "dubins", {"radius": 12.0})
-    auvs.set(Command, speed=1.5, depth=20.0)
-    auvs.trim()
-    auvs.set(Command, heading=[2.0, -2.0, 0.0])
-    auvs.flight(1, commanded=True)()
-    assert auvs.numpy("r") == pytest.approx([1.5 / 12.0, -1.5 / 12.0, 0.0])
-
-
-def test_a_policy_of_ones_own(tmp_path, run_usvauv, monkeypatch):
-    """By MODULE:CLASS it gives the rows that `evaluate` gives for the class, in `eval` and beside a shipped policy."""
-    shutil.copy(OWN_POLICY, tmp_path)
-    monkeypatch.setattr(sys, "path", [*sys.path])  # which gets the working directory
-    monkeypatch.delitem(sys.modules, "own_policy", raising=False)  # of another test
-    assert run_usvauv("eval", "ideal", "--policy", "own_policy:Nearing", "--policy", "straight", *SHORT)[0] == 0
-    with (tmp_path / "metrics.csv").open() as stream:
-        rows = list(csv.DictReader(stream))
-    assert [row.pop("policy") for row in rows] == ["own_policy:Nearing"] * 2 + ["straight"] * 2
-    example = runpy.run_path(str(OWN_POLICY))
-    compared = {"own": example["Nearing"], **policies.named("straight")}
-    scenario = Scenario.load("ideal", ["mission.duration=60"])
-    evaluated = [row.columns() for row in env.evaluate(scenario, compared, episodes=2)]
-    assert [row.pop("policy") for row in evaluated] == ["own", "own", "straight", "straight"]
-    assert rows == [{name: str(value) for name, value in row.items()} for row in evaluated]
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """The running simulation: its pace and past, what is changed while it runs, also in a tab."""
 
+import re
+import signal
 import time
 from concurrent.futures import ThreadPoolExecutor
 
@@ -14,10 +16,11 @@ from usvauv.kernels.flow.vortex import Vortex
 from usvauv.kernels.mission.columns import BoatColumn, BodyColumn, NodeColumn
 
 SMALL = ["sea.fine_cells=32", "mission.duration=60", "current.mutual=false", "current.viscosity=0"]
+SMALL += ["boat.strategy=hold:100,100"]  # with one strategy and one rule all tests share what is compiled
 
 
 def scenario(*overrides: str) -> Scenario:
-    return Scenario.load("extreme", [*SMALL, *overrides])
+    return Scenario.load("extreme-torpedo", [*SMALL, *overrides])
 
 
 @pytest.fixture(scope="module")
@@ -126,10 +129,10 @@ def test_another_strategy_or_rule_goes_on_with_the_state():
     session.set("current", 2.0)
     before = session.world.state()
     elevation = session.world.sea.elevation()
-    for change in (lambda: session.set_strategy("centroid"), lambda: session.set_rule("nearest")):
+    for change in (lambda: session.set_strategy("hold:20,30"), lambda: session.set_rule("nearest")):
         change()
         after = session.world.state()
-        for name in ("auv", "boat", "vortex", "estimate", "track", "own", "exchange", "clock", "tally"):
+        for name in ("auv", "body", "boat", "vortex", "estimate", "track", "own", "exchange", "clock", "tally"):
             assert torch.equal(before[name], after[name]), name
         backlog = [NodeColumn.x, NodeColumn.y, NodeColumn.rate, NodeColumn.backlog]
         assert torch.equal(before["node"][..., backlog], after["node"][..., backlog])
@@ -137,10 +140,10 @@ def test_another_strategy_or_rule_goes_on_with_the_state():
         assert session.values["current"] == 2.0
         assert session.time == 5.0
     stepped(session, 3)
-    assert session.world.strategy.name == "centroid"
+    assert session.world.strategy.name == "hold:20,30"
     assert session.scenario.nodes.target_rule == "nearest"
     assert session.figures() is not None
-    assert session.figures().usv == "centroid"
+    assert session.figures().usv == "hold:20,30"
     old = session.world
     with pytest.raises(ScenarioError, match="no longer there"):
         session.set_strategy("fim-horizon")
@@ -230,10 +233,14 @@ def test_sliders_and_choices_in_a_tab_change_the_world(running, in_tabs):
     assert not [url for url in asked if "://" in url and not url.startswith("blob:")], "nothing comes from elsewhere"
 
 
-def test_a_page_shows_what_the_rudders_of_vehicles_do(in_tabs):
-    session = Session(Scenario.load("extreme-torpedo"), seed=3)
-    stepped(session, 20)
-    session.pause()
+def test_a_page_shows_what_the_rudders_of_vehicles_do(running, in_tabs):
+    def rudders() -> np.ndarray:
+        return np.degrees(running.moment.mixed("body")[:, BodyColumn.rudder])
+
+    running.run()
+    while np.abs(rudders()).max() < 2:
+        stepped(running, 1)
+    running.pause()
     shown = []
 
     def act(browser, address: str) -> None:
@@ -243,7 +250,27 @@ def test_a_page_shows_what_the_rudders_of_vehicles_do(in_tabs):
         row.wait_for(state="attached", timeout=120_000)
         shown.append(row.locator("td").last.text_content())
 
-    in_tabs(session, act)
-    rudder = np.degrees(session.world.body[0, :, BodyColumn.rudder].cpu().numpy())
-    assert np.abs(rudder).max() > 1
-    assert [float(angle) for angle in shown[0].rstrip("°").split(", ")] == pytest.approx(rudder, abs=0.51)
+    in_tabs(running, act)
+    assert [float(angle) for angle in shown[0].rstrip("°").split(", ")] == pytest.approx(rudders(), abs=0.51)
+
+
+def test_the_command_prints_the_address_that_it_opens_and_ctrl_c_ends_it(run_usvauv, monkeypatch):
+    viser = pytest.importorskip("viser")
+    from websockets.sync.client import connect
+
+    received = []
+
+    def act(address: str) -> None:
+        with connect(address.replace("http", "ws").rstrip("/"), subprotocols=[f"viser-v{viser.__version__}"]) as tab:
+            received.extend(len(tab.recv(timeout=60)) for _ in range(20))
+        signal.raise_signal(signal.SIGINT)
+
+    with ThreadPoolExecutor() as tabs:
+        opened = []
+        monkeypatch.setattr("webbrowser.open", lambda address: opened.append((address, tabs.submit(act, address))))
+        code, out, err = run_usvauv("live", "extreme-torpedo", "--open", *(f"--set={each}" for each in SMALL))
+        ((address, tab),) = opened
+        tab.result()
+    assert re.fullmatch(r"http://127\.0\.0\.1:\d+/[\w-]+/", address)
+    assert (code, out, err) == (130, f"live: {address} (Ctrl-C ends it)\n", "stopped\n")
+    assert sum(received) > 10_000
