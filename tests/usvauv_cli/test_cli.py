@@ -6,7 +6,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 import tomllib
 from importlib import metadata
 from pathlib import Path
@@ -16,14 +15,17 @@ import matplotlib
 import pytest
 
 from usvauv import env, policies
-from usvauv.env import Trace, plugins
+from usvauv.env import Scenario, Trace, World, plugins
 from usvauv.env.record.metrics import COLUMNS
 from usvauv.env.render import style
 from usvauv.env.storage.files import locked
+from usvauv.env.world.tables import first_vortices
 
 COMMAND = [sys.executable, "-c", "from usvauv.cli.app import main; main()"]
 EXTREME = Path(env.__file__).parent / "scenarios" / "extreme.toml"
-SHORT = ["--set", "mission.duration=12"]
+HELD = ["--set", "boat.strategy=hold:100,100"]  # one strategy, so that all tests share what is compiled
+SHORT = ["--set", "mission.duration=12", *HELD]
+BOATS = "hold:100,100", "hold:80,120"
 SEE = "(set USVAUV_TRACEBACK=1 to see where it comes from)"
 LOADING = "loading torch and Taichi …\n"  # first line of every command
 
@@ -67,12 +69,11 @@ class TestPlugin:
 
 
 def test_replay_draws_what_simulate_drew(tmp_path, run_usvauv):
-    """In a process of its own, which leaves compiled kernels for all that comes."""
     frames = ("--size", "640x360", "--fps", 10, "--view", "both", "--theme", "light")
-    mission = ("simulate", "extreme", "--policy", "straight:1.5", "--seed", 3, "--duration", 8)
+    mission = ("simulate", "extreme", "--policy", "straight:1.5", "--seed", 3, "--duration", 8, *HELD)
     files = ("--out", "a.mp4", "--trace", "a.nc")
-    command = [*COMMAND, *map(str, (*mission, "--set", "sea.fine_cells=64", *frames, *files))]
-    said = subprocess.check_output(command, text=True, cwd=tmp_path)
+    code, said, _ = run_usvauv(*mission, "--set", "sea.fine_cells=64", *frames, *files)
+    assert code == 0
     assert "a.mp4" in said
     assert "services" in said
     with av.open(str(tmp_path / "a.mp4")) as container:
@@ -182,18 +183,25 @@ print(settings["text.usetex"], *[backend] * (settings._get("backend") == backend
 
 def test_simulate_shows_another_boat_in_the_same_world_beside_it(tmp_path, run_usvauv):
     code, stdout, _ = run_usvauv(
-        *("simulate", "extreme", "--duration", 4, "--compare", "usv=centroid", "--out", "a.webm", "--trace", "a.nc"),
-        *("--set", "sea.fine_cells=64", "--size", "640x360"),
+        *("simulate", "extreme", "--duration", 4, "--compare", "usv=hold:9,9", "--out", "a.webm", "--trace", "a.nc"),
+        *("--set", "sea.fine_cells=64", "--size", "640x360", *HELD),
     )
     assert code == 0
-    assert "boat fim" in stdout
-    assert "boat centroid" in stdout
+    assert "boat hold:100,100" in stdout
+    assert "boat hold:9,9" in stdout
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.nc", "a.webm"]
+
+
+def test_the_sea_alone_begins_with_the_vortices_of_a_mission():
+    scenario = Scenario.load("extreme", HELD[1:])
+    world = World(scenario, 1, 3)
+    world.reset()
+    assert world.vortex.equal(first_vortices(scenario, 3))
 
 
 def test_eval_pairs_worlds(tmp_path, run_usvauv):
     code, stdout, _ = run_usvauv(
-        *("eval", "extreme", "--policy", "straight", "--policy", "random", "--usv", "fim", "--usv", "centroid"),
+        *("eval", "extreme", "--policy", "straight", "--policy", "random", "--usv", BOATS[0], "--usv", BOATS[1]),
         *("--episodes", 3, "--seed", 5, "--out", "m.csv", *SHORT),
     )
     assert code == 0
@@ -206,8 +214,9 @@ def test_eval_pairs_worlds(tmp_path, run_usvauv):
     # The motion of `straight` does not depend on where the boat is when fixes are this good: the same worlds.
     energy = {(r["policy"], r["usv"], r["episode"]): float(r["energy_wh"]) for r in rows}
     overflow = {(r["usv"], r["episode"]): r["overflow"] for r in rows if r["policy"] == "straight"}
-    assert overflow["fim", "1"] == overflow["centroid", "1"]
-    assert energy["straight", "fim", "2"] == pytest.approx(energy["straight", "centroid", "2"], rel=0.05)
+    one, other = BOATS
+    assert overflow[one, "1"] == overflow[other, "1"]
+    assert energy["straight", one, "2"] == pytest.approx(energy["straight", other, "2"], rel=0.05)
 
 
 def test_a_policy_of_ones_own_that_fails_is_one_line(tmp_path, run_usvauv, monkeypatch):
@@ -266,20 +275,22 @@ def test_a_command_says_what_it_does_before_it_imports_what_takes_long(tmp_path,
     assert done.stderr.startswith(LOADING)
 
 
-def test_ctrl_c_ends_a_training_run_cleanly(tmp_path):
-    command = ["train", "extreme", "--out", "run", "--worlds", "8", "--steps", "100000000", *SHORT]
-    with subprocess.Popen(
-        [*COMMAND, *command], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as run:
-        deadline = time.monotonic() + 120
-        while not list(tmp_path.glob("run/tensorboard/events*")) and time.monotonic() < deadline:
-            time.sleep(0.1)
-        time.sleep(1)
-        run.send_signal(signal.SIGINT)
-        stdout, stderr = run.communicate(timeout=60)
-    assert run.returncode == 130, stderr
-    assert "--resume" in stdout
-    assert "Traceback" not in stderr
+def test_ctrl_c_ends_a_training_run_cleanly(tmp_path, run_usvauv, monkeypatch):
+    whole, done = World.step, []
+
+    def step(self, action):
+        done.append(self)
+        if self.num_worlds == 8 and len(done) > 20:
+            signal.raise_signal(signal.SIGINT)
+        return whole(self, action)
+
+    monkeypatch.setattr(World, "step", step)
+    code, said, complaints = run_usvauv(
+        "train", "extreme", "--out", "run", "--worlds", 8, "--steps", 100_000_000, *SHORT
+    )
+    assert code == 130, complaints
+    assert "--resume" in said
+    assert "Traceback" not in complaints
     assert (tmp_path / "run" / "last.safetensors").exists()
 
 

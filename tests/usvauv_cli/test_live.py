@@ -235,12 +235,12 @@ def test_sliders_and_choices_in_a_tab_change_the_world(running, in_tabs):
 
 def test_a_page_shows_what_the_rudders_of_vehicles_do(running, in_tabs):
     def rudders() -> np.ndarray:
-        return np.degrees(running.moment.mixed("body")[:, BodyColumn.rudder])
+        return np.degrees(running.world.body[0, :, BodyColumn.rudder].cpu().numpy())
 
     running.run()
     while np.abs(rudders()).max() < 2:
         stepped(running, 1)
-    running.pause()
+    running.look_back(0.0)  # which shows the latest state, and stays there
     shown = []
 
     def act(browser, address: str) -> None:

@@ -19,13 +19,14 @@ import xarray
 from tests.usvauv_env.ocean_files import cmems, eastward, northward, write
 from usvauv.cli import app
 from usvauv.cli.sea_view.figure import measured, spectrum, target_spectrum
-from usvauv.env import Scenario, World
+from usvauv.env import Scenario
 from usvauv.env.sea.long_waves import build_sea
 from usvauv.env.sea.simulation import SeaSimulation
 from usvauv.env.sea.storm import cumulative
 from usvauv.env.sea.water import build_short_waves
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site
+from usvauv.env.world.tables import first_vortices
 
 STEADY = ["current.mutual=false", "current.viscosity=0"]
 
@@ -76,14 +77,12 @@ class TestData:
                     np.testing.assert_allclose(file[name][n], velocity[0], atol=1e-6)
             assert float(abs(file.elevation).max()) > 2
 
-    def test_current_is_that_of_the_world(self, data):
+    def test_current_is_that_of_the_vortices_of_a_mission(self, data):
         path, scenario = data
-        world = World(scenario, 1, 3)
-        world.reset()
         with xarray.open_dataset(path, engine="h5netcdf") as file:
             x, y = np.meshgrid(file.x, file.y)
             expected = np.zeros((2, *x.shape))
-            for x0, y0, circulation, radius in world.vortex[0].cpu().double().numpy():
+            for x0, y0, circulation, radius in first_vortices(scenario, 3)[0].cpu().double().numpy():
                 r2 = (x - x0) ** 2 + (y - y0) ** 2
                 turn = circulation / (2 * np.pi * r2) * -np.expm1(-r2 / radius**2)
                 expected += np.stack([-turn * (y - y0), turn * (x - x0)])
