@@ -7,7 +7,7 @@ for type checkers count like the others. Importing `usvauv.kernels.flow.airy` do
 
 import ast
 import functools
-from collections.abc import Iterator, Mapping, Set
+from collections.abc import Mapping, Set
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -27,19 +27,22 @@ def sources() -> dict[str, Path]:
     return found
 
 
-def imported(path: Path) -> Iterator[str]:
+@functools.cache
+def imported(path: Path) -> tuple[str, ...]:
     """Dotted names that a file imports; for `from a import b` it is `a.b`, whatever `b` is.
 
     Raises:
         ValueError: an import is relative.
     """
+    found = []
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            found += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
             if node.level or node.module is None:
                 raise ValueError(f"{path}:{node.lineno}: relative import")
-            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+            found += [f"{node.module}.{alias.name}" for alias in node.names]
+    return tuple(found)
 
 
 @functools.cache

@@ -33,13 +33,19 @@ def test_one_place_alone_imports(library, place, parts):
     assert importers == {place}
 
 
-def test_what_reads_no_netcdf_and_draws_nothing_loads_no_library_for_it():
-    code = (
-        "import sys, usvauv.policies, usvauv.env, usvauv.cli.evaluation.tables, usvauv.cli.sweep.run;"
-        "print({'xarray', 'h5py', 'matplotlib'} & {*sys.modules})"
-    )
+def test_libraries_are_loaded_when_they_are_used():
+    """torch with the first public name; those for NetCDF and pictures by what reads the one or draws the other."""
+    code = """
+import sys, usvauv
+print("torch" in sys.modules)
+import usvauv.policies, usvauv.env, usvauv.cli.evaluation.tables, usvauv.cli.sweep.run
+print({"xarray", "h5py", "matplotlib"} & {*sys.modules})
+from usvauv import *
+from usvauv.extend import *
+print({*usvauv.__all__} <= {*globals()}, "torch" in sys.modules)
+"""
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
-    assert done.stdout.splitlines()[-1] == "set()"
+    assert done.stdout.split() == ["False", "set()", "True", "True"]
 
 
 def test_no_circle_of_modules():

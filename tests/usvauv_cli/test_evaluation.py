@@ -32,6 +32,7 @@ from usvauv.kernels.errors import UserError
 
 ONE, TWO, THREE = (Combination(name, "fim", "tour") for name in ("one", "two", "three"))
 EVAL = ("eval", "ideal", "--policy", "straight", "--policy", "random", "--set", "mission.duration=2", "--seed", 3)
+EVAL += ("--usv", "hold:0,0")  # one strategy, so that all tests share what is compiled
 STEPS = 3 * 2 * 2  # of ten episodes in batches of four: batches, policies, steps of the mission
 
 
@@ -294,7 +295,7 @@ def test_only_the_same_command_goes_on(tmp_path, run_usvauv, refused, stopping):
     for more, told in (
         (("--seed", 4), "seed = 3, here 4"),
         (("--policy", "clear"), 'policies = ["straight", "random"], here ["straight", "random", "clear"]'),
-        (("--usv", "centroid"), 'boats = ["fim"], here ["centroid"]'),
+        (("--usv", "centroid"), 'boats = ["hold:0,0"], here ["hold:0,0", "centroid"]'),
         (("--set", "auv.count=1"), "scenario.auv.count = 2, here 1"),
     ):
         said = refused(*EVAL, *more, "--out", "m.csv", "--resume")
@@ -345,22 +346,22 @@ def test_batches_are_halved_until_they_fit_into_memory(run_usvauv, tmp_path, mon
 
 
 def test_from_python_a_table_has_means_and_paired_differences_with_their_intervals():
-    scenario = Scenario.load("ideal", ["mission.duration=20"])
+    scenario, boats = Scenario.load("ideal", ["mission.duration=20"]), ["hold:0,0", "hold:100,100"]
     made = {
         "east": lambda world: lambda observation: torch.ones_like(observation[..., :2]),
         **policies.named("straight"),
     }
-    table = usvauv.evaluate(scenario, made, usv=["centroid", "fim"], episodes=5, seed=4)
+    table = usvauv.evaluate(scenario, made, usv=boats, episodes=5, seed=4)
     assert table.index.names == ["figure", "policy", "usv", "targets"]
-    assert [which[1::-1] for which in table.loc["ec"].index] == [*product(("centroid", "fim"), made)]
-    by_boat = {usv: evaluate(scenario, made, episodes=5, seed=4, usv=usv) for usv in ("centroid", "fim")}
+    assert [which[1::-1] for which in table.loc["ec"].index] == [*product(boats, made)]
+    by_boat = {usv: evaluate(scenario, made, episodes=5, seed=4, usv=usv) for usv in boats}
     for figure in ("ec", "position_error_rms"):
-        first = np.array([getattr(row, figure) for row in by_boat["centroid"] if row.policy == "east"])
+        first = np.array([getattr(row, figure) for row in by_boat[boats[0]] if row.policy == "east"])
         for (policy, usv, _), row in table.loc[figure].iterrows():
             values = np.array([getattr(each, figure) for each in by_boat[usv] if each.policy == policy])
             low, high = stats.t.interval(0.95, 4, values.mean(), stats.sem(values))
             assert (row["mean"], row["half"]) == pytest.approx((values.mean(), (high - low) / 2), rel=1e-6)
-            if (policy, usv) == ("east", "centroid"):
+            if (policy, usv) == ("east", boats[0]):
                 assert row[["difference", "difference_half"]].isna().all()
                 continue
             paired = stats.ttest_rel(values, first).confidence_interval(0.95)
