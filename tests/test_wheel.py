@@ -13,19 +13,22 @@ import pytest
 ROOT = Path(__file__).parents[1]
 FOLDERS = {"src/usvauv": "", "kernels": "kernels/", "usvauv_env": "env/", "policies": "policies/", "usvauv_cli": "cli/"}
 
-TRIED = """
+MISSION = """
 import sys
 from importlib.metadata import version
 from pathlib import Path
 
 import usvauv
-from usvauv import policies
-from usvauv.cli.app import main
+from usvauv import Scenario, World, policies
 
-assert Path(usvauv.__file__).is_relative_to(sys.argv.pop())
-print(policies.load_learned("sac-extreme").name, version("usvauv"))
-sys.argv += ["plan", "--auv", "60,80,100"]
-main()
+assert Path(usvauv.__file__).is_relative_to(sys.argv[1])
+world = World(Scenario.load("extreme"), num_worlds=3, seed=0)
+policy = policies.load("sac-extreme", world)
+observation = world.reset()
+for _ in range(3):
+    observation = world.step(policy.act(observation))[0]
+assert observation.isfinite().all()
+print(policy.name, version("usvauv"))
 """
 
 
@@ -85,11 +88,9 @@ def test_it_holds_each_file_of_the_packages(wheel):
         assert {name for name in archive.namelist() if ".dist-info/" not in name} == files
 
 
-def test_a_shipped_policy_is_loaded_and_kernels_are_compiled(installed, tmp_path):
+def test_a_shipped_policy_sails(installed, tmp_path):
     version = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
-    said = output(tmp_path, installed, "-c", TRIED, installed)
-    assert said.startswith(f"sac-extreme {version}\n")
-    assert "optimum" in said
+    assert output(tmp_path, installed, "-c", MISSION, installed).splitlines()[-1] == f"sac-extreme {version}"
 
 
 def test_the_command_lists_the_scenarios(installed, tmp_path):
