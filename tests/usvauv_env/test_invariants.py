@@ -1,7 +1,6 @@
 """What holds in every world at every step, whatever is done in it, and that no world depends on those beside it."""
 
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,18 +8,16 @@ import torch
 
 from tests.links import EVERY_STEP
 from tests.slowly import slowly
-from usvauv.env import Scenario, World, plugins
+from usvauv.env import Scenario, World
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn
 from usvauv.kernels.mission.worlds import STATE
 
-PLUGIN = Path(__file__).parents[2] / "examples" / "plugins" / "task.py"
 TRACKED = [*EVERY_STEP, "tracker.enabled=true", "auv.count=4", "usbl.packet_loss=0.2", "usbl.latency=0.3"]
-RACE = ["auv.count=3", "current.circulation_min=400", "current.circulation_max=800", "auv.action=polar"]
+RACE = ["auv.action=polar", "current.circulation_min=400", "current.circulation_max=800"]
 RACE += ["current.core_radius_min=40", "current.core_radius_max=40"]
 CASES = {
     "extreme": ("extreme", ["nodes.start_backlog=5000"], "fim"),
-    "tracked": ("extreme", TRACKED, "centroid"),
-    "strong current": ("extreme", RACE, "hold:0,200"),
+    "tracked in a strong current": ("extreme", [*TRACKED, *RACE], "hold:0,200"),
     "paper-extreme": ("paper-extreme", [], "fim"),
     "station-keeping": ("station-keeping", [], "fim"),
 }
@@ -101,25 +98,17 @@ def test_holds_whatever_is_done(case):
     assert refused > 0
 
 
-@pytest.fixture
-def _plugin(own_registries):
-    """The plugin's task, gone after the test."""
-    plugins.load(PLUGIN)
-
-
 ALONE = {
-    "tracked": ("extreme", [*TRACKED, "tracker.current_reading=0.05"], "centroid"),
+    "tracked": ("extreme", [*TRACKED, "tracker.current_reading=0.05"], "hold:0,200"),
     "waveform": ("ideal", [*EVERY_STEP, "usbl.model=waveform"], "fim"),
     "sampled pulses": ("extreme", ["usbl.model=waveform", "acoustics.multipath=true"], "fim"),
-    "nonlinear": ("extreme", ["sea.equations=nonlinear", "sea.radiating_edges=['west']"], "centroid"),
+    "nonlinear": ("extreme", ["sea.equations=nonlinear", "sea.radiating_edges=['west']"], "fim"),
     "station-keeping": ("station-keeping", ["auv.count=5"], "fim"),
-    "plugin": ("extreme", ["task=survey"], "centroid"),
-    "torpedo": ("extreme-torpedo", [], "centroid"),
+    "torpedo": ("extreme-torpedo", ["auv.action=fins"], "centroid"),
 }
 SEEDS = (4, (1 << 64) - 1, 4 + (1 << 32), 4)
 
 
-@pytest.mark.usefixtures("_plugin")
 @pytest.mark.parametrize("case", slowly(ALONE, "waveform"))
 def test_alone_as_in_a_batch(case):
     """World 9 has the same bits in another batch, where others are reset in between, and alone and brought back.
@@ -132,7 +121,7 @@ def test_alone_as_in_a_batch(case):
     for first, count in ((0, 12), (5, 6), (9, 1)):
         world = World(scenario, num_worlds=count, seed=4, usv=usv, first_world=first)
         own = 9 - first
-        actions = 2 * torch.rand((25, 12, world.num_auvs, 2), generator=torch.Generator().manual_seed(5)) - 1
+        actions = 2 * torch.rand((25, 12, world.num_auvs, world.action_size), generator=torch.Generator().manual_seed(5)) - 1
         history = [world.reset()[own].clone()]
         for step, action in enumerate(actions[:, first : first + count]):
             if step == 12:
@@ -161,7 +150,7 @@ def test_each_with_a_seed_of_its_own_as_alone(case):
         for _ in range(2):
             states.append(world.reset().clone())
             for _ in range(world.steps):
-                action = 2 * torch.rand((1, world.num_auvs, 2), generator=generator) - 1
+                action = 2 * torch.rand((1, world.num_auvs, world.action_size), generator=generator) - 1
                 observation, reward, *_, info = world.step(action.expand(world.num_worlds, -1, -1))
                 states += [observation.clone(), reward.clone(), info["measures"].clone()]
             states += [getattr(world, each).clone() for each in ("auv", "node", "boat", "estimate", "vortex")]

@@ -18,7 +18,9 @@ TORPEDO = ["auv.model=torpedo", "nodes.service=passing", "mission.duration=60"]
 
 
 def torpedo(worlds: int, seed: int, *overrides: str) -> World:
-    scenario = Scenario.load("extreme-torpedo", ["mission.duration=60", *overrides])
+    """In the storm of `extreme`; observations have the depth as with fins, and so one compilation serves all."""
+    observed = 'observation.extra=["attitude", "motion", "depth"]'
+    scenario = Scenario.load("extreme-torpedo", ["mission.duration=60", observed, *overrides])
     return World(scenario, worlds, seed, usv="centroid")
 
 
@@ -45,13 +47,17 @@ def test_it_turns_to_its_course_and_keeps_its_depth(trace):
 
 
 def test_it_moves_as_vehicles_alone_in_the_same_water():
-    """Across an eddy: Lamb and Oseen's velocity and gradient, by NumPy, in the vehicles' axes."""
+    """Across an eddy: Lamb and Oseen's velocity and gradient, by NumPy, in the vehicles' axes.
+
+    The next one is 100 km away, and waves there are none.
+    """
     circulation, core, middle, action = 500.0, 80.0, np.array([300.0, 300.0]), np.array([-0.6, 0.5])
     eddy = [f"current.circulation_{end}={circulation}" for end in ("min", "max")]
     eddy += [f"current.core_radius_{end}={core}" for end in ("min", "max")]
-    eddy += ["current.centres=[[300.0, 300.0]]", "current.alternate=false"]
+    eddy += ["current.centres=[[300.0, 300.0]]", "current.alternate=false", "current.count=0", "current.mutual=false"]
+    eddy += ["current.period=100000", "current.decay_depth=0", "storm.spectrum=none", "sea.irregular_rms=0"]
     place = ["area.width=600", "area.length=600", "auv.start_margin=200", "auv.depth_noise=0"]
-    world = World(Scenario.load("ideal", [*TORPEDO, *place, *eddy]), 3, seed=5)
+    world = torpedo(3, 5, *place, *eddy)
     world.reset()
     auvs = Fleet(world.num_worlds * world.num_auvs)
     begun = world.body.reshape(auvs.count, -1).double().cpu().numpy()
