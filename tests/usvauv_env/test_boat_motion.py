@@ -16,14 +16,13 @@ SECTIONS = {
     "mission": {"duration": 3000},
     "boat": {"response_time": 3, "top_speed": 2},
     "auv": {"count": 1},
-    "nodes": {"count": 2, "arrival_rates": [1]},
 }
 
 
 def world_of(goal, num_worlds=1, **sections):
     """A world whose boat holds a goal (x, y), put at (100, 100) at rest."""
     merged = {name: SECTIONS.get(name, {}) | sections.get(name, {}) for name in SECTIONS | sections}
-    world = World(Scenario.from_dict(merged), num_worlds, 4, f"hold:{goal[0]},{goal[1]}")
+    world = World(Scenario.from_dict({"task": "station-keeping", **merged}), num_worlds, 4, f"hold:{goal[0]},{goal[1]}")
     world.reset()
     world.boat[..., PLACE] = 100.0
     return world

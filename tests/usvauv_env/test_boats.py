@@ -14,9 +14,9 @@ from usvauv.kernels.planning import objectives, search
 from usvauv.kernels.positioning import tracker, usbl
 
 TEAMS = ["area.width=400", "area.length=400", "auv.count=4", "boat.count=2"]
-TWO = [*EVERY_STEP, *TEAMS]
+TWO = [*EVERY_STEP, *TEAMS, "task=station-keeping"]
 BY_NEED = [*TEAMS, "channel.schedule=by-need", "nodes.target_rule=tour"]
-CHANNEL = [*CODED, *TEAMS]
+CHANNEL = [*CODED, *TEAMS, "task=station-keeping"]
 APART = "hold:50,200,350,200"
 
 

@@ -12,7 +12,9 @@ from usvauv.env import Scenario, World
 from usvauv.kernels.mission.columns import AuvColumn, ExchangeColumn, Reply
 from usvauv.kernels.positioning import tracker, usbl
 
-SOUND = [*CODED, "channel.schedule=round-robin", "navigation.sensor=ground"]
+SOUND = [*CODED, "channel.schedule=round-robin", "navigation.sensor=ground", "usbl.spacing=0.025"]
+# With it calm water is compiled as the storm of `extreme` and `wide`.
+CALM = [*SOUND, "current.period=300", "observation.current=profile"]
 TILTED = ["usbl.attitude_error=0.002"]
 SPEED = 1500.0
 
@@ -41,7 +43,7 @@ class TestTiming:
         """One AUV at rest over ground 300 m below the boat: 2S/c + turn-around + signal, one exchange after another."""
         changes = ["auv.count=1", "area.depth=400", "auv.depth=300", "channel.turn_around=1.2", "nodes.count=1"]
         changes += ["area.width=40", "area.length=40", "nodes.margin=1", "auv.start_separation=0", "boat.drifts=false"]
-        world = World(Scenario.load("ideal", [*SOUND, *changes]), 20, 1, usv="hold:20,20")
+        world = World(Scenario.load("ideal", [*CALM, *changes]), 20, 1, usv="hold:20,20")
         steps, fixes = 400, 0
         longest, shortest = 0.0, math.inf
         for _ in sail(world, still(world), steps):
@@ -69,7 +71,7 @@ class TestReplies:
         """Without noise a fix lies behind a moving AUV by its way since: half the exchange, no turn-around."""
         changes = ["auv.count=1", "area.depth=2000", "auv.depth=1900", "acoustics.source_level=240", "mission.step=0.1"]
         changes += ["channel.turn_around=1.0", "auv.speed_lag=0", "auv.speed_noise=0"]
-        world = World(Scenario.load("ideal", [*SOUND, *changes]), 50, 6, usv="hold:100,100")
+        world = World(Scenario.load("ideal", [*CALM, *changes]), 50, 6, usv="hold:100,100")
         seen = right = 0
         for _ in sail(world, still(world), 300):
             auv = world.auv[:, 0].double().cpu().numpy()
@@ -86,7 +88,7 @@ class TestReplies:
     def test_losses(self):
         """Interrogation and reply are each lost with the probability given."""
         changes = ["usbl.packet_loss=0.3", "auv.count=1", "channel.turn_around=0.5"]
-        world = World(Scenario.load("ideal", [*SOUND, *changes]), 200, 7, usv="hold:100,100")
+        world = World(Scenario.load("ideal", [*CALM, *changes]), 200, 7, usv="hold:100,100")
         fixes = tried = 0
         for _ in sail(world, still(world), 50):
             flags = world.auv[..., AuvColumn.fix_flags].cpu().numpy().astype(int)
@@ -132,7 +134,7 @@ class TestFilters:
     )
     def test_the_auvs_filters_are_consistent(self, changes):
         """Normalised squared errors have the mean 2, over worlds, with a Doppler log."""
-        world = World(Scenario.load("extreme", [*SOUND, *TILTED, *changes]), 300, 8, usv="centroid")
+        world = World(Scenario.load("extreme", [*SOUND, *TILTED, *changes]), 300, 8, usv="hold:100,100")
         act = policies.acting("straight", world)
         mean = []
         for step, _ in enumerate(sail(world, act, 120)):
@@ -148,7 +150,8 @@ class TestFilters:
 
     def test_one_good_fix_in_a_thousand_is_dropped(self):
         """Also where fixes follow the boat's error of its own position, which drifts by some decimetres a minute."""
-        world = World(Scenario.load("extreme"), 300, 12, usv="centroid")
+        changes = ["channel.schedule=round-robin", "usbl.spacing=0.025"]
+        world = World(Scenario.load("extreme", changes), 300, 12, usv="hold:100,100")
         detected = dropped = 0
         for step, _ in enumerate(sail(world, policies.acting("straight", world), 80)):
             if step >= 20:
@@ -161,7 +164,7 @@ class TestFilters:
         """The way's error after t: bias σ_b² τ² (2t/τ − 2 + 2e^{−t/τ}) and noise q t, per axis."""
         changes = ["acoustics.source_level=60", "navigation.velocity_bias=0.1", "navigation.velocity_noise=0.2"]
         changes += ["navigation.bias_correlation_time=40"]
-        world = World(Scenario.load("extreme", [*SOUND, *TILTED, *changes]), 2000, 10, usv="centroid")
+        world = World(Scenario.load("extreme", [*SOUND, *TILTED, *changes]), 2000, 10, usv="hold:100,100")
         for _ in sail(world, still(world), 60):
             pass
         error = (world.own[..., :2] - world.auv[..., :2]).double().cpu().numpy()
@@ -174,7 +177,7 @@ class TestTold:
     def test_an_auv_knows_what_it_was_told(self):
         """Without dead reckoning's errors the AUV's filter is the boat's, moved on by the way since its last reply."""
         changes = ["navigation.velocity_bias=0", "navigation.velocity_noise=0", "auv.count=1", "channel.turn_around=2"]
-        world = World(Scenario.load("ideal", [*SOUND, *changes]), 30, 11, usv="hold:100,100")
+        world = World(Scenario.load("ideal", [*CALM, *changes]), 30, 11, usv="hold:100,100")
         longest = 0.0
         for _ in sail(world, still(world), 50):
             assert (world.own[..., :2] - world.auv[..., :2]).norm(dim=-1).max() < 0.05

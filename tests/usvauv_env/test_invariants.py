@@ -121,7 +121,8 @@ def test_alone_as_in_a_batch(case):
     for first, count in ((0, 12), (5, 6), (9, 1)):
         world = World(scenario, num_worlds=count, seed=4, usv=usv, first_world=first)
         own = 9 - first
-        actions = 2 * torch.rand((25, 12, world.num_auvs, world.action_size), generator=torch.Generator().manual_seed(5)) - 1
+        shape = 25, 12, world.num_auvs, world.action_size
+        actions = 2 * torch.rand(shape, generator=torch.Generator().manual_seed(5)) - 1
         history = [world.reset()[own].clone()]
         for step, action in enumerate(actions[:, first : first + count]):
             if step == 12:

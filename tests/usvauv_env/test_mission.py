@@ -82,20 +82,14 @@ class TestStorm:
 
     def test_a_boat_adrift_has_the_stokes_drift(self):
         """Σ a² ω k, in deep water, of a long-crested JONSWAP sea that is not steep."""
-        sections = {
-            "area": {"width": 1000, "length": 1000},
-            "mission": {"step": 0.25, "duration": 600},
-            "storm": {"spectrum": "jonswap", "significant_height": 1, "peak_period": 9, "spreading": 1000},
-            "sea": {"realisations": 64},
-            "boat": {"top_speed": 1e-4},
-            "auv": {"count": 1},
-            "nodes": {"count": 2},
-        }
-        world = World(Scenario.from_dict(sections), num_worlds=64, seed=5, usv="hold:500,500")
+        changes = [*self.quiet, "area.width=1000", "area.length=1000", "mission.step=0.25", "mission.duration=600"]
+        changes += ["storm.significant_height=1", "storm.peak_period=9", "storm.spreading=1000", "sea.realisations=64"]
+        changes += ["boat.top_speed=1e-4", "boat.windage=0", "boat.response_time=0", "boat.dead_band=0"]
+        world = World(Scenario.load("extreme", [*changes, "nodes.count=2"]), num_worlds=64, seed=5, usv="hold:500,500")
         world.reset()
         start = world.boat[:, 0, BoatColumn.span("x", "y")].clone()
         for _ in range(world.steps):
-            world.step(torch.zeros(64, 1, 2))
+            world.step(torch.zeros(64, 2, 2))
         drift = (world.boat[:, 0, BoatColumn.span("x", "y")] - start).mean(dim=0) / 600
         expected = (world.storm.amplitude**2 * world.storm.omega * world.storm.k).sum(axis=1).mean()
         assert -drift[0].item() == pytest.approx(expected, rel=0.04)
@@ -138,7 +132,8 @@ class TestStorm:
 class TestTask:
     def test_node_is_hovered_over_emptied_and_counted(self):
         """Hovering lasts payload · b/C ÷ rate; then, where nothing arrives, the buffer is empty, the rate counted."""
-        scenario = Scenario.load("ideal", ["auv.count=1", "nodes.count=2", "nodes.arrival_rates=[0]"])
+        alone = ["auv.count=1", "usbl.carriers=[18000]"]  # compiled as two AUVs
+        scenario = Scenario.load("ideal", [*alone, "nodes.count=2", "nodes.arrival_rates=[0]"])
         world = World(scenario, num_worlds=64, seed=3)
         observation = world.reset()
         hovered = torch.zeros(64, device=world.device)
@@ -282,8 +277,8 @@ class TestReward:
 
 class TestObservation:
     def test_layout(self):
-        scenario = Scenario.load("extreme", ["auv.count=3", "observation.current=vector"])
-        world = World(scenario, num_worlds=16, seed=1)
+        vortices = ["current.count=9", "current.circulation_min=120", "current.circulation_max=260"]
+        world = World(Scenario.load("ideal", ["auv.count=3", *vortices]), num_worlds=16, seed=1)
         run(world, 40)
         assert world.observation_size == 13
         o, own, diagonal = world.observation, world.own_position, math.hypot(200, 200)
@@ -301,11 +296,14 @@ class TestObservation:
         torch.testing.assert_close(o[..., 11:13], world.current())
 
     def test_profile(self):
-        only = ["storm.spectrum=none", "sea.irregular_rms=0", "observation.current=profile"]
-        alone = ["current.period=0", "current.decay_depth=0"]
-        scenario = Scenario.load("extreme", [*only, *alone])
-        world = World(scenario, num_worlds=4, seed=1)
-        run(world, 20)
+        """Of nine vortices over the area whose images are 100 km away."""
+        only = ["storm.spectrum=none", "sea.irregular_rms=0"]
+        alone = ["current.period=100000", "current.decay_depth=0", "current.mutual=false"]
+        world = World(Scenario.load("extreme", [*only, *alone]), num_worlds=4, seed=1)
+        world.reset()
+        world.vortex[..., :2] = 200 * torch.rand((4, 9, 2), generator=torch.Generator().manual_seed(1))
+        for _ in range(20):
+            world.step(torch.full((4, 2, 2), 0.3))
         target = world.auv[0, 0, AuvColumn.target].long()
         world.auv[0, 0, AuvColumn.span("x", "y")] = world.node[0, target, NodeColumn.span("x", "y")]
         world.auv[0, 0, AuvColumn.hover] = 30.0  # it stays at its target, where the beams point to the east

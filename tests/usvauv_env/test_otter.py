@@ -19,14 +19,13 @@ SECTIONS = {
     "area": {"width": 1000, "length": 1000},
     "boat": {"model": "otter", "top_speed": 2, "dead_band": 4},
     "auv": {"count": 1},
-    "nodes": {"count": 2, "arrival_rates": [1]},
     "usbl": {},
 }
 
 
 def world_of(usv, num_worlds, **sections):
     merged = {name: SECTIONS.get(name, {}) | sections.get(name, {}) for name in SECTIONS | sections}
-    world = World(Scenario.from_dict(merged), num_worlds, 4, usv)
+    world = World(Scenario.from_dict({"task": "station-keeping", **merged}), num_worlds, 4, usv)
     world.reset()
     world.boat[..., PLACE] = 500.0
     return world
@@ -75,7 +74,7 @@ def test_a_uniform_current_is_a_moving_frame():
 
 
 def test_its_future_depends_on_its_state_alone():
-    sections = {"storm": {"spectrum": "jonswap"}, "sea": {"realisations": 4}}
+    sections = {"task": "station-keeping", "storm": {"spectrum": "jonswap"}, "sea": {"realisations": 4}}
     world, part = (
         World(Scenario.from_dict(SECTIONS | sections), n, 5, "hold:400,600", first_world=first, batch=4)
         for n, first in ((4, 0), (2, 2))

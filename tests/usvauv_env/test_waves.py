@@ -50,20 +50,17 @@ def travel(heading_from_north: float) -> float:
 
 
 class TestSpectra:
-    @pytest.mark.parametrize(
-        ("towards", "expected"), [(0.0, (0, 1)), (90.0, (1, 0)), (180.0, (0, -1)), (270.0, (-1, 0))]
-    )
+    @pytest.mark.parametrize(("towards", "expected"), [(0.0, (0, 1)), (90.0, (1, 0))])
     @pytest.mark.parametrize("make", [ww3, era5, lambda *systems: ww3(*systems, comes_from=True)])
     def test_waves_travel_where_they_should(self, make, towards, expected, tmp_path):
         spectrum = spectrum_of(make((4.0, 10.0, towards, 20)), tmp_path)
         assert (math.cos(spectrum.direction), math.sin(spectrum.direction)) == pytest.approx(expected, abs=1e-3)
 
-    @pytest.mark.parametrize("make", [ww3, era5])
-    @pytest.mark.parametrize("systems", [[WIND_SEA], [WIND_SEA, SWELL]])
+    @pytest.mark.parametrize(("make", "systems"), [(ww3, [WIND_SEA, SWELL]), (era5, [WIND_SEA]), (era5, [SWELL])])
     def test_height_period_direction_and_spread(self, make, systems, tmp_path):
         spectrum = spectrum_of(make(*systems), tmp_path)
         assert spectrum.significant_height == pytest.approx(math.hypot(*(each[0] for each in systems)), rel=0.01)
-        assert spectrum.peak_period == pytest.approx(11.0, rel=0.06)
+        assert spectrum.peak_period == pytest.approx(systems[0][1], rel=0.06)
         moment = sum(each[0] ** 2 * each[3] / (each[3] + 1) * np.exp(1j * travel(each[2])) for each in systems) / sum(
             each[0] ** 2 for each in systems
         )
@@ -86,7 +83,7 @@ class TestSpectra:
     @pytest.mark.parametrize(
         "lon", [np.arange(178, 182.1, 0.5), [178.5, 179, 179.5, -180, -179.5], [-180, -179.5, 179, 179.5]]
     )
-    @pytest.mark.parametrize("corner", [179.99, -180.01, 180.0, -180.0])
+    @pytest.mark.parametrize("corner", [179.99, -180.0])
     def test_both_sides_of_180_degrees(self, lon, corner, tmp_path):
         dataset = era5(WIND_SEA, lon=tuple(lon))
         assert spectrum_of(dataset, tmp_path, frame=LocalFrame(corner, 60.0)).significant_height == pytest.approx(
@@ -251,8 +248,9 @@ class TestPartitions:
 class TestDrawn:
     """Tolerances of `docs/real-water.md`: of one sea with 64 components, beside the sums over the file."""
 
-    @pytest.mark.parametrize("make", [ww3, era5])
-    @pytest.mark.parametrize("systems", [[WIND_SEA, SWELL], [(1.0, 8.0, 0.0, 4), (2.5, 14.0, 120.0, 60)]])
+    @pytest.mark.parametrize(
+        ("make", "systems"), [(ww3, [WIND_SEA, SWELL]), (era5, [(1.0, 8.0, 0.0, 4), (2.5, 14.0, 120.0, 60)])]
+    )
     def test_seas_have_the_files_statistics(self, make, systems, tmp_path):
         site = Site(scenario_of(make(*systems), tmp_path, "storm.shortest_wave=5"))
         spectrum = only_spectrum(site)

@@ -40,6 +40,7 @@ def extreme():
 
 class TestRandomNumbers:
     def test_seeds_of_their_own_go_on_from_a_state_and_with_other_parameters(self):
+        """Also across the end of an episode."""
         scenario, slower = (Scenario.load("extreme", [f"current.circulation_max={value}"]) for value in (260, 150))
         together, again, alone = (World(scenario, np.size(own), own) for own in ([3, 8], [3, 8], 8))
         for world in (together, alone):
@@ -50,9 +51,13 @@ class TestRandomNumbers:
         found = []
         for world in (together, again, alone):
             world.set_parameters(slower)
-            for _ in range(3):
-                observation, *_ = world.step(torch.zeros(world.num_worlds, 2, 2))
-            found.append(torch.cat([observation[-1].flatten(), world.vortex[-1].flatten()]))
+            seen = []
+            for step in range(6):
+                if step == 3:
+                    world.reset()
+                observation, reward, *_ = world.step(torch.zeros(world.num_worlds, 2, 2))
+                seen += [each[-1].flatten().clone() for each in (observation, reward, world.vortex)]
+            found.append(torch.cat(seen))
         assert torch.equal(found[0], found[1])
         assert torch.equal(found[0], found[2])
 
@@ -114,7 +119,7 @@ class TestRandomNumbers:
 class TestState:
     def test_rebound_tensors_are_refused(self, extreme):
         """The kernels would go on with the old ones; written in place they count."""
-        world = World(extreme, num_worlds=2, seed=1, usv="hold:90,90")
+        world = World(extreme, num_worlds=2, seed=1)
         world.reset()
         with pytest.raises(AttributeError, match=r"World\.boat: cannot be rebound"):
             world.boat = world.boat.clone()
@@ -123,28 +128,6 @@ class TestState:
         world.boat[..., BoatColumn.x] = 20.0
         world.step(torch.zeros(2, 2, 2))
         assert (world.boat[..., BoatColumn.x] < 30).all()
-
-    def test_saved_and_restored_bit_for_bit(self, extreme):
-        """Also into another world object, and across the end of an episode."""
-        scenario = Scenario.load("extreme", ["mission.duration=40"])
-        world = World(scenario, num_worlds=5, seed=2)
-        run(world, 40)
-        observation = world.reset()
-        for _ in range(15):
-            observation, *_ = world.step(steer(observation))
-        saved = world.state()
-        futures = []
-        for carrier in (world, world, World(scenario, num_worlds=5, seed=2)):
-            carrier.load_state(saved)
-            observation, rewards = carrier.observation, []
-            for _ in range(40):
-                observation, reward, _, truncated, _ = carrier.step(steer(observation))
-                rewards.append(reward.clone())
-                if truncated.all():
-                    observation = carrier.reset()
-            futures.append(torch.stack(rewards))
-        assert torch.equal(futures[0], futures[1])
-        assert torch.equal(futures[0], futures[2])
 
     def test_parameters_that_may_change_and_one_that_may_not(self):
         world = World(Scenario.load("extreme"), num_worlds=2)
@@ -361,7 +344,8 @@ class TestAction:
 
 @pytest.mark.parametrize(("auvs", "nodes"), [(1, 1), (2, 1), (16, 500)])
 def test_other_team_sizes(auvs, nodes):
-    world = World(Scenario.load("extreme", [f"auv.count={auvs}", f"nodes.count={nodes}"]), num_worlds=3)
+    sizes = [f"auv.count={auvs}", f"nodes.count={nodes}", "usbl.carriers=[18000]"]  # with which all are compiled alike
+    world = World(Scenario.load("extreme", sizes), num_worlds=3)
     state = run(world, 30)
     assert all(np.isfinite(value).all() for value in state.values())
 
