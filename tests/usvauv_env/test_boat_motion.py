@@ -28,13 +28,13 @@ def world_of(goal, num_worlds=1, **sections):
     return world
 
 
-def sailed(world, steps, current=None):
+def sailed(world, steps, current=None, boat_action=None):
     """Places (steps, W, 2) of the boat after each step, in a current given, m."""
     places = []
     for _ in range(steps):
         if current is not None:
             world.boat[..., CURRENT] = torch.tensor(current)
-        world.step(torch.zeros(world.num_worlds, world.num_auvs, 2))
+        world.step(torch.zeros(world.num_worlds, world.num_auvs, 2), boat_action)
         places.append(world.boat[:, 0, PLACE].double().clone())
     return torch.stack(places).cpu().numpy()
 

@@ -127,26 +127,17 @@ def test_asking_for_a_place_leaves_it_as_it_is(tmp_path):
 class TestSizeLimit:
     """The system refuses to write more than so many bytes; every library says it in another way."""
 
-    @pytest.fixture
-    def refused(self, size_limit, tmp_path):
-        """Function that writes a file in place of an older one and is refused."""
-
-        def check(write):
-            path = tmp_path / "a"
-            path.write_text("older")
-            with size_limit(), pytest.raises(OutputError) as caught, atomic_write(path) as partial:
-                write(partial)
-            assert str(caught.value) == f"{path}: cannot be written: File too large"
-            assert path.read_text() == "older"
-            assert list(tmp_path.iterdir()) == [path]
-
-        return check
-
-    def test_python(self, refused):
-        refused(lambda path: path.write_bytes(bytes(5000)))
-
-    def test_safetensors(self, refused):
-        refused(lambda path: save_file({"a": torch.zeros(5000)}, path))
+    @pytest.mark.parametrize(
+        "write", [lambda path: path.write_bytes(bytes(5000)), lambda path: save_file({"a": torch.zeros(5000)}, path)]
+    )
+    def test_of_python_and_of_safetensors(self, size_limit, tmp_path, write):
+        path = tmp_path / "a"
+        path.write_text("older")
+        with size_limit(), pytest.raises(OutputError) as caught, atomic_write(path) as partial:
+            write(partial)
+        assert str(caught.value) == f"{path}: cannot be written: File too large"
+        assert path.read_text() == "older"
+        assert list(tmp_path.iterdir()) == [path]
 
     def test_hdf5(self, size_limit, tmp_path):
         path = tmp_path / "a"

@@ -76,7 +76,10 @@ def test_the_budget_is_the_error_of_missions(device, slant):
     error = np.linalg.norm(auv[..., AuvColumn.span("fix_x", "fix_y")] - auv[..., :2], axis=-1)[near]
     link = torch.from_numpy(link_table(Site(scenario))).to(device)
     d = math.sqrt(slant**2 - 40**2)
-    parts = error_budget(scenario, link, [(500 + d, 500.0, 40.0)] * 2, (500.0, 500.0), "fix", (0.0, 0.0))
+    there = [(500 + d, 500.0, 40.0)] * 2, (500.0, 500.0), "fix", (0.0, 0.0)
+    parts, expected = error_budget(scenario, link, *there), fix_errors.predict(link, None, *there)
+    assert [each.range for each in expected] == pytest.approx([slant] * 2)
+    assert parts["all"] == pytest.approx([math.hypot(each.major, each.minor) for each in expected], rel=1e-3)
     assert math.sqrt(np.mean(error**2)) == pytest.approx(parts["all"][0], rel=0.1)
     assert parts["pitch and roll"][0] == pytest.approx(math.sqrt(2) * 0.0015 * 40, rel=1e-3)
     assert parts["alignment"][0] == pytest.approx(math.sqrt(2) * 0.002 * 40, rel=1e-3)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from tests.usvauv_env.test_boat_motion import PLACE, sailed
 from usvauv.env import Scenario, World
 from usvauv.env.record.recorder import record
 from usvauv.env.world import tables
@@ -13,8 +14,6 @@ from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn
 from usvauv.kernels.vehicles import otter
 from usvauv.kernels.vehicles.otter import HullColumn
 
-PLACE = BoatColumn.span("x", "y")
-CURRENT = BoatColumn.span("current_x", "current_y")
 SECTIONS = {
     "area": {"width": 1000, "length": 1000},
     "boat": {"model": "otter", "top_speed": 2, "dead_band": 4},
@@ -29,16 +28,6 @@ def world_of(usv, num_worlds, **sections):
     world.reset()
     world.boat[..., PLACE] = 500.0
     return world
-
-
-def sailed(world, steps, current=(0.0, 0.0), boat_action=None):
-    """Places (steps, W, 2) of the boats after each step, in a current, m."""
-    places = []
-    for _ in range(steps):
-        world.boat[..., CURRENT] = torch.tensor(current)
-        world.step(torch.zeros(world.num_worlds, world.num_auvs, 2), boat_action)
-        places.append(world.boat[:, 0, PLACE].double().clone())
-    return torch.stack(places).cpu().numpy()
 
 
 @pytest.mark.parametrize(("current", "wind"), [((0.0, 0.0), 0.0), ((0.3, -0.2), 0.0), ((0.2, 0.3), 12.0)])
