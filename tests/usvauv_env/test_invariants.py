@@ -1,6 +1,7 @@
 """What holds in every world at every step, whatever is done in it, and that no world depends on those beside it."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,10 +9,11 @@ import torch
 
 from tests.links import EVERY_STEP
 from tests.slowly import slowly
-from usvauv.env import Scenario, World
+from usvauv.env import Scenario, World, plugins
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn
 from usvauv.kernels.mission.worlds import STATE
 
+PLUGIN = Path(__file__).parents[2] / "examples" / "plugins" / "task.py"
 TRACKED = [*EVERY_STEP, "tracker.enabled=true", "auv.count=4", "usbl.packet_loss=0.2", "usbl.latency=0.3"]
 RACE = ["auv.action=polar", "current.circulation_min=400", "current.circulation_max=800"]
 RACE += ["current.core_radius_min=40", "current.core_radius_max=40"]
@@ -98,17 +100,25 @@ def test_holds_whatever_is_done(case):
     assert refused > 0
 
 
+@pytest.fixture
+def _plugin(own_registries):
+    """The plugin's task, gone after the test."""
+    plugins.load(PLUGIN)
+
+
 ALONE = {
     "tracked": ("extreme", [*TRACKED, "tracker.current_reading=0.05"], "hold:0,200"),
     "waveform": ("ideal", [*EVERY_STEP, "usbl.model=waveform"], "fim"),
     "sampled pulses": ("extreme", ["usbl.model=waveform", "acoustics.multipath=true"], "fim"),
     "nonlinear": ("extreme", ["sea.equations=nonlinear", "sea.radiating_edges=['west']"], "fim"),
     "station-keeping": ("station-keeping", ["auv.count=5"], "fim"),
+    "plugin": ("extreme", [*EVERY_STEP, "task=survey"], "hold:0,200"),
     "torpedo": ("extreme-torpedo", ["auv.action=fins"], "centroid"),
 }
 SEEDS = (4, (1 << 64) - 1, 4 + (1 << 32), 4)
 
 
+@pytest.mark.usefixtures("_plugin")
 @pytest.mark.parametrize("case", slowly(ALONE, "waveform"))
 def test_alone_as_in_a_batch(case):
     """World 9 has the same bits in another batch, where others are reset in between, and alone and brought back.

@@ -2,6 +2,8 @@
 
 import math
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -76,6 +78,28 @@ class TestRandomNumbers:
         monkeypatch.setattr(runtime, "FEW_TASKS", 0)
         together = run(World(extreme, worlds, seed=3), 40)
         assert all(np.array_equal(alone[name], together[name]) for name in alone)
+
+    @pytest.mark.slow
+    @pytest.mark.cpu("number of threads")
+    def test_same_for_one_thread_and_three(self):
+        script = (
+            "import sys, hashlib; from usvauv.kernels import runtime; runtime.FEW_TASKS, runtime.ITERATIONS = 0, 4;"
+            "runtime.start('cpu', threads=int(sys.argv[1]));"
+            "from tests.usvauv_env.test_world import run; from usvauv.env import Scenario, World;"
+            "r = run(World(Scenario.load('extreme'), 19, seed=3), 40);"
+            "print(hashlib.sha256(b''.join(r[n].tobytes() for n in sorted(r))).hexdigest())"
+        )
+        digests = {
+            subprocess.run(
+                [sys.executable, "-c", script, threads],
+                capture_output=True,
+                text=True,
+                check=True,
+                cwd=Path(__file__).parents[2],
+            ).stdout.splitlines()[-1]
+            for threads in ("1", "3")
+        }
+        assert len(digests) == 1
 
 
 class TestState:
