@@ -16,6 +16,7 @@ SECTIONS = {
     "mission": {"duration": 3000},
     "boat": {"response_time": 3, "top_speed": 2},
     "auv": {"count": 1},
+    "nodes": {"arrival_rates": [1]},
 }
 
 

@@ -39,6 +39,18 @@ def put(world, auvs):
         table[..., :2] = auvs.to(world.device)
 
 
+def exchanges(world, auvs, steps):
+    """Of AUVs that stay in places (K, 2): those heard, by which boat, and that reply, each (steps, W, K)."""
+    put(world, auvs)
+    seen = []
+    for _ in range(steps):
+        step(world, auvs)
+        heard = (world.auv[..., AuvColumn.fix_flags].int() & usbl.DETECTED) > 0
+        replies = world.exchange[..., ExchangeColumn.reply] != Reply.none
+        seen.append((heard, world.auv[..., AuvColumn.fix_boat].clone(), replies))
+    return (torch.stack(each).cpu() for each in zip(*seen, strict=True))
+
+
 def server(world):
     return world.estimate[..., EstimateColumn.served_by].long()
 
@@ -135,16 +147,11 @@ class TestChannel:
     def test_boats_ask_in_turn_and_one_at_a_time(self):
         """The one AUV of the first boat has half the exchanges, the three of the other a sixth each."""
         world = world_of([*self.LONG, "channel.schedule=round-robin"], APART)
-        put(world, self.AUVS)
-        counts, order = torch.zeros(4, 4), []
         steps = 240
-        for _ in range(steps):
-            step(world, self.AUVS)
-            assert ((world.exchange[..., ExchangeColumn.reply] != Reply.none).sum(1) <= 1).all()
-            heard = (world.auv[..., AuvColumn.fix_flags].int() & usbl.DETECTED) > 0
-            assert (heard.sum(1) <= 1).all()
-            counts += heard.cpu()
-            order += world.auv[0, heard[0], AuvColumn.fix_boat].tolist()
+        heard, by, replies = exchanges(world, self.AUVS, steps)
+        assert (heard.sum(-1) <= 1).all()
+        assert (replies.sum(-1) <= 1).all()
+        counts = heard.sum(0).float()
         # The sound's way, the turn-around and the signal, exchange after exchange: 105 m of slant range on average.
         lasts = 2 * 103 / 1500 + 1.2 + 0.01
         total = counts.sum(1)
@@ -152,21 +159,15 @@ class TestChannel:
         torch.testing.assert_close(
             counts, total[:, None] * torch.tensor([1 / 2, 1 / 6, 1 / 6, 1 / 6]), atol=1.1, rtol=0
         )
-        assert set(np.diff(order)) == {-1.0, 1.0}
+        assert set(np.diff(by[:, 0][heard[:, 0]])) == {-1.0, 1.0}
 
     def test_all_at_once_by_each_boat_in_turn(self):
         """All AUVs are heard by the boat that has asked; the exchange lasts until the reply of the farthest."""
         world = world_of([*self.LONG, "channel.schedule=all"], APART)
-        put(world, self.AUVS)
-        order = []
-        for _ in range(100):
-            step(world, self.AUVS)
-            heard = (world.auv[..., AuvColumn.fix_flags].int() & usbl.DETECTED) > 0
-            assert (heard.all(1) == heard.any(1)).all()
-            by = world.auv[..., AuvColumn.fix_boat]
-            assert (by == by[:, :1]).all()
-            if heard[0, 0]:
-                order.append(by[0, 0].item())
+        heard, by, _ = exchanges(world, self.AUVS, 100)
+        assert (heard.all(-1) == heard.any(-1)).all()
+        assert (by == by[..., :1]).all()
+        order = by[:, 0, 0][heard[:, 0, 0]]
         farthest = math.hypot(320, 100)
         assert len(order) == pytest.approx(100 / (2 * farthest / 1500 + 1.21), abs=3)
         assert set(np.diff(order)) == {-1.0, 1.0}
@@ -175,12 +176,8 @@ class TestChannel:
         """No AUV is located twice in a step: the near boat waits for the next one, and the far one for the near one."""
         world = world_of([*CHANNEL, "channel.turn_around=0.6", "channel.schedule=all"], APART)
         auvs = torch.tensor([[40.0, 200.0], [60.0, 200.0], [50.0, 190.0], [50.0, 210.0]])
-        put(world, auvs)
-        order = []
-        for _ in range(40):
-            step(world, auvs)
-            if (world.auv[0, 0, AuvColumn.fix_flags].int() & usbl.DETECTED) > 0:
-                order.append(world.auv[0, 0, AuvColumn.fix_boat].item())
+        heard, by, _ = exchanges(world, auvs, 40)
+        order = by[:, 0, 0][heard[:, 0, 0]]
         assert len(order) > 25
         assert set(np.diff(order)) == {-1.0, 1.0}
 

@@ -55,12 +55,6 @@ class TestSea:
                     mean = (trace.surface[int(t)] + trace.surface[int(t) + 1]) / 2
                     assert np.abs(mean - world.surface(128)).max() > 20 * apart
 
-    def test_a_file_brings_the_same_sea(self, trace, tmp_path):
-        trace.save(tmp_path / "t.nc")
-        sea, again = RecordedSea(trace), RecordedSea(Trace.load(tmp_path / "t.nc"))
-        for t in (0.3, 4.0, 7.9):
-            np.testing.assert_array_equal(sea.at(t), again.at(t))
-
     def test_on_a_finer_grid_it_is_the_sum_of_its_waves_and_the_long_ones(self, trace):
         x, y = np.linspace(40.0, 60.0, 21), np.linspace(120.0, 130.0, 11)
         a, kx, ky, omega, phase = trace.storm.T[:, :, None, None]
