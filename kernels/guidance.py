@@ -22,6 +22,7 @@ NEAREST = 1e-3  # m, smaller distances between AUVs repel like it
 LEAST_ADVANCE = 0.05  # m/s over ground, lower bound on headway
 HOPELESS = 1e6  # J/m, above every cost with headway
 CLIP = 8.0  # of standardised features
+FIRST = 9  # features of the target and the other AUVs, which come before those by `Rule`
 SIDE = 8  # speeds side by side
 STEEP = 1e30  # makes any difference larger than all that it is compared with
 
@@ -112,7 +113,7 @@ def encode(
 
     Args:
         target, others: first columns of the terms.
-        rule, unit: of features from the tenth on, which are divided by the unit.
+        rule, unit: of features from `FIRST` on, which are divided by the unit.
         mean, deviation: (F,).
         shared: whether AUVs share a network, see `row`. serial: the calling thread does it all.
     """
@@ -144,14 +145,14 @@ def encode(
                 closest,
             ]
         )
-        for f in ti.static(range(9)):
+        for f in ti.static(range(FIRST)):
             features[place, f] = ti.min(ti.max((first[f] - mean[f]) / deviation[f], -CLIP), CLIP)
-        for f in range(9, features.shape[1]):
-            x = seen[n, rule[f - 9, Rule.x]] / unit[f - 9]
-            if rule[f - 9, Rule.turned] != 0:
-                y = seen[n, rule[f - 9, Rule.y]] / unit[f - 9]
+        for f in range(FIRST, features.shape[1]):
+            x = seen[n, rule[f - FIRST, Rule.x]] / unit[f - FIRST]
+            if rule[f - FIRST, Rule.turned] != 0:
+                y = seen[n, rule[f - FIRST, Rule.y]] / unit[f - FIRST]
                 turned = along_and_left(vec2(x, y), bearing)
-                x = turned[0] if rule[f - 9, Rule.turned] == 1 else turned[1]
+                x = turned[0] if rule[f - FIRST, Rule.turned] == 1 else turned[1]
             features[place, f] = ti.min(ti.max((x - mean[f]) / deviation[f], -CLIP), CLIP)
 
 
@@ -261,7 +262,7 @@ class Passes:
 
     Args:
         size: of observations, (W, K, O). columns: first ones of the target, others, position, and the current.
-        rules: of features from the tenth on, `Rule` and unit.
+        rules: of features from `FIRST` on, `Rule` and unit.
         numbers: by name, see `Number`.
         speeds: among which `speed_to_fly` chooses, and their powers, m/s and W; None: not `guided`.
         polar: actions are heading and speed. commands: A, numbers of the world's action.

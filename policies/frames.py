@@ -20,7 +20,7 @@ from usvauv.env.scenario import Scenario
 from usvauv.env.world.observation import ObservationLayout
 from usvauv.env.world.world import World
 from usvauv.kernels import runtime
-from usvauv.kernels.guidance import TINY, Passes
+from usvauv.kernels.guidance import FIRST, TINY, Passes
 from usvauv.kernels.registry import Registry
 from usvauv.policies.guidance import (
     REACH,
@@ -138,7 +138,7 @@ class TargetFrame(Frame):
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
-        self.features = 9 + sum(place.stop - place.start for name, place in self.layout if name not in RELATIVE)
+        self.features = FIRST + sum(place.stop - place.start for name, place in self.layout if name not in RELATIVE)
         self.start = f"straight:{(scenario.auv.speed_min + scenario.auv.speed_max) / 2:g}"
         self.reach = max(2.0 * scenario.auv.safe_distance, 1.0) / scenario.area.diagonal
         self.price = 0.0
