@@ -38,7 +38,7 @@ class Rule(Columns):
     turned: int  # 0: x as it is; 1: the vector's component along the target's bearing; 2: to the left of it
 
 
-class Number(Columns):
+class FrameNumber(Columns):
     """Numbers of a frame and its scenario."""
 
     reach: int  # of the closeness of others, over the area's diagonal
@@ -120,7 +120,7 @@ def encode(
     ti.loop_config(serialize=serial)
     for n in range(seen.shape[0]):
         place = row(n, auvs, seen.shape[0], shared)
-        reach = number[Number.reach]
+        reach = number[FrameNumber.reach]
         bearing, distance = direction(pair(seen, n, target))
         nearest, pull = vec2(0.0), vec2(0.0)
         closest, least_distance = 0.0, math.inf
@@ -163,10 +163,10 @@ def clear_of_others(seen: ti.template(), n, others, auvs, ahead: vec2, number: t
     if auvs > 1:
         away, nearest = vec2(0.0), math.inf
         for j in range(auvs - 1):
-            towards, distance = direction(number[Number.diagonal] * pair(seen, n, others + 2 * j))
+            towards, distance = direction(number[FrameNumber.diagonal] * pair(seen, n, others + 2 * j))
             if distance < nearest:
                 away, nearest = towards, distance
-        ratio = (1.0 / ti.max(nearest, NEAREST)) * number[Number.repelled]
+        ratio = (1.0 / ti.max(nearest, NEAREST)) * number[FrameNumber.repelled]
         track = direction(ahead - ti.max(ratio - 1.0, 0.0) * (ratio * ratio) * away)[0]
     return track
 
@@ -176,8 +176,8 @@ def clear_of_border(position: vec2, track: vec2, number: ti.template()) -> vec2:
     """A course that does not lead out of the area."""
     inside = track
     for c in ti.static(range(2)):
-        low = position[c] < number[Number.margin] and track[c] < 0.0
-        if low or (position[c] > number[Number.east + c] and track[c] > 0.0):
+        low = position[c] < number[FrameNumber.margin] and track[c] < 0.0
+        if low or (position[c] > number[FrameNumber.east + c] and track[c] > 0.0):
             inside[c] = 0.0
     course, length = direction(inside)
     return course if length > TINY else track
@@ -235,14 +235,14 @@ def steer(
         half = 0.5 * action[place, 0]  # turns
         cosine, sine = half_cosine(half), half_sine(half)
         heading = turn(ahead, 1.0 - 2.0 * sine * sine, 2.0 * sine * cosine)
-        slowest, span = number[Number.slowest], number[Number.fastest] - number[Number.slowest]
+        slowest, span = number[FrameNumber.slowest], number[FrameNumber.fastest] - number[FrameNumber.slowest]
         speed = slowest + span * (action[place, 1] + 1.0) / 2.0
         if ti.static(guided):
-            track = clear_of_border(number[Number.diagonal] * pair(seen, n, position), heading, number)
+            track = clear_of_border(number[FrameNumber.diagonal] * pair(seen, n, position), heading, number)
             flow = vec2(0.0)
             if ti.static(observed):
                 flow = along_and_left(pair(seen, n, current), track)
-            price = number[Number.price] * ti.exp(number[Number.gain] * action[place, 1])
+            price = number[FrameNumber.price] * ti.exp(number[FrameNumber.gain] * action[place, 1])
             speed = speed_to_fly(speeds, price, flow[0], flow[1])
             sine = ti.min(ti.max(-flow[1] / speed, -1.0), 1.0)
             heading = turn(track, ti.sqrt(ti.max(1.0 - sine * sine, 0.0)), sine)
@@ -252,9 +252,9 @@ def steer(
             commands[n, 1] = ti.min(ti.max(throttle, -1.0), 1.0)
         else:
             for c in ti.static(range(2)):
-                commands[n, c] = ti.min(ti.max(heading[c] * (speed / number[Number.fastest]), -1.0), 1.0)
+                commands[n, c] = ti.min(ti.max(heading[c] * (speed / number[FrameNumber.fastest]), -1.0), 1.0)
             if commands.shape[1] > 2:
-                commands[n, 2] = number[Number.depth]
+                commands[n, 2] = number[FrameNumber.depth]
 
 
 class Passes:
@@ -263,7 +263,7 @@ class Passes:
     Args:
         size: of observations, (W, K, O). columns: first ones of the target, others, position, and the current.
         rules: of features from `FIRST` on, `Rule` and unit.
-        numbers: by name, see `Number`.
+        numbers: by name, see `FrameNumber`.
         speeds: among which `speed_to_fly` chooses, and their powers, m/s and W; None: not `guided`.
         polar: actions are heading and speed. commands: A, numbers of the world's action.
         mean, deviation: of the features, (F,); may change in place.
@@ -292,7 +292,7 @@ class Passes:
         seen, features, action, command = (
             array.view(count, -1) for array in (self.observation, self.features, self.action, self.command)
         )
-        number = torch.tensor([numbers[name] for name in Number.names], **alike)
+        number = torch.tensor([numbers[name] for name in FrameNumber.names], **alike)
         rule = torch.tensor([each[:3] for each in rules], dtype=torch.int32, device="cpu")
         unit = torch.tensor([each[3] for each in rules], **alike)
         table = torch.zeros(2, 1, SIDE, **alike) if speeds is None else torch.stack([_padded(each) for each in speeds])

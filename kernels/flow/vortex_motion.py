@@ -30,7 +30,7 @@ rows4 = ti.types.ndarray(dtype=vec4, ndim=2)
 blocks_abreast = ti.types.ndarray(dtype=abreast, ndim=3)
 
 
-class Drift(Columns):
+class VortexDrift(Columns):
     """Motion of a vortex's centre, (W, V, 4)."""
 
     u: int  # velocity, m/s
@@ -40,11 +40,11 @@ class Drift(Columns):
 
 
 # A step: its time, s; ν, m²/s; numbers of `Pattern`, with the speed of columns; L and centre of `Eddies`, m; and the
-# number of steps from one renewal of a world's `Drift` to the next.
+# number of steps from one renewal of a world's `VortexDrift` to the next.
 Step = ti.types.struct(
     dt=ti.f32, viscosity=ti.f32, scale=ti.f32, share=ti.f32, period=ti.f32, middle=vec2, renewal=ti.i32
 )
-# Rows of the workspace: vortices with δ², what `carry` finds, where centres are, and their `Drift`.
+# Rows of the workspace: vortices with δ², what `carry` finds, where centres are, and their `VortexDrift`.
 Work = columns(
     *("x", "y", "Gamma", "width2", "u", "v"),
     *("start_x", "start_y", "drift_u", "drift_v", "u_rate", "v_rate"),
@@ -77,7 +77,7 @@ def gathered(vortex: ti.template(), due: ti.template(), first: ti.i32, v: ti.i32
 
 @func
 def scatter(drift: ti.template(), due: ti.template(), first: ti.i32, v: ti.i32, work: ti.template(), b: ti.i32):
-    """Write the `Drift` that is found for what `gathered` reads."""
+    """Write the `VortexDrift` that is found for what `gathered` reads."""
     rows = [work[b, Work.drift_u + column, v] for column in ti.static(range(4))]
     for n in ti.static(range(ABREAST)):
         drift[due[ti.min(first + n, due[0])], v] = vec4([rows[column][n] for column in ti.static(range(4))])
@@ -159,9 +159,9 @@ def advance(work: ti.template(), b: ti.i32, stage: ti.i32, step: ti.template()):
 
 @func
 def moved(vortex, drift, step: ti.template(), repeats: ti.template()):
-    """A vortex and its `Drift` after a step, in which its centre moves and its core spreads."""
+    """A vortex and its `VortexDrift` after a step, in which its centre moves and its core spreads."""
     for axis in ti.static(range(2)):
-        gained = step.dt * drift[Drift.u_rate + axis]
+        gained = step.dt * drift[VortexDrift.u_rate + axis]
         place = vortex[axis] + step.dt * (drift[axis] + 0.5 * gained)
         vortex[axis] = within(place, step.middle[axis], step.period, step.scale, repeats)
         drift[axis] += gained
@@ -207,7 +207,7 @@ def _evolve_abreast(
     """`_evolve` of centres that carry one another, ABREAST worlds side by side, bit for bit.
 
     Args:
-        due: (W + 1,) number and indices of the worlds whose `Drift` is renewed; workspace.
+        due: (W + 1,) number and indices of the worlds whose `VortexDrift` is renewed; workspace.
     """
     due[0] = 0
     ti.loop_config(serialize=True)
@@ -281,7 +281,7 @@ def _evolve_each(
                     slopes = ti.Vector([velocity[stage, w, i, axis] for stage in ti.static(range(STAGES))])
                     rate = slopes.dot(ti.Vector([-5.0, 2.0, 2.0, 1.0])) / (3.0 * step.dt * step.renewal)
                     drift[w, i, axis] = slopes[0]
-                    drift[w, i, Drift.u_rate + axis] = rate
+                    drift[w, i, VortexDrift.u_rate + axis] = rate
         before = vec4([vortex[w, i, column] for column in ti.static(range(4))])
         drifts = vec4([drift[w, i, column] for column in ti.static(range(4))])
         after, drifts = moved(before, drifts, step, repeats)
@@ -314,7 +314,7 @@ def evolution(
         viscosity: ν ≥ 0, m²/s.
         mutual: whether the centres move.
         eddies: their period and the speed of their columns.
-        drift: (W, V, 4) float32, columns `Drift`, with the vortices all that decides their future; default: kept here.
+        drift: (W, V, 4) float32, columns `VortexDrift`; with the vortices it decides their future. Default: kept here.
         clock: (W, 2) int32, in column 1 the steps that each world's vortices have made; default: counted here.
     """
     if drift is None:

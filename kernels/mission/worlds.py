@@ -13,7 +13,7 @@ from taichi.lang import impl
 
 from usvauv.kernels import random
 from usvauv.kernels.flow.vortex import Vortex
-from usvauv.kernels.flow.vortex_motion import Drift
+from usvauv.kernels.flow.vortex_motion import VortexDrift
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission.columns import (
     AuvColumn,
@@ -151,7 +151,7 @@ class Array(NamedTuple):
 ANYWHERE = Range(-1e12, 1e12)
 TRACK = tracker.COLUMNS * (Range(-1e25, 1e25),)
 HULL = (Range(-1e6, 1e6),) * len(HullColumn.names)
-DRIFT = (Range(-1e6, 1e6),) * len(Drift.names)
+DRIFT = (Range(-1e6, 1e6),) * len(VortexDrift.names)
 VORTEX = ANYWHERE, ANYWHERE, Range(-1e5, 1e5), Range(0.0, 1e6)
 
 # Nothing changes these while worlds run.
@@ -179,7 +179,7 @@ STATE = {
     "body": Array("WK", "vehicles with dynamics", BodyColumn, whose="the body of AUV"),
     "node": Array("WM", "nodes or stations", NodeColumn, whose="node"),
     "vortex": Array("WV", "vortices of the water", Vortex, whose="vortex", column_ranges=VORTEX),
-    "drift": Array("WV", "motion of their centres", Drift, whose="the drift of vortex", column_ranges=DRIFT),
+    "drift": Array("WV", "motion of their centres", VortexDrift, whose="the drift of vortex", column_ranges=DRIFT),
     "boat": Array("WB", "boats", BoatColumn, whose="boat"),
     "hull": Array("WB", "boats' hulls", HullColumn, whose="the hull of boat", column_ranges=HULL),
     "tally": Array("W", "the channel, and counts of the last step", TallyColumn),
