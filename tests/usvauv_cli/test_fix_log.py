@@ -251,6 +251,19 @@ class TestBoat:
         )
         assert np.ptp(log.fixes[0].places, axis=0) == pytest.approx([0, 0], abs=0.1)
 
+    def test_headings_keep_their_time_where_fixes_are_logged_late(self, read):
+        """The boat turns by 3° a second, and a fix is logged two seconds after it is made."""
+        log = read(
+            line
+            for i in range(2, 60)
+            for line in [
+                gga(at(i)),
+                *(signed(f"HEHDT,{3 * (i + part):.2f},T") for part in (0.25, 0.5)),
+                hipap(at(i - 2), *turned(40, 20, 3 * (i - 2)), up="H"),
+            ]
+        )
+        assert abs(log.fixes[0].places[2:] - [120, 140]).max() < 0.1
+
     @pytest.mark.parametrize(
         ("lines", "left_out"),
         [

@@ -291,14 +291,17 @@ class _Lines:
             if self.boats:
                 self.lag = max(self.lag, self.boats[-1][1].time - said.said)
 
+    def _between(self, line: int) -> tuple[float, float]:
+        """Times of the positions logged before and after a line, in order; ±∞ where there is none."""
+        i = bisect(self.boats, line, key=lambda boat: boat[0])
+        times = [boat.time for _, boat in self.boats[max(i - 1, 0) : i + 1]]
+        return (min(times) if i else -math.inf, max(times) if i < len(self.boats) else math.inf)
+
     def shift(self) -> float:
         """By how much the times of fixes are not between those of the positions logged before and after, median, s."""
-        lines, times = [k for k, _ in self.boats], [boat.time for _, boat in self.boats]
-        between = [(fix.time, bisect(lines, k)) for k, fix in self.relative if fix.said is None]
+        between = [(fix.time, *self._between(k)) for k, fix in self.relative if fix.said is None]
         shifts = [
-            max(min(times[i - 1 : i + 1]) - time, time - max(times[i - 1 : i + 1]), 0.0)
-            for time, i in between
-            if 0 < i < len(lines)
+            max(low - time, time - high, 0.0) for time, low, high in between if -math.inf < low and high < math.inf
         ]
         return float(np.median(shifts)) if shifts else 0.0
 
@@ -316,7 +319,10 @@ class _Lines:
             return way, None
         lines, angles = zip(*self.headings, strict=True)
         timed = [(k, boat.time) for k, boat in self.boats]
-        timed += [(k, fix.time) for k, fix in self.relative if fix.said is None]
+        for k, fix in self.relative:  # a fix is logged some time after it is made, and then says nothing of its line
+            low, high = self._between(k)
+            if fix.said is None and low <= fix.time <= high:
+                timed.append((k, fix.time))
         when = np.interp(lines, *np.array(sorted(timed)).T)
         turned = np.unwrap([heading.angle for heading in angles])[:, None]
         order = np.argsort(when, kind="stable")
