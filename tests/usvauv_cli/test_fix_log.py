@@ -205,6 +205,20 @@ class TestTables:
         assert [fixes.name for fixes in log.fixes] == names
         assert read("time,auv,x,y,depth\n1,Gr\xf6n\x8a,2,3,9".encode("latin-1")).fixes[0].name == "GrönŠ"
 
+    @pytest.mark.parametrize("log", ["table", "sentences"])
+    def test_a_fix_that_is_logged_again_changes_nothing(self, read, log):
+        """As by two ports, or in a file that is there twice: beside its copy a fix has no scatter."""
+        places = np.random.default_rng(0).normal([40, 20], 0.5, (30, 2)).round(3)
+        if log == "table":
+            lines = [f"{i},a,{x},{y},40" for i, (x, y) in enumerate(places)]
+        else:
+            lines = [hipap(at(i), x, y) for i, (x, y) in enumerate(places)]
+        first = ["time,auv,x,y,depth"] if log == "table" else [gga(at(i)) for i in (0, 10, 20, 30) for _ in (0, 1)]
+        once, again = read([*first, *lines]), read([*first, *(line for line in lines for _ in (0, 1)), *lines])
+        assert estimate(again.fixes[0]) == estimate(once.fixes[0])
+        assert estimate(once.fixes[0]).noise == pytest.approx(0.7, abs=0.2)
+        assert (once.left_out, again.left_out) == ({}, {"logged again": 60})
+
     def test_a_row_without_its_last_column_is_no_auv_more(self, read):
         log = read(["time,x,y,depth,auv", "1,50,60,40,a", "2,50,60,40", f"3,50,60,40,{'b' * 140_000}"])
         assert [fixes.name for fixes in log.fixes] == ["a"]

@@ -115,6 +115,7 @@ def read_log(path: Path, scenario: Scenario, beacons: Sequence[str] = ()) -> Log
     try:
         lines = _lines(path)
         contents = read_table(lines) or ship_log.read(lines)
+        _leave_out_repeated(contents)
         by_name = _of_auvs(contents, beacons)
         scenario = _placed([fix for own in by_name.values() for fix in own], scenario)
         frame = Site(scenario).frame
@@ -153,6 +154,14 @@ def _decoded(line: bytes) -> str:
         return line.decode("utf-8")
     except UnicodeDecodeError:
         return line.decode("cp1252", errors="replace")
+
+
+def _leave_out_repeated(contents: Contents) -> None:
+    """Keep one of fixes that are the same, as in a log of two ports: beside its copy a fix seems to have no error."""
+    once = {(fix.name, fix.time, fix.depth, fix.offset, fix.origin): fix for fix in contents.fixes}
+    if repeated := len(contents.fixes) - len(once):
+        contents.left_out["logged again"] += repeated
+    contents.fixes = list(once.values())
 
 
 def _of_auvs(contents: Contents, beacons: Sequence[str]) -> dict[str, list[Fix]]:
