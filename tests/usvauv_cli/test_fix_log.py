@@ -341,6 +341,14 @@ class TestBeacons:
         log = read([gga("143700"), *(hipap(f"14370{i}", 0.3, 0.2, 45) for i in range(5))])
         assert len(log.fixes[0].time) == 5
 
+    @pytest.mark.parametrize("order", [1, -1], ids=["oldest first", "newest first"])
+    def test_where_an_auv_is_last_decides(self, read, order):
+        depths = {"dives": range(0, 60, 5), "comes up": range(55, -1, -5)}
+        rows = [f"{i},{name},50,60,{max(z - 30, 0)}" for name, way in depths.items() for i, z in enumerate(way)]
+        log = read(["time,auv,x,y,depth", *rows[::order]])
+        assert [fixes.name for fixes in log.fixes] == ["dives"]
+        assert log.left_out == {"'comes up', at the surface, depth 0.0 m": 12}
+
     def test_beacons_are_picked(self, read):
         rows = ["time,auv,x,y,depth", *(f"{i},M{k:02d},{50 + k},60,{k}" for k in range(20) for i in range(3))]
         with pytest.raises(UserError, match=r"19 beacons, at most 16 .* --beacon NAME.*'M00' \(3\), 'M01' \(3\)"):

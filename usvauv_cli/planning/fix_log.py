@@ -193,12 +193,14 @@ def _of_auvs(contents: Contents, beacons: Sequence[str]) -> dict[str, list[Fix]]
 
 def _no_auv(own: Sequence[Fix]) -> str:
     """Why a beacon is no AUV under water, "" if it is one."""
-    depth = float(np.median([fix.depth for fix in own[-LAST:]]))
-    if own[-1].ship or SHIP.search(own[-1].name):
+    order = np.argsort(_unwrapped(np.array([fix.time for fix in own])), kind="stable")
+    last = [own[i] for i in order[-LAST:]]
+    depth = float(np.median([fix.depth for fix in last]))
+    if last[-1].ship or SHIP.search(last[-1].name):
         return "the ship"
     if depth < SURFACE:
         return f"{'at' if depth > -SURFACE else 'above'} the surface, depth {depth:.1f} m"
-    if depth < DRAUGHT and np.median([fix.from_boat for fix in own[-LAST:]]) < BESIDE:
+    if depth < DRAUGHT and np.median([fix.from_boat for fix in last]) < BESIDE:
         return f"at the boat, depth {depth:.1f} m"
     return ""
 
