@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -55,6 +56,18 @@ class Standardizer:
         return ((features - self.mean) / self.deviation).clamp(-CLIP, CLIP)
 
 
+class _Passes(threading.local):
+    """Kernels that act, with memory of their own in each thread.
+
+    Attributes:
+        made: None: there are none.
+        shape: of the observations that they take.
+    """
+
+    made: Passes | None = None
+    shape: torch.Size | None = None
+
+
 class LearnedPolicy(Policy):
     """Actors, one for each AUV or a shared one, behind a frame; deterministic.
 
@@ -85,8 +98,12 @@ class LearnedPolicy(Policy):
         self.shared = shared
         self.about = about
         self.any_team = shared and self.frame.any_team
-        self._passes: Passes | None = None
-        self._acted_on: torch.Size | None = None  # shape of the observations that `_passes` take
+        self._passes = _Passes()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A copy, also by `pickle` in another process, is made anew, as kernels and their memory cannot be copied."""
+        made_of = self.name, self.scenario, self.frame_name, self.standardizer, self.actor, self.shared
+        return type(self), (*made_of, dict(self.about))
 
     def for_scenario(self, scenario: Scenario) -> LearnedPolicy:
         """The same actors in another scenario.
@@ -111,18 +128,24 @@ class LearnedPolicy(Policy):
         )
 
     def act(self, observation: Tensor) -> Tensor:
-        if self._acted_on != observation.shape:
-            with FRAMES.calling(self.frame_name):
-                statistics = self.standardizer.mean, self.standardizer.deviation
-                self._passes = self.frame.passes(len(observation), *statistics, self.shared)
-            self._acted_on = observation.shape
-        if (passes := self._passes) is None:
+        own = self._passes
+        if own.shape != observation.shape:
+            own.made, own.shape = self._passes_for(observation.shape), observation.shape
+        if (passes := own.made) is None:
             return by_pieces(self.actions, observation)
-        passes.observation.copy_(observation)
+        passes.observation.copy_(observation.detach())
         passes.encode()
         passes.action.copy_(in_pieces(self.actor, 1, observation.shape[:2].numel(), passes.features))
         passes.steer()
         return passes.command.clone()
+
+    def _passes_for(self, shape: torch.Size) -> Passes | None:
+        """Kernels for observations of a shape; None: there are none, as for some AUVs of a team alone."""
+        if shape[1:] != (self.scenario.auv.count, self.frame.layout.size):
+            return None
+        # Memory that is made in torch's inference mode could not be written outside it.
+        with FRAMES.calling(self.frame_name), torch.inference_mode(False):
+            return self.frame.passes(shape[0], self.standardizer.mean, self.standardizer.deviation, self.shared)
 
     def actions(self, observation: Tensor) -> Tensor:
         """The same of all worlds at once, with gradients."""

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 import re
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 import torch
@@ -25,6 +28,42 @@ def test_actions_of_many_worlds_are_those_of_each(name, monkeypatch):
     monkeypatch.setattr(policy_base, "LARGEST_PIECE", 1 << 30)
     torch.testing.assert_close(divided, policy.act(observation), rtol=0, atol=0)
     assert divided.shape == (2100, 2, 2)
+
+
+class TestActing:
+    """A learned policy acts as its network says, wherever and however often; on a CPU its kernels have memory."""
+
+    def policy(self, name="sac-extreme"):
+        """One that has acted, in torch's inference mode."""
+        world = ToyWorld(Scenario.load("extreme"), 3)
+        policy, observation = policies.load(name, world), torch.rand((3, 2, world.observation_size), generator=seeded())
+        with torch.inference_mode():
+            policy.act(observation)
+        return policy, observation
+
+    def test_after_another_mode_in_copies_and_for_other_sizes(self):
+        policy, observation = self.policy()
+        copies = [policy, copy.deepcopy(policy), pickle.loads(pickle.dumps(policy))]
+        for each in copies:
+            for seen in (observation, observation[:1], observation[:, :1]):  # of one world, and one AUV of each
+                torch.testing.assert_close(each.act(seen), policy.actions(seen), rtol=0, atol=1e-5)
+
+    def test_a_policy_of_the_passing_frame_can_be_copied(self):
+        world = ToyWorld(Scenario.load("extreme-torpedo"), 3)
+        policy = policies.load("ppo-extreme-torpedo", world)
+        observation = torch.rand((3, 2, world.observation_size), generator=seeded())
+        torch.testing.assert_close(copy.deepcopy(policy).act(observation), policy.act(observation), rtol=0, atol=0)
+
+    def test_in_several_threads_at_once(self):
+        policy, observation = self.policy()
+        seen = [observation, observation.flip(0)]
+        wanted = [policy.actions(each).detach() for each in seen]
+
+        def off(index):
+            return max((policy.act(seen[index]) - wanted[index]).abs().max().item() for _ in range(1000))
+
+        with ThreadPoolExecutor(2) as pool:
+            assert max(pool.map(off, range(2))) < 1e-5
 
 
 class TestFace:
