@@ -205,3 +205,15 @@ def test_a_copy_of_a_world_goes_on_as_it_does(copied, options):
         assert torch.equal(mine.observation, others.observation)
         assert torch.equal(mine.reward, others.reward)
         assert all(torch.equal(mine.info[part], others.info[part]) for part in mine.info)
+
+
+def test_a_world_goes_on_outside_of_torchs_inference_mode():
+    """What is made within it cannot be written outside it: arrays of a new world, and seas of a new episode."""
+    with torch.inference_mode():
+        world = World(Scenario.load("extreme"), 2)
+        world.reset()
+        world.step(torch.zeros(2, world.num_auvs, 2))
+        world.reset()
+    world.step(torch.zeros(2, world.num_auvs, 2))
+    world.reset()
+    world.step(torch.zeros(2, world.num_auvs, 2))

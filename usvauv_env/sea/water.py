@@ -244,6 +244,7 @@ class WorldWater:
         self.stream = torch.from_numpy(still if self._flow is None else self._flow.at(0.0)).to(device)
         self.begin(0)
 
+    @torch.inference_mode(False)  # what is made within torch's inference mode could not be written outside it
     def begin(self, episode: int) -> None:
         """Start the seas of an episode; all worlds that share one sail on it from the same moment."""
         seas, scenario = self.seas_of(episode), self._site.scenario

@@ -157,6 +157,7 @@ class World:
     reward_terms: torch.Tensor
 
     @runtime.alone()
+    @torch.inference_mode(False)  # what is made within torch's inference mode could not be written outside it
     def __init__(
         self,
         scenario: Scenario | str | Path,
