@@ -467,7 +467,10 @@ def plan(worlds: ti.template(), w, b) -> vec2:
 
 @func
 def go(worlds: ti.template(), w, b) -> vec2:
-    """Boat b's goal: that of the last plan, until a new one is due; without an AUV it stays where it is, m."""
+    """Plans visits to its AUVs that keep them certain of their own positions, by rollouts of five minutes.
+
+    The goal, m, is that of the last plan, until a new one is due. Without an AUV the boat stays where it is.
+    """
     goal = boat_motion.boat_place(worlds, w, b)
     if boat_motion.num_served(worlds, w, b) > 0:
         goal = aim(worlds, w, b)

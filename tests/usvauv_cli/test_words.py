@@ -68,6 +68,7 @@ class TestLists:
         rows = listed(text)
         assert {name.partition(":")[0].partition("[")[0] for name in rows} - {"PATH", "MODULE"} == set(names)
         assert all(len(about.split()) > 3 and about.endswith(".") for about in rows.values())
+        assert not any(re.search(r"\b[bkw]\b", about) for about in rows.values())  # a name in a kernel is no word
         for name, part in parts.items():
             assert part in rows[name]
 
