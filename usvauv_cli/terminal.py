@@ -10,6 +10,10 @@ import textwrap
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 WIDTH = 80
 UNLIMITED = 100_000
@@ -23,6 +27,11 @@ def width() -> int:
 
     console = Console()
     return console.width if console.is_terminal else WIDTH
+
+
+def redraws(console: Console) -> bool:
+    """Whether text can be drawn over: it goes to a terminal, and not to a dumb one, where rich shows nothing of it."""
+    return console.is_terminal and not console.is_dumb_terminal
 
 
 def wrapped(text: str, indent: int = 0) -> str:
@@ -61,7 +70,7 @@ def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]], names: i
     from rich.table import Table
 
     limit = limit or width()
-    console = Console(width=UNLIMITED, markup=False, emoji=False)
+    console = Console(width=UNLIMITED, height=1, markup=False, emoji=False)  # without a height a dumb one has a width
 
     def part(places: Sequence[int]) -> Table:
         table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0), show_edge=False)
@@ -88,9 +97,9 @@ def progress(description: str, total: int) -> Iterator[Callable[..., None]]:
     """Show the progress of long work and the time left; the function it gives takes the number of units just done,
     and lines that say how things stand, which replace those before.
 
-    A terminal gets a bar that is removed at the end, below the lines; a file or pipe gets a line every `LINE_EVERY`
-    seconds, and below it the lines if they are new; work shorter than `SHOW_AFTER` shows nothing. All of it goes to
-    standard error.
+    A terminal gets a bar that is removed at the end, below the lines; a file, a pipe or a dumb terminal gets a line
+    every `LINE_EVERY` seconds, and below it the lines if they are new; work shorter than `SHOW_AFTER` shows nothing.
+    All of it goes to standard error.
     """
     from rich.console import Console, Group
     from rich.live import Live
@@ -100,7 +109,7 @@ def progress(description: str, total: int) -> Iterator[Callable[..., None]]:
     console = Console(file=sys.stderr)
     begun = time.monotonic()
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    bar = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+    bar = Progress(*columns, console=console, transient=True, disable=not redraws(console))
     task = bar.add_task(description, total=total)
     done, shown, first, started = 0, begun + SHOW_AFTER - LINE_EVERY, 0, 0.0
     said: list[str] = []
@@ -122,7 +131,7 @@ def progress(description: str, total: int) -> Iterator[Callable[..., None]]:
         bar.update(task, advance=units)
         if now - begun < SHOW_AFTER:
             return
-        if console.is_terminal:
+        if redraws(console):
             live.start()
         elif now - shown >= LINE_EVERY and first < done < total:
             shown = now

@@ -7,6 +7,7 @@ import pytest
 import torch
 from rich.console import Console
 
+from usvauv.cli import terminal
 from usvauv.cli.commands import training_table
 from usvauv.cli.evaluation.comparison import Comparison
 from usvauv.cli.evaluation.tables import COLUMNS as HEADED
@@ -73,6 +74,21 @@ def test_wide_tables_have_every_figure_of_the_task(capsys):
     assert differences.count(f"\n{LONG[1]} ") == 3
     shown = (re.split("  +", line.strip())[1:] for line in means.splitlines() if line.startswith("policy "))
     assert len([heading for line in shown for heading in line]) == len(HEADED) - len(OF_STATIONS)
+
+
+def test_a_dumb_terminal_has_whole_numbers_and_lines_of_progress(capsys, monkeypatch):
+    monkeypatch.setattr(terminal, "SHOW_AFTER", 0.0)
+    monkeypatch.setenv("TERM", "dumb")
+    monkeypatch.setenv("FORCE_COLOR", "1")  # the tests' output is taken for a terminal
+    tables_of(episodes(LONG, ["fim"], ["tour"]), "extreme-torpedo", wide=True)
+    with terminal.progress("simulating", 3) as advance:
+        advance(1)
+        monkeypatch.setattr(terminal, "LINE_EVERY", 0.0)
+        advance(1)
+    text, progress = capsys.readouterr()
+    assert max(map(len, text.splitlines())) > 80
+    assert "…" not in text.replace("/", "")
+    assert progress.startswith("simulating: 67%, ")
 
 
 @pytest.mark.parametrize("algorithm", ["sac", "td3", "ddpg"])

@@ -16,7 +16,7 @@ from rich.table import Table
 
 from usvauv.cli import terminal
 from usvauv.cli.evaluation.comparison import Estimate, interval, words
-from usvauv.cli.terminal import LINE_EVERY, counted, duration
+from usvauv.cli.terminal import LINE_EVERY, counted, duration, redraws
 
 
 def mean_of(several: Sequence[Mapping]) -> dict:
@@ -49,7 +49,7 @@ def training(baseline: dict, algorithm: str, scenario: str) -> Iterator[Callable
     """Show a training run as a live table, outside a terminal as lines; the function it gives takes new figures."""
     console = Console(markup=False, emoji=False)
     title = f"{algorithm} in {scenario}"
-    if console.is_terminal:
+    if redraws(console):
         with Live(console=console, refresh_per_second=4) as live:
             yield lambda figures: live.update(training_table(figures, baseline, title))
         return
