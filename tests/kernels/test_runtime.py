@@ -240,3 +240,7 @@ def test_damaged_files_of_kernels_are_set_aside_and_made_anew(tmp_path):
     assert [line for line in done.stdout.splitlines() if line[:1] == "["][-13:] == 13 * ["[2.0, 2.0, 2.0] True 1"]
     said = [line for line in done.stderr.splitlines() if line.startswith("usvauv: compiled kernels in ")]
     assert len(said) == 11, done.stderr
+
+
+def test_it_can_be_imported_where_all_warnings_are_errors():
+    assert in_a_child("import usvauv.kernels, taichi; print('imported')", PYTHONWARNINGS="error") == (["imported"], [])
