@@ -119,7 +119,7 @@ def _escaped(found: re.Match[str]) -> str:
 
 def attempt(arch: str) -> dict[str, Any]:
     """A few mission steps of `extreme` in a process of its own, because Taichi starts one architecture a process."""
-    command = [sys.executable, "-c", TRIAL, arch, str(STEPS)]
+    command = [sys.executable, "-P", "-c", TRIAL, arch, str(STEPS)]  # -P: files of this folder are no modules of it
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=LIMIT)
     except subprocess.TimeoutExpired:
