@@ -10,6 +10,7 @@ from usvauv.env import Scenario
 from usvauv.env.world import regime
 
 POOL = ["sea.forced_edge=east", "sea.irregular_rms=2", "sea.forcing=elevation", "sea.radiating_edges=[]"]
+DEEP = ["area.depth=6000", "auv.depth=5900"]
 SOUND = ["nodes.frequency=20000", "nodes.bandwidth=10000"]
 
 
@@ -87,6 +88,9 @@ def test_a_study_warns_once_for_all_its_runs(run_usvauv, tmp_path, monkeypatch):
         ([*SOUND, "nodes.rate_law=shannon"], "nodes.rate_law", "warning"),
         (["nodes.rate_law=optical", "nodes.attenuation=50"], "nodes.rate_law", "error"),
         (["acoustics.source_level=90"], "acoustics.source_level", "error"),
+        # At 60 kHz the sea is quieter than at 12 kHz, and absorption silences one of the two AUVs.
+        ([*DEEP, "usbl.carriers=[12000,60000]"], "acoustics.source_level", "warning"),
+        ([*DEEP, "usbl.carriers=[60000,60000]"], "acoustics.source_level", "error"),
     ],
 )
 def test_what_does_not_occur(settings, field, verdict):

@@ -132,15 +132,15 @@ def _currents(site: Site) -> Iterator[Finding]:
 
 
 def _replies(site: Site) -> Finding:
-    links = tables.link_table(site).astype(float)
-    link = links[links[:, acoustic_link.RATIO_AT_1M].argmin()]
-    distance, depth = np.geomspace(1.0, 1e5, 2000), site.scenario.auv.depth
-    loss = link[acoustic_link.SPREADING] * np.log10(distance) + link[acoustic_link.ABSORPTION] * distance / 1e3
-    ratio = link[acoustic_link.RATIO_AT_1M] - link[acoustic_link.PATHS] * (loss + link[acoustic_link.BUBBLES])
-    least = 10 * math.log10(max(link[acoustic_link.THRESHOLD] / 8 - 1, 1e-9))
-    reach = float(distance[ratio >= least].max(initial=0.0))
+    distance, depth, reaches = np.geomspace(1.0, 1e5, 2000), site.scenario.auv.depth, []
+    for link in tables.link_table(site).astype(float):
+        loss = link[acoustic_link.SPREADING] * np.log10(distance) + link[acoustic_link.ABSORPTION] * distance / 1e3
+        ratio = link[acoustic_link.RATIO_AT_1M] - link[acoustic_link.PATHS] * (loss + link[acoustic_link.BUBBLES])
+        least = 10 * math.log10(max(link[acoustic_link.THRESHOLD] / 8 - 1, 1e-9))
+        reaches.append(float(distance[ratio >= least].max(initial=0.0)))
+    reach = min(reaches)
     agreed = site.scenario.acoustics.noise_law == "demonstration"
-    verdict = "convention" if agreed else _judge(reach < depth, "error")
+    verdict = "convention" if agreed else _judge(reach < depth, "error" if max(reaches) < depth else "warning")
     limit = f"the AUVs' depth, {depth:g} m, at least"
     return Finding("replies can be decoded up to", f"{reach:.3g} m", limit, verdict, "acoustics.source_level")
 
