@@ -14,7 +14,7 @@ from time import perf_counter
 from benchmarks.machine import command_line, describe, parse, show
 from usvauv.env import Scenario, World
 from usvauv.policies import Trainer, TrainingConfig
-from usvauv.policies.training.trainer import WINDOW
+from usvauv.policies.training.batched_runs import WINDOW
 
 SIZES = ((128, 512), (256, 256), (1024, 4096), (8192, 16384))  # worlds, and transitions of each AUV in an update
 

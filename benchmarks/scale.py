@@ -34,6 +34,7 @@ from usvauv.env import Scenario, World
 from usvauv.kernels import runtime
 from usvauv.kernels.errors import UserError
 from usvauv.policies import TrainingConfig
+from usvauv.policies.training.batched_runs import BatchedRuns
 from usvauv.policies.training.figures import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
 from usvauv.policies.training.trainer import EVALUATIONS
 
@@ -113,7 +114,7 @@ def costs() -> Costs:
 
         policy, optimisers = trainer.policy(), trainer.learner.optimisers.values()
         with ThreadPoolExecutor(1) as pool:
-            together = best_time(lambda: trainer._advance(pool, STEPS))
+            together = best_time(partial(BatchedRuns([trainer]).advance, pool, STEPS))
         return Costs(
             start=min(child(IMPORTS)[0] for _ in range(3)),
             compiling=float(child(FIRST_STEP, TI_OFFLINE_CACHE_FILE_PATH=str(Path(folder, "cache")))[1]),

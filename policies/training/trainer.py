@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict
 from hashlib import blake2b
@@ -15,34 +13,22 @@ from torch import Tensor
 
 from usvauv.kernels.interruption import Stop, stoppable
 from usvauv.policies import checkpoint
-from usvauv.policies.algorithms import ALGORITHMS, Batch, Learner
 from usvauv.policies.checkpoint import BEST, ENDING, POLICY, TENSORBOARD
 from usvauv.policies.config import TrainingConfig
-from usvauv.policies.cuda_graph import Recorded
-from usvauv.policies.frames import FRAMES
 from usvauv.policies.learned import LearnedPolicy, Standardizer
-from usvauv.policies.policy import PolicyError, by_component
-from usvauv.policies.training.exploration import TrainingWorld, explore
+from usvauv.policies.policy import PolicyError
+from usvauv.policies.training.batched_runs import train_together
+from usvauv.policies.training.exploration import TrainingWorld
 from usvauv.policies.training.figures import LOGS, Meter, scalar_writer, wandb_writer
 from usvauv.policies.training.ranks import ALONE, Ranks
 from usvauv.policies.training.saved_run import SavedRun
 
 TINY = 1e-6
-WINDOW = 100  # steps of all worlds between two reports
 GAIN_RATE = 0.002  # step size of the running mean of the reward, for each step of all worlds
 EVALUATIONS = 10  # evaluations in a run by default
 
 Evaluate = Callable[[LearnedPolicy], Mapping[str, float]]
 Callback = Callable[[dict[str, Any]], None]
-
-
-def learn(learner: Learner, name: str, batch: Batch) -> dict[str, Tensor]:
-    """One update of a learner of the algorithm of that name; the figures to show, one number each."""
-    with ALGORITHMS.calling(name):
-        losses = learner.learn(batch)
-    if not all(isinstance(value, Tensor) and value.numel() == 1 for value in losses.values()):
-        raise ALGORITHMS.refuse(name, losses, "one number for each name")
-    return losses
 
 
 class Trainer(SavedRun):
@@ -100,8 +86,6 @@ class Trainer(SavedRun):
         self.evaluate = evaluate
         self.evaluations = evaluations
         self.meter = Meter(world)
-        self._encode = Recorded.on(self.generator, self._features)
-        self._choose = Recorded.on(self.generator, self._explore)
         self.stopped = False
         self.interruption = Stop()
 
@@ -119,28 +103,19 @@ class Trainer(SavedRun):
             PolicyError: the weights of the ranks are no longer equal.
         """
         self.begin()
-        begun, seconds_before, steps_before = time.perf_counter(), self.seconds, self.steps
-        figures: dict[str, Any] = {}
-        self.stopped = stopped = False
+        last: dict[str, Any] = {}
+        self.stopped = False
         asked = stoppable(self.stop, patient=self.ranks.count > 1)  # torchrun passes on what a terminal sends to all
-        with self.writer() as write, asked as self.interruption, ThreadPoolExecutor(1) as pool:
-            while self.steps < steps and not stopped:
-                self._advance(pool, steps)
-                stopped, done = self._asked_to_stop(), self.steps >= steps
-                due = self.evaluation_due(steps)
-                if due:  # also when stopped, because a resumed run begins after this step
-                    self.evaluate_now()
-                if due or done or stopped or self.meter.rows == WINDOW:
-                    elapsed = time.perf_counter() - begun
-                    self.seconds = seconds_before + elapsed
-                    figures = self.report(steps, (self.steps - steps_before) / elapsed)
-                    if self.ranks.leads:
-                        write(figures)
-                        callback(figures)
-                    stopped = self._asked_to_stop()
-                if self.directory is not None and (due or done or stopped):
-                    self.save()
-        return figures
+        with self.writer() as write, asked as self.interruption:
+
+            def show(figures: list[dict[str, Any]]) -> None:
+                last.update(figures[0])
+                if self.ranks.leads:
+                    write(figures[0])
+                    callback(figures[0])
+
+            train_together([self], steps, steps, self._asked_to_stop, show)
+        return last
 
     def begin(self) -> None:
         """Begin a run that has not begun: reset the worlds, evaluate the untrained policy."""
@@ -204,47 +179,6 @@ class Trainer(SavedRun):
         """Evaluations that belong to a run of `total` world-steps by the time `steps` are done."""
         return (self.steps if steps is None else steps) * self.evaluations // total
 
-    def _advance(self, pool: ThreadPoolExecutor, total: int) -> None:
-        """One step of all worlds, of `total` world-steps in the run, and the updates that go with it."""
-        config, world = self.config, self.world
-        deciding = self.deciding
-        features = self._encode(self.observation)["features"] if deciding else self.replay.newest
-        learning = self.learning
-        if learning and self.learner.updates == 0:
-            features = self.standardize(features)
-        if learning:
-            self.learner.set_learning_rate(self.rate_share(total))
-            if config.on_policy:
-                batch = config.batch * self.weight
-                rollout = self.replay.take(features, config.n_step, config.gamma, self.scaled_gain, batch)
-                self.meter.losses.append(learn(self.learner, config.algorithm, rollout))
-        noise = self.noise.step() if deciding else self.noise.value
-        chosen = self._choose(self.observation, features, noise)
-        action = chosen["action"]
-        step = pool.submit(world.step, chosen["command"])
-        if world.device.type == "cuda":  # which does the updates after the step, and must not see both at a recording
-            wait((step,))
-        if learning and not config.on_policy:
-            gain = self.scaled_gain
-            for _ in range(config.updates):
-                batch = self.replay.sample(
-                    config.batch // self.ranks.count, config.n_step, config.gamma, self.generator, gain
-                )
-                self.meter.losses.append(learn(self.learner, config.algorithm, batch))
-        try:
-            observation, reward, horizon_ended, _, info = step.result()
-        except ValueError:  # most likely an action that is not finite, because a weight is not
-            self.stop_if_not_finite()
-            raise
-        horizon_ended = self.renew(reward, horizon_ended, info)
-        self.replay.add(features, action, self.scale * reward, horizon_ended)
-        self.meter.add(info)
-        self.steps += config.num_worlds
-        if self.steps // config.num_worlds % world.steps == 0:  # truncated, without a look at the device
-            self.replay.finish(self._features(observation)["features"])
-            observation = world.reset()
-        self.observation = observation.clone()
-
     @property
     def deciding(self) -> bool:
         """Whether the next step takes a new action; on-policy algorithms hold each, as its features and noise."""
@@ -269,17 +203,6 @@ class Trainer(SavedRun):
         (mean,) = self.ranks.mean([reward.mean().double()], self.weight)
         self._gain += GAIN_RATE * (mean - self._gain)
         return horizon_ended | (info["measures"][..., self.world.measure_names.index("service_rate")] > 0)
-
-    def _features(self, observation: Tensor) -> dict[str, Tensor]:
-        with FRAMES.calling(self.config.frame):
-            features = self.frame.encode(by_component(observation))
-        return {"features": self.standardizer(features).contiguous()}
-
-    def _explore(self, observation: Tensor, features: Tensor, noise: Tensor) -> dict[str, Tensor]:
-        """The network's exploring action (W, K, A), and the world's command for it."""
-        action = explore(self.learner, self.config, features, noise)
-        with FRAMES.calling(self.config.frame):
-            return {"action": action, "command": self.frame.decode(by_component(observation), action)}
 
     def standardize(self, features: Tensor) -> Tensor:
         """Take the statistics of features and reward from the replay, once before the first update; rescale the replay

@@ -70,15 +70,15 @@ def work(folder: Path, ranks: Ranks) -> dict[str, Any]:
     found["generator"] = whole.generator.get_state()
 
     run = trainer(folder / "parts", ranks)
-    advance = run._advance
+    renew = run.renew
 
-    def advance_and_stop(pool, total):
+    def renew_and_stop(*step):
         if run.steps + WORLDS == STOP and not ranks.leads:
             for _ in range(2):  # from the terminal and from torchrun
                 signal.raise_signal(signal.SIGINT)
-        advance(pool, total)
+        return renew(*step)
 
-    run._advance = advance_and_stop
+    run.renew = renew_and_stop
     run.train(TOTAL)
     found["stopped"] = run.stopped, run.steps, run.interruption.signum
     run = trainer(folder / "parts", ranks)

@@ -270,6 +270,6 @@ def test_a_weight_that_is_not_finite_stops_the_run_and_leaves_the_checkpoint(sav
     run, last = saved
     before = last.read_bytes()
     next(run.learner.actor.parameters()).data.fill_(math.nan)
-    with pytest.raises(DivergenceError, match=r"^training: \S+ is not finite after \d+ updates[^\n]*$"):
+    with pytest.raises(DivergenceError, match=r"^seed 0: training: \S+ is not finite after \d+ updates[^\n]*$"):
         run.train(1600)
     assert last.read_bytes() == before

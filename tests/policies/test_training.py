@@ -13,6 +13,7 @@ from tests.nothing_waits import NothingWaits
 from tests.policies.toy import LEARNING, ToyWorld, mean_reward, scenario, seeded
 from usvauv.kernels.errors import UserError
 from usvauv.policies import PolicyError, Trainer, TrainingConfig
+from usvauv.policies.training.batched_runs import BatchedRuns
 
 
 class TestTraining:
@@ -213,9 +214,10 @@ def test_a_step_of_training_does_not_wait_for_the_device(monkeypatch, algorithm,
     trainer = Trainer(Still(scenario(auv={"count": 3}), 4), config)
     monkeypatch.setattr(trainer, "standardize", lambda features: features)  # waits, once in a run
     trainer.observation = trainer.world.reset().clone()
+    runs = BatchedRuns([trainer])
     with NothingWaits():
         for _ in range(12):
-            trainer._advance(Now(), 1000)
+            runs.advance(Now(), 1000)
     assert trainer.learner.updates >= 8
 
 

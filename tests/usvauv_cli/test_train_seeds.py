@@ -11,7 +11,7 @@ from tests.policies.test_seeds import same_runs
 from usvauv import policies
 from usvauv.env import Scenario, World
 from usvauv.policies import TrainingConfig, checkpoint
-from usvauv.policies.training import seeds
+from usvauv.policies.training.batched_runs import BatchedRuns
 from usvauv.policies.training.figures import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
 
 BEGIN = ["train", "ideal", "--worlds", "4", "--set", "mission.duration=12"]
@@ -54,7 +54,7 @@ def test_stopped_or_killed_they_go_on(tmp_path, run_usvauv, quick, monkeypatch):
     """To the bit after Ctrl-C; one that was not saved before a kill begins anew."""
     begin = [*BEGIN, "--steps", 80, "--seeds", 2]
     assert run_usvauv(*begin, "--out", "whole")[0] == 0
-    advance = seeds.BatchedRuns.advance
+    advance = BatchedRuns.advance
 
     def advance_and_stop(runs, pool, total):
         if runs.first.steps == 40:
@@ -62,7 +62,7 @@ def test_stopped_or_killed_they_go_on(tmp_path, run_usvauv, quick, monkeypatch):
         advance(runs, pool, total)
 
     with monkeypatch.context() as patch:
-        patch.setattr(seeds.BatchedRuns, "advance", advance_and_stop)
+        patch.setattr(BatchedRuns, "advance", advance_and_stop)
         code, shown, _ = run_usvauv(*begin, "--out", "parts")
     assert code == 130
     assert "stopped at 44 of 80 world-steps; go on with: --out parts --resume" in shown
