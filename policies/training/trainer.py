@@ -114,7 +114,8 @@ class Trainer(SavedRun):
                     write(figures[0])
                     callback(figures[0])
 
-            train_together([self], steps, steps, self._asked_to_stop, show)
+            alone: list[Any] = [self]  # pyright knows this file, and so this class, by two names
+            train_together(alone, steps, steps, self._asked_to_stop, show)
         return last
 
     def begin(self) -> None:
