@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Protocol
 
 import torch
 from torch import Tensor
@@ -18,59 +16,8 @@ from torch import Tensor
 WARM_UP = 3  # calls as they are before the recorded one, in which libraries and optimisers allocate what they keep
 
 Outputs = dict[str, Tensor]
-Function = Callable[..., Outputs]
-
-
-class Recorder(Protocol):
-    """What `Recorded` needs of a device that records."""
-
-    def run(self, function: Callable[[], Outputs]) -> Outputs:
-        """Call a function as recording will, without recording."""
-        ...
-
-    def record(self, function: Callable[[], Outputs]) -> tuple[Callable[[], None], Outputs]:
-        """Record a call without executing it; returns what executes it, and the outputs, which that overwrites."""
-        ...
-
-
-class CudaRecorder:
-    """Records with `torch.cuda.graph` on a stream of its own.
-
-    Args:
-        generators: on the device, from which recorded functions draw; each replay draws anew.
-    """
-
-    def __init__(self, *generators: torch.Generator) -> None:
-        self._generators = generators
-        self._device = generators[0].device
-        self._stream = torch.cuda.Stream(self._device)
-
-    def run(self, function: Callable[[], Outputs]) -> Outputs:
-        current = torch.cuda.current_stream(self._device)
-        self._stream.wait_stream(current)
-        with torch.cuda.stream(self._stream):
-            outputs = function()
-        current.wait_stream(self._stream)
-        return outputs
-
-    def record(self, function: Callable[[], Outputs]) -> tuple[Callable[[], None], Outputs]:
-        graph = torch.cuda.CUDAGraph()
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # later versions register generators themselves, and say so
-            for generator in self._generators:
-                graph.register_generator_state(generator)
-        with torch.cuda.graph(graph, stream=self._stream):
-            outputs = function()
-        return graph.replay, outputs
-
-
-@dataclass(frozen=True)
-class Recording:
-    """A recorded call: the tensors it reads and writes, and what executes it."""
-
-    inputs: tuple[Tensor, ...]
-    replay: Callable[[], None]
-    outputs: Outputs
+# A recorded call: the tensors it reads, what executes it, and the outputs, which that overwrites.
+Recording = tuple[tuple[Tensor, ...], Callable[[], None], Outputs]
 
 
 class Recorded:
@@ -81,19 +28,16 @@ class Recorded:
 
     Args:
         function: to call.
-        recorder: of the device; None: nothing is recorded.
+        generators: from which alone it draws, on the device of its tensors; each replay draws anew. Without any nothing
+            is recorded.
     """
 
-    def __init__(self, function: Function, recorder: Recorder | None) -> None:
+    def __init__(self, function: Callable[..., Outputs], *generators: torch.Generator) -> None:
         self._function = function
-        self._recorder = recorder
+        self._generators = generators
+        cuda = generators and generators[0].device.type == "cuda" and torch.cuda.is_available()
+        self._stream = torch.cuda.Stream(generators[0].device) if cuda else None
         self.forget()
-
-    @classmethod
-    def on(cls, generator: torch.Generator, function: Function, *others: torch.Generator) -> Recorded:
-        """A function whose tensors lie on the device of the generator; it draws from it and the others alone."""
-        cuda = generator.device.type == "cuda" and torch.cuda.is_available()
-        return cls(function, CudaRecorder(generator, *others) if cuda else None)
 
     def forget(self) -> None:
         """Record anew, after tensors that the function uses were replaced."""
@@ -102,17 +46,34 @@ class Recorded:
 
     def __call__(self, *inputs: Tensor, variant: int = 0) -> Outputs:
         """Call the function; calls of one `variant` do the same operations."""
-        if self._recorder is None:
+        if self._stream is None:
             return self._function(*inputs)
         self._calls[variant] = self._calls.get(variant, 0) + 1
         if self._calls[variant] <= WARM_UP:
-            return self._recorder.run(lambda: self._function(*inputs))
-        recording = self._recordings.get(variant)
-        if recording is None:
-            own = tuple(value.clone() for value in inputs)
-            recording = Recording(own, *self._recorder.record(lambda: self._function(*own)))
-            self._recordings[variant] = recording
-        for held, value in zip(recording.inputs, inputs, strict=True):
-            held.copy_(value)
-        recording.replay()
-        return {name: value.clone() for name, value in recording.outputs.items()}
+            return self._call_as_recorded(self._stream, *inputs)
+        if variant not in self._recordings:
+            self._recordings[variant] = self._record(self._stream, *(value.clone() for value in inputs))
+        held, replay, outputs = self._recordings[variant]
+        for own, value in zip(held, inputs, strict=True):
+            own.copy_(value)
+        replay()
+        return {name: value.clone() for name, value in outputs.items()}
+
+    def _call_as_recorded(self, stream: torch.cuda.Stream, *inputs: Tensor) -> Outputs:
+        """Call the function on the stream on which it is recorded."""
+        current = torch.cuda.current_stream(stream.device)
+        stream.wait_stream(current)
+        with torch.cuda.stream(stream):
+            outputs = self._function(*inputs)
+        current.wait_stream(stream)
+        return outputs
+
+    def _record(self, stream: torch.cuda.Stream, *inputs: Tensor) -> Recording:
+        graph = torch.cuda.CUDAGraph()
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # later versions register generators themselves, and say so
+            for generator in self._generators:
+                graph.register_generator_state(generator)
+        with torch.cuda.graph(graph, stream=stream):
+            outputs = self._function(*inputs)
+        return inputs, graph.replay, outputs

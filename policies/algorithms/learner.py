@@ -152,7 +152,7 @@ class Learner(nn.Module, Generic[Actor]):
         self.updates = 0
         self.optimisers: dict[str, Adam] = {}
         self.join: Callable[[Sequence[Tensor]], Sequence[Tensor]] | None = None
-        self._learn = Recorded.on(generator, self._update_and_average)
+        self._learn = Recorded(self._update_and_average, generator)
 
     @staticmethod
     def make_actor(sizes: Sizes, config: Settings, generator: torch.Generator) -> Actor:
@@ -175,7 +175,7 @@ class Learner(nn.Module, Generic[Actor]):
         Updates are then not recorded on a CUDA device, because it has not been tried with what processes exchange.
         """
         self.join = join
-        self._learn = Recorded(self._update_and_average, None)
+        self._learn = Recorded(self._update_and_average)
 
     def set_learning_rate(self, share: float) -> None:
         """Set the learning rate to a share of that in the settings."""
@@ -205,7 +205,7 @@ class Learner(nn.Module, Generic[Actor]):
     def draw_from(self, *generators: torch.Generator) -> None:
         """Let each generator draw the random numbers of its equal share of the stack."""
         self.generators = generators
-        self._learn = Recorded.on(generators[0], self._update_and_average, *generators[1:])
+        self._learn = Recorded(self._update_and_average, *generators)
 
     def normal(self, shape: torch.Size) -> Tensor:
         """Standard normal numbers; the first axis of `shape` is the stack."""

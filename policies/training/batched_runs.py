@@ -93,8 +93,8 @@ class BatchedRuns:
             self.learner, self.replay = self._one_learner(), self._one_replay()
             self.standardizer = self._standardizers()
         self.observation = torch.cat([run.observation for run in runs])
-        self._encode = Recorded.on(first.generator, self._features)
-        self._choose = Recorded.on(first.generator, self._explore)
+        self._encode = Recorded(self._features, first.generator)
+        self._choose = Recorded(self._explore, first.generator)
 
     def _one_learner(self) -> Learner:
         first, config, device = self.first.learner, self.config, self.first.world.device
