@@ -23,12 +23,13 @@ import os
 import shlex
 import subprocess
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import torch
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from safetensors import safe_open
 from safetensors.torch import load_file, save_file
 from torch import Tensor
@@ -61,6 +62,58 @@ CPU = torch.device("cpu")
 ATTEMPTS = 20  # to read what is being replaced
 
 Part = tuple[dict[str, Any], dict[str, Tensor]]  # its JSON and its tensors
+
+
+LATEST, LARGEST = 10**15, 1e12  # of steps and updates; of a figure
+SHOWN = 60  # characters of a wrong value in a message
+Count = Annotated[int, Field(ge=0, le=LATEST)]
+Figure = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+
+
+class Checked(BaseModel):
+    """Fields of a checkpoint's JSON, others beside them."""
+
+    model_config = ConfigDict(strict=True, allow_inf_nan=False)
+
+    @classmethod
+    def check(cls, content: Mapping[str, Any], place: str = "") -> None:
+        """Refuse JSON with a field that is wrong; `place` begins the message.
+
+        Raises:
+            PolicyError: one line with the field, its value and what is allowed.
+        """
+        try:
+            cls.model_validate(content)
+        except ValidationError as error:
+            first = error.errors()[0]
+            field, message = ".".join(map(str, first["loc"])), first["msg"]
+            given = "" if first["type"] == "missing" else f" = {repr(first['input'])[:SHOWN]}"
+            raise PolicyError(f"{place}{field}{given}: {message[0].lower()}{message[1:]}") from None
+
+
+class Resumption(Checked, extra="allow"):
+    """An entry of `Made.resumed`, see `provenance`; all else of it is text."""
+
+    __pydantic_extra__: dict[str, str]
+    steps: Count
+    plugins: list[str] = []
+
+
+class Made(Checked):
+    """Fields of a policy's JSON that say how it was made."""
+
+    steps: Count = 0
+    updates: Count = 0
+    total: Annotated[Count, Field(gt=0)] = 1
+    usv: str = ""
+    command: str = ""
+    commit: str = ""
+    torch: str = ""
+    plugins: list[str] = []
+    seconds: Annotated[Figure, Field(ge=0)] = 0.0
+    score: Figure | None = None
+    evaluation: dict[str, Figure] = {}
+    resumed: list[Resumption] = []
 
 
 def path_of(run: Path, name: str) -> Path:
@@ -260,56 +313,10 @@ def _scenario_and_config(content: Mapping[str, Any], path: Path) -> tuple[Scenar
     }
     for name, value in own.items():
         if type(content.get(name)) is not type(value) or content[name] != value:
-            raise PolicyError(f"{path}: {name} = {_quoted(content.get(name))}: must be {value!r}, as its settings say")
-    for name, (right, rule) in ABOUT.items():
-        if name in content and not right(content[name]):
-            raise PolicyError(f"{path}: {name} = {_quoted(content[name])}: must be {rule}")
+            given = repr(content.get(name))[:SHOWN]
+            raise PolicyError(f"{path}: {name} = {given}: must be {value!r}, as its settings say")
+    Made.check(content, f"{path}: ")
     return scenario, config
-
-
-def _quoted(value: object) -> str:
-    return repr(value)[:60]
-
-
-def _is_count(value: object) -> bool:
-    return type(value) is int and 0 <= value <= LATEST
-
-
-def _is_finite(value: object) -> bool:
-    return type(value) in (int, float) and abs(value) <= LARGEST  # pyright: ignore[reportArgumentType]
-
-
-def _is_text(value: object) -> bool:
-    return isinstance(value, str)
-
-
-def _is_texts(value: object) -> bool:
-    return isinstance(value, list) and all(map(_is_text, value))
-
-
-def _is_resumption(value: object) -> bool:
-    """Whether this is an entry of "resumed", see `provenance`."""
-    if not isinstance(value, dict) or not _is_count(value.get("steps")):
-        return False
-    texts = (text for name, text in value.items() if name not in ("steps", "plugins"))
-    return all(map(_is_text, texts)) and _is_texts(value.get("plugins", []))
-
-
-LATEST, LARGEST = 10**15, 1e12  # of steps and updates; of a figure
-# Fields of a policy's JSON that say how a policy was made: whether a value is right, and what it must be.
-ABOUT: dict[str, tuple[Callable[[object], bool], str]] = {
-    **dict.fromkeys(("steps", "updates"), (_is_count, f"a whole number from 0 to {LATEST}")),
-    "total": (lambda value: _is_count(value) and value != 0, f"a whole number from 1 to {LATEST}"),
-    **dict.fromkeys(("usv", "command", "commit", "torch"), (_is_text, "text")),
-    "plugins": (_is_texts, "a list of texts"),
-    "seconds": (lambda value: _is_finite(value) and value >= 0, "a finite number, at least 0"),  # pyright: ignore
-    "score": (lambda value: value is None or _is_finite(value), "a finite number or null"),
-    "evaluation": (lambda value: isinstance(value, dict) and all(map(_is_finite, value.values())), "figures by name"),
-    "resumed": (
-        lambda value: isinstance(value, list) and all(map(_is_resumption, value)),
-        "a list of steps, command, commit, torch and plugins",
-    ),
-}
 
 
 def read_run(run: Path) -> tuple[Scenario, TrainingConfig, dict[str, Any]]:

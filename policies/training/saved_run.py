@@ -7,16 +7,17 @@ from collections.abc import Iterable, Mapping
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import torch
+from pydantic import Field
 from torch import Tensor
 
 from usvauv.env.storage.memory import require
 from usvauv.kernels.errors import DivergenceError
 from usvauv.policies import checkpoint
 from usvauv.policies.algorithms import ALGORITHMS, Learner, Sizes
-from usvauv.policies.checkpoint import ENDING, FORMAT, LAST, POLICY, TRAINING
+from usvauv.policies.checkpoint import ENDING, FORMAT, LARGEST, LAST, POLICY, TRAINING, Checked, Count, Figure
 from usvauv.policies.config import TrainingConfig
 from usvauv.policies.frames import FRAMES
 from usvauv.policies.learned import LearnedPolicy, Standardizer
@@ -24,9 +25,6 @@ from usvauv.policies.policy import PolicyError
 from usvauv.policies.training.exploration import CorrelatedNoise, TrainingWorld
 from usvauv.policies.training.ranks import Ranks
 from usvauv.policies.training.replay import STORED, Replay
-
-LARGEST = 1e12  # of a weight, a moment, a feature or a reward
-LATEST = 10**15  # steps, updates
 
 
 def learning_bytes(config: TrainingConfig, sizes: Sizes) -> float:
@@ -164,7 +162,10 @@ class SavedRun:
         last = checkpoint.path_of(self._folder(), LAST)
         counters, tensors = checkpoint.read(last, TRAINING, self.world.device)
         try:
-            check_counters(counters, self.replay)
+            Counters.check(counters)
+            head, size, rows = counters["head"], counters["size"], self.replay.rows
+            if not (head == size < rows or head < size == rows):
+                raise PolicyError(f"head = {head}, size = {size}: not those of a replay of {rows} rows")
             worlds, noise = self.config.num_worlds, self.noise.value
             rest = {
                 "noise": noise.new_empty((worlds, *noise.shape[1:])),
@@ -174,7 +175,7 @@ class SavedRun:
             generators = tensors.get("generator", rest["generator"])
             if generators.dim() == 2:  # one of each rank
                 rest["generator"] = rest["generator"].expand(len(generators), -1)
-            check_tensors(tensors, self.learner, self.replay, counters["size"], worlds, rest)
+            check_tensors(tensors, self.learner, self.replay, size, worlds, rest)
         except PolicyError as error:
             raise PolicyError(f"{last}: cannot be resumed: {error}") from None
         groups: dict[str, dict[str, Tensor]] = {"learner": {}, "replay": {}, "world": {}}
@@ -199,7 +200,7 @@ class SavedRun:
             self.learner.updates = counters["updates"]
             self._gain.fill_(counters["gain"])
             self.scale = counters["scale"]
-            self.replay.restore(groups["replay"], counters["head"], counters["size"])
+            self.replay.restore(groups["replay"], head, size)
             self.world.load_state(groups["world"])
             self.steps, self.seconds = counters["steps"], counters["seconds"]
             self.evaluation, self.history = counters["evaluation"], counters["history"]
@@ -244,42 +245,19 @@ class SavedRun:
         }
 
 
-def check_counters(counters: Mapping[str, Any], replay: Replay) -> None:
-    """Refuse counters that a run cannot have.
+class Counters(Checked):
+    """What a checkpoint says of a run beside its tensors; `head` and `size` of its replay."""
 
-    Raises:
-        PolicyError: one line with name, value and what is allowed.
-    """
-    whole = {"steps": LATEST, "updates": LATEST, "head": replay.rows - 1, "size": replay.rows}
-    for name, most in whole.items():
-        value = _given(counters, name)
-        if type(value) is not int or not 0 <= value <= most:
-            raise PolicyError(f"{name} = {value!r}: must be a whole number from 0 to {most}")
-    head, size = counters["head"], counters["size"]
-    if size < replay.rows and head != size:
-        raise PolicyError(f"head = {head}: must be {size}, the number of rows in use")
-    for name, least in (("seconds", 0.0), ("gain", -LARGEST), ("scale", 0.0)):
-        value = _given(counters, name)
-        if not (_finite(value) and value >= least):
-            raise PolicyError(f"{name} = {value!r}: must be a finite number, at least {least:g}")
-    best = _given(counters, "best")
-    if best is not None and not _finite(best):
-        raise PolicyError(f"best = {best!r}: must be a finite number or null")
-    history = _given(counters, "history")
-    figures = [_given(counters, "evaluation"), *(history if isinstance(history, list) else [None])]
-    for record in figures:
-        if not (isinstance(record, dict) and all(map(_finite, record.values()))):
-            raise PolicyError(f"evaluation, history: {str(record)[:60]!r} must be figures by name")
-
-
-def _given(counters: Mapping[str, Any], name: str) -> Any:
-    if name not in counters:
-        raise PolicyError(f"{name} is missing")
-    return counters[name]
-
-
-def _finite(value: object) -> bool:
-    return type(value) in (int, float) and abs(value) <= LARGEST  # pyright: ignore[reportArgumentType]
+    steps: Count
+    updates: Count
+    head: Count
+    size: Count
+    seconds: Annotated[Figure, Field(ge=0)]
+    gain: Figure
+    scale: Annotated[Figure, Field(ge=0)]
+    best: Figure | None
+    evaluation: dict[str, Figure]
+    history: list[dict[str, Figure]]
 
 
 def check_tensors(

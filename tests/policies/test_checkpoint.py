@@ -158,8 +158,8 @@ class TestRefusal:
             *((field, None, "damaged") for field in ("scenario", "training")),
             *(("format", value, "not a checkpoint of format 2") for value in (None, 99)),
             ("num_auvs", 3, "num_auvs = 3: must be 2"),
-            ("steps", -1, "steps = -1: must be a whole number"),
-            ("score", math.inf, "score = inf: must be a finite number"),
+            ("steps", -1, "steps = -1: input should be greater than or equal to 0"),
+            ("score", math.inf, "score = inf: input should be a finite number"),
         ],
     )
     def test_fields(self, saved, field, value, part):
