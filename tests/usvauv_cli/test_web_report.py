@@ -294,7 +294,7 @@ class TestPlaceOnEarth:
     def drawn(self, *changes: str):
         scenario = Scenario.load("extreme", changes)
         with document.drawing("map"):
-            return scenario, page.maps(["one"], scenario, 0.3)[1][0]
+            return scenario, page.maps(["one"], scenario, ())[1][0]
 
     @pytest.mark.parametrize(("longitude", "latitude"), [(114.02, 22.51), (179.95, -80.0), (-0.05, 60.0)])
     def test_lines_are_parallels_and_meridians(self, longitude, latitude):

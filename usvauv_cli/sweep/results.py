@@ -218,38 +218,35 @@ def _figures(
 def draw_scores(tasks: Mapping[str, Mapping[str, Values]], methods: Mapping[str, str], score: str) -> Figure:
     """Mean score of each method, a plot for each task; `methods` has names in the order of their colours."""
     heights = [ROW * len(of) + 0.42 for of in tasks.values()]
-    figure = document.new(sum(heights) + 0.25 + document.rows_of_legend(list(methods.values())))
+    figure = document.new(sum(heights) + 0.25, document.points(methods.values()))
     plots = figure.subplots(len(tasks), 1, squeeze=False, height_ratios=heights).ravel()
     for axes, (task, of_methods) in zip(plots, tasks.items(), strict=True):
         _rows(axes, [(list(methods).index(method), value) for method, value in of_methods.items()])
         axes.set_title(document.truncated(task, TITLE), loc="left", pad=3)
     plots[-1].set_xlabel(score)
-    document.legend(figure, document.points(methods.values()))
     return figure
 
 
 def draw_aggregates(of_methods: Mapping[str, Mapping[str, Values]], methods: Mapping[str, str]) -> Figure:
     """Interquartile mean, median and mean of scaled scores, side by side."""
-    figure = document.new(ROW * len(of_methods) + 0.65 + document.rows_of_legend(list(methods.values())))
+    figure = document.new(ROW * len(of_methods) + 0.65, document.points(methods.values()))
     plots = figure.subplots(1, len(NAMES), sharex=True)
     for axes, (name, words) in zip(plots, NAMES.items(), strict=True):
         _rows(axes, [(list(methods).index(method), of[name]) for method, of in of_methods.items()])
         axes.set_title(words, loc="left", pad=3)
         axes.set_xlim(-0.02, 1.02)
     plots[1].set_xlabel("scaled score")
-    document.legend(figure, document.points(methods.values()))
     return figure
 
 
 def draw_profiles(of_methods: Mapping[str, Sequence[Values]], methods: Mapping[str, str]) -> Figure:
     """Share of runs above a scaled score, with bands of 95 %."""
-    figure = document.new(2.2 + document.rows_of_legend(list(methods.values())))
+    figure = document.new(2.2, document.lines(methods.values()))
     axes = figure.add_subplot()
     for method, profile in of_methods.items():
         _curve(axes, list(methods).index(method), [(point["above"], point) for point in profile])
     axes.set(xlabel="scaled score τ", ylabel="share of runs above τ", xlim=(0, 1), ylim=(-0.02, 1.02))
     document.style_axes(axes)
-    document.legend(figure, document.lines(methods.values()))
     return figure
 
 
@@ -268,7 +265,8 @@ def draw_improvement(pairs: Sequence[Values], methods: Mapping[str, str]) -> Fig
 def draw_learning(tasks: Mapping[str, Mapping[str, Curve]], methods: Mapping[str, str], score: str) -> Figure:
     """Mean score of evaluations during the training, with bands of 95 % over seeds, a plot for each task."""
     drawn = {method for of_methods in tasks.values() for method in of_methods}
-    figure = document.new(1.75 * len(tasks) + 0.25 + document.rows_of_legend([methods[method] for method in drawn]))
+    lines = zip(methods, document.lines(methods.values()), strict=True)
+    figure = document.new(1.75 * len(tasks) + 0.25, [line for method, line in lines if method in drawn])
     plots = figure.subplots(len(tasks), 1, squeeze=False).ravel()
     for axes, (task, of_methods) in zip(plots, tasks.items(), strict=True):
         for method, curve in of_methods.items():
@@ -277,10 +275,6 @@ def draw_learning(tasks: Mapping[str, Mapping[str, Curve]], methods: Mapping[str
         axes.set_ylabel(score)
         document.style_axes(axes)
     plots[-1].set_xlabel("world-steps")
-    document.legend(
-        figure,
-        [line for method, line in zip(methods, document.lines(methods.values()), strict=True) if method in drawn],
-    )
     return figure
 
 

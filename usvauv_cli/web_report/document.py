@@ -12,8 +12,8 @@ import json
 import math
 import platform
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from html import escape
 from importlib import metadata, resources
 from pathlib import Path
@@ -97,11 +97,9 @@ def dash(i: int) -> str | tuple[int, tuple[float, ...]]:
     return DASHES[i % len(DASHES)]
 
 
-@contextmanager
-def drawing(name: str) -> Iterator[None]:
+def drawing(name: str) -> AbstractContextManager[None]:
     """Fonts and line widths of the figures; ids in the SVG are those of its name."""
-    with plain({**SETTINGS, "svg.hashsalt": name}):
-        yield
+    return plain({**SETTINGS, "svg.hashsalt": name})
 
 
 def svg(figure: Figure, name: str, title: str, about: str) -> str:
@@ -137,9 +135,16 @@ def truncated(name: str, most: int) -> str:
     return name if len(name) <= most else f"{name[: most - 1]}…"
 
 
-def new(height: float) -> Figure:
-    """An empty figure of one column and a height in inches."""
-    return Figure(figsize=(COLUMN, height), layout="constrained")
+def new(height: float, handles: Sequence[Line2D] = ()) -> Figure:
+    """An empty figure of one column, in inches as high as given and as a legend of handles takes below it."""
+    if not handles:
+        return Figure(figsize=(COLUMN, height), layout="constrained")
+    longest = max(len(str(handle.get_label())) for handle in handles)
+    columns = max(1, min(len(handles), 62 // (longest + 8)))  # a row for two short names or one long one
+    below = 0.16 * math.ceil(len(handles) / columns) + 0.05
+    figure = Figure(figsize=(COLUMN, height + below), layout="constrained")
+    figure.legend(handles=handles, loc="outside lower center", ncols=columns, frameon=False)
+    return figure
 
 
 def style_axes(axes: Axes, grid: bool = True) -> None:
@@ -159,22 +164,6 @@ def points(names: Iterable[str], size: float = 4.5) -> list[Line2D]:
 def lines(names: Iterable[str]) -> list[Line2D]:
     """Lines of combinations for a legend."""
     return [Line2D([], [], color=colour(i), ls=dash(i), label=name) for i, name in enumerate(names)]
-
-
-def _columns(names: Sequence[str]) -> int:
-    """Columns of a legend: a row for two short names or one long one."""
-    return max(1, min(len(names), 62 // (max(map(len, names)) + 8)))
-
-
-def legend(figure: Figure, handles: Sequence[Line2D]) -> None:
-    """A legend below the plots."""
-    columns = _columns([str(handle.get_label()) for handle in handles])
-    figure.legend(handles=handles, loc="outside lower center", ncols=columns, frameon=False)
-
-
-def rows_of_legend(names: Sequence[str]) -> float:
-    """Inches that a legend of names takes."""
-    return 0.16 * math.ceil(len(names) / _columns(names)) + 0.05
 
 
 class Picture(NamedTuple):
@@ -204,23 +193,10 @@ def pictures(folder: Path, wanted: Iterable[Drawn]) -> list[Picture]:
 def write(folder: Path, template: str, title: str, file: Mapping[str, str], arch: str, **fields: Any) -> Path:
     """Fill a template of this package, such as web_report/page.html, which extends base.html; returns the page.
 
-    Args:
-        folder: of the page, which is there.
-        template: its path in the package.
-        title: of the page.
-        file: "summary" and "text" of the file from which it was made.
-        arch: where the kernels ran.
-        fields: of the template.
+    `file` has "summary" and "text" of the file from which it was made, `arch` says where the kernels ran.
     """
-    html = filled(
-        template,
-        policy=NOTHING_EXTERNAL,
-        style=style(),
-        title=title,
-        made=_made(arch),
-        file=file,
-        **fields,
-    )
+    shared = {"policy": NOTHING_EXTERNAL, "style": style(), "title": title, "made": _made(arch), "file": file}
+    html = filled(template, **shared, **fields)
     page = folder / "index.html"
     with atomic_write(page) as partial:
         partial.write_text(html, encoding="utf-8", errors="backslashreplace")

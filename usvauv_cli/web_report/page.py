@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -44,20 +44,6 @@ SHARE = 4  # of the data of a report's player, that of a cell has one part in so
 WIDE = 640  # px
 TALL = 900  # px, until the page in it says how tall it is
 FRAME = Markup('<iframe title="{}" srcdoc="{}" style="width:100%;max-width:{}px;height:{}px;border:0"></iframe>')
-
-
-class Cell(NamedTuple):
-    """A figure of a combination in words, and its difference to the first combination's, empty for that one.
-
-    Attributes:
-        few: number of episodes that have the figure, where not all have it.
-        excludes_zero: whether the interval of the difference does.
-    """
-
-    mean: str
-    few: int | None
-    difference: str
-    excludes_zero: bool
 
 
 def write(
@@ -113,14 +99,15 @@ def _tables(comparison: Comparison, scenario: Scenario) -> list[dict[str, Any]]:
     ]
 
 
-def _cell(comparison: Comparison, which: Combination, name: str) -> Cell:
+def _cell(comparison: Comparison, which: Combination, name: str) -> dict[str, Any]:
+    """A figure of a combination, of how many episodes where not all have it, and its difference to the reference's."""
     score, less = comparison.score(which, name), comparison.difference(which, name)
-    return Cell(
-        words(score),
-        score.n if 0 < score.n < comparison.episodes else None,
-        "" if which == comparison.reference else words(less, sign=True),
-        abs(less.mean) > less.half,
-    )
+    return {
+        "mean": words(score),
+        "few": score.n if 0 < score.n < comparison.episodes else None,
+        "difference": "" if which == comparison.reference else words(less, sign=True),
+        "excludes_zero": abs(less.mean) > less.half,
+    }
 
 
 def _figures(comparison: Comparison, scenario: Scenario, recordings: Recordings) -> list[document.Drawn]:
@@ -207,7 +194,7 @@ def play(*traces: Trace) -> Player:
 
 def front(names: Sequence[str], comparison: Comparison) -> Figure:
     """Data over energy: the episodes of `points` of each combination faint, means with their intervals."""
-    figure = document.new(2.5 + document.rows_of_legend(names))
+    figure = document.new(2.5, document.points(names, 5))
     axes = figure.add_subplot()
     for i, which in enumerate(comparison.combinations[: len(names)]):
         energy, data = (comparison.score(which, column) for column in ("energy_wh", "delivered_mbit"))
@@ -221,7 +208,6 @@ def front(names: Sequence[str], comparison: Comparison) -> Figure:
         axes.plot(energy.mean, data.mean, marker(i), color=colour(i), ms=size, mec=INK, mew=0.6, zorder=5 + i)
     axes.set(xlabel="energy of all AUVs, Wh", ylabel="data collected, Mbit")
     document.style_axes(axes)
-    document.legend(figure, document.points(names, 5))
     return figure
 
 
@@ -229,7 +215,7 @@ def errors(names: Sequence[str], recordings: Sequence[Recording], duration: floa
     """Errors of positions beside those of fixes: over time, the median and of the first combination what holds 90 %,
     and their distribution.
     """
-    figure = document.new(3.6 + document.rows_of_legend(names))
+    figure = document.new(3.6, document.lines(names))
     plots = figure.subplots(2, 2, sharex="row", sharey="row")
     time = (np.arange(PERIODS) + 0.5) / PERIODS * duration
     reach = []
@@ -255,12 +241,11 @@ def errors(names: Sequence[str], recordings: Sequence[Recording], duration: floa
     plots[1, 0].set_ylabel("share below it")
     for axes in plots.ravel():
         document.style_axes(axes)
-    document.legend(figure, document.lines(names))
     return figure
 
 
-def maps(names: Sequence[str], scenario: Scenario, below: float) -> tuple[Figure, list[Axes]]:
-    """A map of the area for each name, side by side, and `below` inches of room for a legend.
+def maps(names: Sequence[str], scenario: Scenario, handles: Sequence[Line2D]) -> tuple[Figure, list[Axes]]:
+    """A map of the area for each name, side by side, and a legend of handles.
 
     Where the scenario has a place on Earth it is in longitude and latitude, with a scale bar.
     """
@@ -268,8 +253,7 @@ def maps(names: Sequence[str], scenario: Scenario, below: float) -> tuple[Figure
     rows = math.ceil(len(names) / columns)
     width, length = scenario.area.width, scenario.area.length
     side = min((COLUMN - 0.5) / columns - 0.1, 2.9)
-    height = rows * (min(max(side * length / width, 0.4), 2 * side) + 0.22) + 0.42 + below
-    figure = document.new(height)
+    figure = document.new(rows * (min(max(side * length / width, 0.4), 2 * side) + 0.22) + 0.42, handles)
     frame = Site(scenario).frame
     across, along = ("longitude", "latitude") if frame else ("x (east), m", "y (north), m")
     plots = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
@@ -302,7 +286,7 @@ def trajectories(names: Sequence[str], recordings: Sequence[Recording], scenario
     ways += [Line2D([], [], ls="none", marker=m, ms=4, mec=INK, mfc=f, label=name) for m, f, name in points]
     place = "node" if collects_data(scenario) else "station"
     ways.append(Line2D([], [], ls="none", marker="^", ms=3.5, color=NODE, label=place))
-    figure, plots = maps(names, scenario, document.rows_of_legend([str(way.get_label()) for way in ways]))
+    figure, plots = maps(names, scenario, ways)
     for axes, recording in zip(plots, recordings, strict=True):
         episode = recording.episode
         axes.plot(*episode.node.T, "^", ms=2.4, color=NODE, mew=0)
@@ -312,7 +296,6 @@ def trajectories(names: Sequence[str], recordings: Sequence[Recording], scenario
             axes.plot(*track.T, color=look, lw=0.8, alpha=0.7 if boat else 1, ls="-" if boat else dash(k))
             axes.plot(*track[0], "o", ms=4, mfc="none", mec=look, mew=0.9, clip_on=False, zorder=5)
             axes.plot(*track[-1], "s", ms=3.6, color=look, clip_on=False, zorder=5)
-    document.legend(figure, ways)
     return figure
 
 
@@ -321,18 +304,16 @@ def ages(names: Sequence[str], recordings: Sequence[Recording], scenario: Scenar
     edges = age_edges(np.concatenate([recording.episode.age for recording in recordings]))
     sizes = np.linspace(2.6, 7.5, len(AGES))
     digits = max(0, -math.floor(math.log10(edges[1] - edges[0])))
-    labels = [f"{low:.{digits}f}–{high:.{digits}f} s" for low, high in pairwise(edges)]
+    looks = [{"ms": size, "color": ink, "mec": MUTED, "mew": 0.4} for size, ink in zip(sizes, AGES, strict=True)]
     marks = [
-        Line2D([], [], ls="none", marker="o", ms=sizes[i], color=AGES[i], mec=MUTED, mew=0.4, label=label)
-        for i, label in enumerate(labels)
+        Line2D([], [], ls="none", marker="o", label=f"{low:.{digits}f}–{high:.{digits}f} s", **look)
+        for (low, high), look in zip(pairwise(edges), looks, strict=True)
     ]
-    figure, plots = maps(names, scenario, document.rows_of_legend(labels))
+    figure, plots = maps(names, scenario, marks)
     for axes, recording in zip(plots, recordings, strict=True):
         old = np.clip(np.searchsorted(edges, recording.episode.age) - 1, 0, len(AGES) - 1)
-        for i in range(len(AGES)):
-            there = recording.episode.node[old == i]
-            axes.plot(*there.T, "o", ms=sizes[i], color=AGES[i], mec=MUTED, mew=0.4, zorder=3 + i)
-    document.legend(figure, marks)
+        for i, look in enumerate(looks):
+            axes.plot(*recording.episode.node[old == i].T, "o", zorder=3 + i, **look)
     return figure
 
 
