@@ -13,7 +13,7 @@ import numpy as np
 
 from usvauv.cli.live.history import MOST_STATES
 from usvauv.cli.live.scene import OPACITY, Scene
-from usvauv.cli.live.session import SLIDERS, Session
+from usvauv.cli.live.session import Session, Slider
 from usvauv.env.record.metrics import EpisodeMetrics
 from usvauv.env.render.style import auv_colour, clock
 from usvauv.kernels.errors import UserError
@@ -55,7 +55,7 @@ class Controls:
         views.on_click(lambda event: self._ask("view", lambda: self._look(event.client, views.value == "Map")))
         self._plot = self._add_plot(gui)
         with gui.add_folder("Sea and sound"):
-            self._sliders = {name: self._add_slider(gui, name) for name in session.values}
+            self._sliders = {name: self._add_slider(gui, name, slider) for name, slider in session.sliders.items()}
         with gui.add_folder("Decisions"):
             self._choices = {}
             for label, options, choose, meanwhile in (
@@ -102,12 +102,10 @@ class Controls:
 
         handle.on_update(change)
 
-    def _add_slider(self, gui: Any, name: str) -> Any:
-        session, slider = self._session, SLIDERS[name]
-        bounds = slider.bounds(session.scenario)
-        assert bounds is not None, name
-        handle = gui.add_slider(slider.label, *bounds, slider.step, session.values[name], hint=slider.hint)
-        self._on_change(handle, name, partial(session.set, name))
+    def _add_slider(self, gui: Any, name: str, slider: Slider) -> Any:
+        value = self._session.values[name]
+        handle = gui.add_slider(slider.label, *slider.bounds, slider.step, value, hint=slider.hint)
+        self._on_change(handle, name, partial(self._session.set, name))
         return handle
 
     def _add_plot(self, gui: Any) -> Any:

@@ -18,32 +18,21 @@ POINTS = 104  # at most, on the longer side
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """World 0 at the end of a mission step: K AUVs, B boats, M nodes.
+    """World 0 at the end of a mission step: K AUVs, B boats, M nodes."""
 
-    Attributes:
-        time: since the episode began, s.
-        auv, boat, node, estimate: rows of the world's arrays, (K, A), (B, F), (M, N) and (K, E).
-        heading: of the boats, (B,), rad, see `usvauv.env.record.trace.turned`; NaN before the first.
-        depth, attitude, fins: of the AUVs, (K,), m, (K, 3), rad, and (K, 3), rad and 1/s, as in a trace.
-        own: where the AUVs take themselves to be, (K, 2), m.
-        flow: velocity of the water at cruise level on a grid, (rows, columns, 2), m/s.
-        long_waves: elevation on the points of a `SurfaceGrid`, (Y, X), m.
-        storm: the short waves, whatever time they were set to last.
-    """
-
-    time: float
-    auv: np.ndarray
-    boat: np.ndarray
-    node: np.ndarray
-    estimate: np.ndarray
-    heading: np.ndarray
-    depth: np.ndarray
-    attitude: np.ndarray
-    fins: np.ndarray
-    own: np.ndarray
-    flow: np.ndarray
-    long_waves: np.ndarray
-    storm: AirySea
+    time: float  # since the episode began, s
+    auv: np.ndarray  # rows of the world's arrays: (K, A)
+    boat: np.ndarray  # (B, F)
+    node: np.ndarray  # (M, N)
+    estimate: np.ndarray  # (K, E)
+    heading: np.ndarray  # of the boats, (B,), rad, see `usvauv.env.record.trace.turned`; NaN before the first
+    depth: np.ndarray  # of the AUVs, (K,), m
+    attitude: np.ndarray  # of the AUVs, (K, 3), rad, as in a trace
+    fins: np.ndarray  # of the AUVs, (K, 3), rad and 1/s, as in a trace
+    own: np.ndarray  # where the AUVs take themselves to be, (K, 2), m
+    flow: np.ndarray  # velocity of the water at cruise level on a grid, (rows, columns, 2), m/s
+    long_waves: np.ndarray  # elevation on the points of a `SurfaceGrid`, (Y, X), m
+    storm: AirySea  # the short waves, whatever time they were set to last
 
 
 @dataclass(frozen=True)

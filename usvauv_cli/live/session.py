@@ -29,93 +29,57 @@ from usvauv.kernels.vehicles.otter import HullColumn
 BUDGET = 0.012  # s of stepping from one picture to the next
 FLOW_POINTS = 13  # on the longer side of the area
 NO_SURFACE = np.zeros((0, 0, 0), np.float32)
-Changes = dict[str, dict[str, float]]  # section → field → value
 
 
 @dataclass(frozen=True)
 class Slider:
-    """A number that a slider sets: a field of the scenario, or a factor on several.
+    """A number that a slider sets: fields of a section of the scenario, or a factor on them."""
 
-    Attributes:
-        label: with the unit.
-        section, fields: of the scenario.
-        bounds: the scenario as it was loaded → least and greatest value; None where it would change nothing.
-        step: between two values.
-        hint: what it does.
-        factor: the value multiplies the fields.
-    """
-
-    label: str
+    label: str  # with the unit
+    bounds: tuple[float, float]
+    step: float  # between two values
     section: str
     fields: tuple[str, ...]
-    bounds: Callable[[Scenario], tuple[float, float] | None]
-    step: float
     hint: str
-    factor: bool = False
+    factor: bool = False  # the value multiplies the fields
 
     def value(self, scenario: Scenario) -> float:
         """The value with which it begins in the scenario as it was loaded."""
         value = 1.0 if self.factor else getattr(getattr(scenario, self.section), self.fields[0])
         return 0.0 if value == "storm" else value
 
-    def changes(self, scenario: Scenario, value: float) -> Changes:
-        """What becomes of the scenario as it was loaded."""
+    def changes(self, scenario: Scenario, value: float) -> dict[str, dict[str, float]]:
+        """What becomes of the scenario as it was loaded: section → field → value."""
         section = getattr(scenario, self.section)
         return {self.section: {name: value * (getattr(section, name) if self.factor else 1) for name in self.fields}}
 
 
-def _current_bounds(scenario: Scenario) -> tuple[float, float] | None:
-    return (0.0, 3.0) if scenario.current.vortices and scenario.current.circulation_max else None
-
-
-def _storm_bounds(scenario: Scenario) -> tuple[float, float] | None:
-    storm = scenario.storm
-    if storm.spectrum == "none" or scenario.water.waves:
-        return None
-    breaking = 0.1 * scenario.sea.gravity * storm.peak_period**2 / (2 * math.pi)
-    room = scenario.auv.depth - scenario.highest_long_wave
-    return 0.1, math.floor(10 * min(breaking, 0.6 * scenario.area.depth, 0.9 * room, 30.0)) / 10
-
-
-def _long_bounds(scenario: Scenario) -> tuple[float, float] | None:
-    sea = scenario.sea
-    if sea.forced_edge == "none" or sea.irregular_rms == "storm":
-        return None
-    return 0.0, math.floor(10 * min(10.0, scenario.area.depth / 8, max(2 * sea.irregular_rms, 1.0))) / 10
-
-
-def _level_bounds(scenario: Scenario) -> tuple[float, float]:
-    level = scenario.acoustics.source_level
-    return max(100.0, level - 30.0), min(250.0, level + 15.0)
-
-
-def _ping_bounds(scenario: Scenario) -> tuple[float, float] | None:
-    return None if scenario.channel.schedule == "every-step" else (0.0, max(60.0, scenario.channel.interval))
-
-
-CIRCULATION, HEIGHT = ("circulation_min", "circulation_max"), ("significant_height",)
-SLIDERS: dict[str, Slider] = {
-    "current": Slider(
-        "Current, ×", "current", CIRCULATION, _current_bounds, 0.05,
-        "Circulation of all vortices, times the scenario's", factor=True,
-    ),
-    "storm": Slider(
-        "Storm Hs, m", "storm", HEIGHT, _storm_bounds, 0.1,
-        "Significant height of the short waves; wind noise and bubbles follow it where the scenario says so",
-    ),
-    "long_waves": Slider(
-        "Long waves, m rms", "sea", ("irregular_rms",), _long_bounds, 0.1,
-        "Irregular long waves at the forced edge; they run in from there",
-    ),
-    "source_level": Slider(
-        "Source level, dB", "acoustics", ("source_level",), _level_bounds, 0.5,
-        "Level of the positioning signal, re 1 µPa at 1 m: how far AUVs are heard",
-    ),
-    "ping": Slider(
-        "Ping interval, s", "channel", ("interval",), _ping_bounds, 0.5,
-        "Least time from one exchange with the AUVs to the next",
-    ),
-}  # fmt: skip
+def sliders(scenario: Scenario) -> dict[str, Slider]:
+    """Those that would change something in a scenario, by name."""
+    current, storm, sea, level = scenario.current, scenario.storm, scenario.sea, scenario.acoustics.source_level
+    found: dict[str, Slider] = {}
+    if current.vortices and current.circulation_max:
+        about = "Circulation of all vortices, times the scenario's"
+        fields = "circulation_min", "circulation_max"
+        found["current"] = Slider("Current, ×", (0.0, 3.0), 0.05, "current", fields, about, factor=True)
+    if storm.spectrum != "none" and not scenario.water.waves:
+        breaking = 0.1 * sea.gravity * storm.peak_period**2 / (2 * math.pi)
+        room = scenario.auv.depth - scenario.highest_long_wave
+        bounds = 0.1, math.floor(10 * min(breaking, 0.6 * scenario.area.depth, 0.9 * room, 30.0)) / 10
+        about = "Significant height of the short waves; wind noise and bubbles follow it where the scenario says so"
+        found["storm"] = Slider("Storm Hs, m", bounds, 0.1, "storm", ("significant_height",), about)
+    if sea.forced_edge != "none" and sea.irregular_rms != "storm":
+        bounds = 0.0, math.floor(10 * min(10.0, scenario.area.depth / 8, max(2 * sea.irregular_rms, 1.0))) / 10
+        about = "Irregular long waves at the forced edge; they run in from there"
+        found["long_waves"] = Slider("Long waves, m rms", bounds, 0.1, "sea", ("irregular_rms",), about)
+    bounds = max(100.0, level - 30.0), min(250.0, level + 15.0)
+    about = "Level of the positioning signal, re 1 µPa at 1 m: how far AUVs are heard"
+    found["source_level"] = Slider("Source level, dB", bounds, 0.5, "acoustics", ("source_level",), about)
+    if scenario.channel.schedule != "every-step":
+        bounds = 0.0, max(60.0, scenario.channel.interval)
+        about = "Least time from one exchange with the AUVs to the next"
+        found["ping"] = Slider("Ping interval, s", bounds, 0.5, "channel", ("interval",), about)
+    return found
 
 
 class Session:
@@ -125,7 +89,7 @@ class Session:
         world: as it is now; another one after `set_strategy` and `set_rule`.
         grid: points of the surface that is drawn.
         history: the last states.
-        values: of the sliders that this scenario has, by name.
+        sliders, values: that this scenario has, and what they stand at, by name.
         paused: whether the mission stands still.
         speed: times real time; infinite: as fast as possible.
         back: how far before the latest state the shown one lies, s; 0: what is shown goes on.
@@ -140,9 +104,9 @@ class Session:
     ) -> None:
         self.policy = policy or policies.default(scenario)
         policies.check(self.policy, scenario)
-        strategy = StrategyChoice.parse(usv, scenario).name
-        self._loaded = scenario = changed(scenario, {"boat": {"strategy": strategy}})
-        self.values = {name: slider.value(scenario) for name, slider in SLIDERS.items() if slider.bounds(scenario)}
+        self._loaded = scenario = changed(scenario, {"boat": {"strategy": StrategyChoice.parse(usv, scenario).name}})
+        self.sliders = sliders(scenario)
+        self.values = {name: slider.value(scenario) for name, slider in self.sliders.items()}
         self._arch = arch
         self.world = World(scenario, 1, seed, fine_sea=True, arch=arch)
         require(trace_bytes(self.world, self.world.steps), f"a record of {self.world.steps} steps")
@@ -286,7 +250,7 @@ class Session:
         """Set a slider by name; holds from the next step on. The scenario may refuse the value."""
         scenario, values = self.scenario, {**self.values, name: value}
         for which, number in values.items():
-            scenario = changed(scenario, SLIDERS[which].changes(self._loaded, number))
+            scenario = changed(scenario, self.sliders[which].changes(self._loaded, number))
         self.world.set_parameters(scenario)
         self.values = values
 
