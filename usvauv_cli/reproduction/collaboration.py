@@ -29,17 +29,11 @@ SUMMARY = ("axis", "value", "boat", "episodes", "share", *FIGURES, "mbit95", "be
 
 @dataclass(frozen=True)
 class Axis:
-    """One thing that is varied.
+    """One thing that is varied."""
 
-    Attributes:
-        name: what it is, with its unit.
-        points: value → changes of the scenario.
-        boats: strategies compared.
-    """
-
-    name: str
-    points: Mapping[float, tuple[str, ...]]
-    boats: tuple[str, ...] = STRATEGIES
+    name: str  # with its unit
+    points: Mapping[float, tuple[str, ...]]  # value → changes of the scenario
+    boats: tuple[str, ...] = STRATEGIES  # compared
 
 
 def _level(decibel: int) -> tuple[str, ...]:
@@ -113,14 +107,14 @@ def points(settings: Settings, folder: Path) -> Iterator[dict[str, Any]]:
                 yield dict(zip(SUMMARY, about, strict=True))
 
 
-def make(settings: Settings, folder: Path, place: Path) -> str:
-    """Write collaboration.csv, a pair of .png, and .pdf; returns the section of the page: a table for each axis."""
+def make(settings: Settings, folder: Path, place: Path) -> list[str]:
+    """Write collaboration.csv, a pair of .png, and .pdf; returns what the page has of it: a table for each axis."""
     found = list(points(settings, folder))
     write_rows(place / f"{NAME}.csv", SUMMARY, found)
     write_pair(place / f"{NAME}.png", partial(_draw, found), pdf=True)
     most = found[0]["delivered_mbit"] / found[0]["share"]
     head = ["", "boat", "Mbit", "of perfect", "`belief` brings more", "age, s", "own rms, p95, m", "fixes", "outage, s"]
-    parts = [
+    sections = [
         f"{found[0]['episodes']} episodes of `wide` for each, the same worlds for all; AUVs are steered by"
         f" `{STEERING}`. With perfect fixes they bring in {rounded(most, 1)} Mbit. ± is half the 95 %"
         " interval of a mean, or of the mean difference in the same worlds. Age is that of information (mean over nodes"
@@ -144,8 +138,8 @@ def make(settings: Settings, folder: Path, place: Path) -> str:
             for row in found
             if row["axis"] == axis.name
         )
-        parts += [f"## {axis.name[0].upper()}{axis.name[1:]}", markdown_table(head, rows)]
-    return "\n\n".join(parts)
+        sections += [f"## {axis.name[0].upper()}{axis.name[1:]}", markdown_table(head, rows)]
+    return sections
 
 
 def _draw(found: Sequence[dict[str, Any]], ground: Ground) -> Figure:

@@ -55,8 +55,8 @@ def voyages(settings: paper.Settings, folder: Path) -> dict[str, Trace]:
     return traces
 
 
-def make_tracks(settings: paper.Settings, folder: Path, place: Path) -> str:
-    """Write fig4a.csv, a pair of .png, and .pdf; returns the section of the page: the episodes and their figures."""
+def make_tracks(settings: paper.Settings, folder: Path, place: Path) -> list[str]:
+    """Write fig4a.csv, a pair of .png, and .pdf; returns what the page has of it: the episodes and their figures."""
     traces = voyages(settings, folder)
     write_rows(place / "fig4a.csv", TRACKS, (row for item in traces.items() for row in _rows(*item)))
     write_pair(place / "fig4a.png", partial(_draw_tracks, traces), pdf=True)
@@ -73,7 +73,7 @@ def make_tracks(settings: paper.Settings, folder: Path, place: Path) -> str:
         for name, row in episodes.items()
     )
     policy = next(iter(episodes.values())).policy
-    parts = [
+    return [
         "## Fig. 4(a)",
         f"One episode in ESC and, with the same policy, one in `{paper.PHYSICAL}`, whose currents it was never trained"
         f" in. Policy: {policy}, the run whose best policy scored highest on the worlds it was chosen by. The paper"
@@ -83,7 +83,6 @@ def make_tracks(settings: paper.Settings, folder: Path, place: Path) -> str:
             ["", "SDR", "EC", "ARPS", "services", "collisions", "refused moves", "median error, m"], cells
         ),
     ]
-    return "\n\n".join(parts)
 
 
 def _tracks(trace: Trace) -> dict[str, np.ndarray]:
@@ -169,8 +168,8 @@ def error_runs(settings: paper.Settings) -> list[Piece]:
     return [paper.fix_errors(settings, scenario, usv) for scenario in SCENARIOS for usv in paper.STRATEGIES]
 
 
-def make_errors(settings: paper.Settings, folder: Path, place: Path) -> str:
-    """Write fig4b.csv (levels), fig4b-over-time.csv, a pair of .png, and .pdf; returns the section of the page: levels
+def make_errors(settings: paper.Settings, folder: Path, place: Path) -> list[str]:
+    """Write fig4b.csv (levels), fig4b-over-time.csv, a pair of .png, and .pdf; returns what the page has: levels
     beside the paper's and the bound.
     """
     levels, over_time = [], {}
@@ -197,7 +196,7 @@ def make_errors(settings: paper.Settings, folder: Path, place: Path) -> str:
         for row in levels
     )
     ideal = bounds[ESC] / paper.FIG_4B["fim"]
-    parts = [
+    return [
         "## Fig. 4(b)",
         f"Medians over {levels[0]['episodes']} episodes ({len(settings.seeds)} seeds × {settings.fix_episodes}) of an"
         " episode's median horizontal error over steps and AUVs, in brackets the 95 % interval by the bootstrap; AUVs"
@@ -214,7 +213,6 @@ def make_errors(settings: paper.Settings, folder: Path, place: Path) -> str:
         " Eq. 1's array and Table 1's level no place of the boat gives such fixes. What can be compared is the order of"
         " the strategies and the factors between them.",
     ]
-    return "\n\n".join(parts)
 
 
 def level(scenario: str, strategy: str, rows: Sequence[dict[str, str]]) -> dict[str, Any]:

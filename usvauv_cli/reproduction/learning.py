@@ -91,8 +91,8 @@ def value(row: dict[str, str], name: str) -> float:
     return float(row[name])
 
 
-def make_table(settings: Settings, folder: Path, place: Path) -> str:
-    """Write table2.csv, a pair of .png, and .pdf; returns the section of the page: the paper's rows beside ours, all
+def make_table(settings: Settings, folder: Path, place: Path) -> list[str]:
+    """Write table2.csv, a pair of .png, and .pdf; returns what the page has of it: the paper's rows beside ours, all
     tests, the heuristics.
     """
     rows = table_rows(settings, folder)
@@ -107,7 +107,7 @@ def make_table(settings: Settings, folder: Path, place: Path) -> str:
     frugal = sum(row["ec_mean"] <= LOWEST_EC * (1 + NEAR) for row in own)
     all_head = ["", "trained in", "tested in", "runs", "SDR Mbit/s", "EC W", "ARPS", "± of runs' ARPS"]
     all_head += ["ARPS without Eq. 5", "services", "collisions", "runs not above untrained"]
-    parts = [
+    return [
         "## Table 2",
         "Trained in ISC, tested in the condition named. The paper has one row for the baseline; here it is tested in"
         " both.",
@@ -122,7 +122,6 @@ def make_table(settings: Settings, folder: Path, place: Path) -> str:
         " runs whose best policy was that before the first update:",
         markdown_table(all_head, (_cells(row) for row in rows)),
     ]
-    return "\n\n".join(parts)
 
 
 def _spread(row: Row, name: str, centre: str, deviation: str) -> str:
@@ -227,8 +226,8 @@ def band(curves: Sequence[Mapping[str, Any]], method: str, condition: str, name:
     return np.array([(steps, np.mean(values), min(values), max(values)) for steps, values in points.items()]).T
 
 
-def make_curves(settings: Settings, folder: Path, place: Path) -> str:
-    """Write fig3.csv, a pair of .png, and .pdf; returns the section of the page: curves, their beginnings and ends."""
+def make_curves(settings: Settings, folder: Path, place: Path) -> list[str]:
+    """Write fig3.csv, a pair of .png, and .pdf; returns what the page has of it: curves, their beginnings and ends."""
     found = curves(settings, folder)
     write_rows(place / "fig3.csv", CURVE_COLUMNS, found)
     write_pair(place / "fig3.png", partial(_draw_curves, found, settings), pdf=True)
@@ -244,7 +243,7 @@ def make_curves(settings: Settings, folder: Path, place: Path) -> str:
             rows.append([title, *cells])
     head = [f"{name.upper()}, {what}" for name in paper.FIGURES for what in ("Table 2", "start", "end")]
     points = len({row["steps"] for row in found})
-    parts = [
+    return [
         "## Fig. 3",
         f"Evaluations on worlds not trained in, {settings.judged} episodes each, at {points} times of"
         f" {len(settings.seeds)} runs, without exploration; the first is of the policy before any update. The paper"
@@ -252,7 +251,6 @@ def make_curves(settings: Settings, folder: Path, place: Path) -> str:
         paper.picture_pair("fig3", "SDR, EC and ARPS against training, DDPG and SAC in ISC and ESC"),
         markdown_table(["", *head], rows),
     ]
-    return "\n\n".join(parts)
 
 
 def _draw_curves(found: list[dict], settings: Settings, ground: Ground) -> Figure:

@@ -22,14 +22,13 @@ from usvauv.cli.sweep.engine import Engine
 from usvauv.cli.sweep.perform import perform_all
 from usvauv.cli.sweep.run import Piece, seconds
 from usvauv.cli.terminal import counted, duration
-from usvauv.env.scenario import Scenario
 from usvauv.env.storage.files import atomic_write, inside, locked
 from usvauv.kernels.errors import UserError
 from usvauv.policies.training.figures import EVALUATION_SEED_OFFSET
 
 
 class Target(NamedTuple):
-    """A table or figure: title of its page, what it shows, its runs, what draws it and gives its section of the page.
+    """A table or figure: title of its page, what it shows, its runs, what draws it and gives what the page has of it.
 
     `pace` is the work of runs that is done in a second on two cores, as measured for all of `PAPER` and for `WIDE`.
     """
@@ -37,7 +36,7 @@ class Target(NamedTuple):
     title: str
     about: str
     runs: Callable[[Settings], list[Piece]]
-    make: Callable[[Settings, Path, Path], str]
+    make: Callable[[Settings, Path, Path], list[str]]
     pace: float = 23.7e6 / (67 * 60)
 
 
@@ -92,33 +91,33 @@ def reproduce(
         UserError: a run failed; all others are done.
         KeyboardInterrupt: after Ctrl-C, when everything is saved.
     """
-    title = "Table 2 and Figures 3 and 4 of the paper, made again"
-    wanted, name = list(PAPER.values()), "reproduction"
+    title, name, wanted = "Table 2 and Figures 3 and 4 of the paper, made again", "reproduction", list(PAPER.values())
     if target != "all":
-        wanted, name = [PAPER.get(target, WIDE)], target
-        title = wanted[0].title
+        wanted = [PAPER.get(target, WIDE)]
+        title, name = wanted[0].title, target
     with locked(folder):
         pieces = list({piece.key: piece for each in wanted for piece in each.runs(settings)}.values())
         if failure := perform_all(pieces, folder, make_engine, threads, "auto"):
             raise UserError(failure)
         results = folder / paper.RESULTS
         inside(folder, results).mkdir(exist_ok=True)
-        sections = [each.make(settings, folder, results) for each in wanted]
+        sections = [section for each in wanted for section in each.make(settings, folder, results)]
         if wanted != [WIDE]:
-            sections.append(conventions_section(settings))
+            sections += conventions(settings)
         page = folder / f"{name}.md"
         with atomic_write(page) as partial_file:
-            text = "\n\n".join([f"# {title}", *sections, made_section(pieces, settings, folder, command)])
+            text = "\n\n".join([f"# {title}", *sections, *how_made(pieces, settings, folder, command)])
             partial_file.write_text(f"{text}\n", encoding="utf-8")
     return page
 
 
-def conventions_section(settings: Settings) -> str:
+def conventions(settings: Settings) -> list[str]:
     """Every convention: the fields of scenarios that hold them, the paper's or demonstration's beside ours, and the
     training settings of every method."""
-    ours, physical = settings.scenario(paper.CONDITIONS["ESC"]), settings.scenario(paper.PHYSICAL)
+    scenarios = [settings.scenario(name) for name in (paper.CONDITIONS["ESC"], paper.PHYSICAL)]
+    head = ["", "paper (P) or demonstration (D)", "field", *(f"`{scenario.name}`" for scenario in scenarios)]
     fields = [
-        [*((about, theirs) if i == 0 else ("", "")), f"`{field}`", _value(ours, field), _value(physical, field)]
+        [*((about, theirs) if i == 0 else ("", "")), f"`{field}`", *(_shown(attrgetter(field)(of)) for of in scenarios)]
         for about, theirs, names in paper.CONVENTIONS
         for i, field in enumerate(names)
     ]
@@ -127,21 +126,14 @@ def conventions_section(settings: Settings) -> str:
     trained.append(["boat", *(f"`{method.usv}`" for method in settings.methods)])
     changes = (", ".join(f"`{change}`" for change in method.learning) for method in settings.methods)
     trained.append(["scenario while learning", *changes])
-    parts = [
+    return [
         "## Conventions",
         paper.EXPLAINED.strip(),
         "Fields of the scenarios that decide what the numbers are; `usvauv scenarios paper-extreme` prints all:",
-        paper.markdown_table(
-            ["", "paper (P) or demonstration (D)", "field", f"`{ours.name}`", f"`{physical.name}`"], fields
-        ),
+        paper.markdown_table(head, fields),
         "Settings of the training runs:",
         paper.markdown_table(["", *(method.title for method in settings.methods)], trained),
     ]
-    return "\n\n".join(parts)
-
-
-def _value(scenario: Scenario, field: str) -> str:
-    return _shown(attrgetter(field)(scenario))
 
 
 def _shown(value: object) -> str:
@@ -150,7 +142,7 @@ def _shown(value: object) -> str:
     return value if isinstance(value, str) else json.dumps(value)
 
 
-def made_section(pieces: Sequence[Piece], settings: Settings, folder: Path, command: str) -> str:
+def how_made(pieces: Sequence[Piece], settings: Settings, folder: Path, command: str) -> list[str]:
     """How the page was made."""
     trained = [piece for piece in pieces if piece.definition["training"]]
     lines = []
@@ -170,4 +162,4 @@ def made_section(pieces: Sequence[Piece], settings: Settings, folder: Path, comm
     if trained:
         learning = sum(policies.read_run(piece.place(folder))[2]["seconds"] for piece in trained)
         lines.append(f"The {len(trained)} trainings took {duration(learning, rough=True)} of it.")
-    return "\n\n".join(["## How it was made", f"    {command}", "\n".join(f"- {line}" for line in lines)])
+    return ["## How it was made", f"    {command}", "\n".join(f"- {line}" for line in lines)]

@@ -151,23 +151,14 @@ def titled_figure(height: float, title: str, about: str, ground: Ground) -> Figu
 
 @dataclass(frozen=True)
 class Method:
-    """A row of Table 2 that is learned.
+    """A row of Table 2 that is learned."""
 
-    Attributes:
-        key: its name in files.
-        title: its name in tables.
-        config: of its training; the seed is replaced by each run's.
-        usv: the boat's strategy, while learning and while tested.
-        learning: changes of the scenario while learning.
-        testing: changes of the scenario while tested, so that the observation is the one the policy was trained with.
-    """
-
-    key: str
-    title: str
-    config: TrainingConfig
-    usv: str = "fim"
-    learning: tuple[str, ...] = ()
-    testing: tuple[str, ...] = ()
+    key: str  # its name in files
+    title: str  # its name in tables
+    config: TrainingConfig  # the seed is replaced by each run's
+    usv: str = "fim"  # the boat's strategy, while learning and while tested
+    learning: tuple[str, ...] = ()  # changes of the scenario while learning
+    testing: tuple[str, ...] = ()  # and while tested, so that the observation is the one the policy was trained with
 
 
 _config = partial(TrainingConfig, num_worlds=128, batch=512)  # with which the tables were made
@@ -203,31 +194,20 @@ METHODS = (
 
 @dataclass(frozen=True)
 class Settings:
-    """Size of a reproduction.
+    """Size of a reproduction."""
 
-    Attributes:
-        methods: the learned rows of Table 2.
-        seeds: of the training runs; Fig. 4(b) takes them as seeds of its worlds.
-        steps: world-steps of a training run.
-        evaluations: of a training run, beside one of the untrained policy. judged: episodes in each.
-        episodes: of each policy in each condition it is tested in. Run number i is tested in episodes i·episodes to
-            (i+1)·episodes − 1 of `test_seed`, heuristics in all of them.
-        test_seed: of the worlds tested in, and of Fig. 4(a)'s.
-        fix_episodes: of Fig. 4(b), for each seed.
-        wide_episodes: of each strategy of the boat in `wide`, of `test_seed`.
-        overrides: changes of every scenario.
-    """
-
-    methods: tuple[Method, ...] = METHODS
-    seeds: tuple[int, ...] = (0, 1, 2, 3, 4)
-    steps: int = 300_000
-    evaluations: int = 10
-    judged: int = 32
+    methods: tuple[Method, ...] = METHODS  # the learned rows of Table 2
+    seeds: tuple[int, ...] = (0, 1, 2, 3, 4)  # of the training runs; of the worlds of Fig. 4(b), too
+    steps: int = 300_000  # world-steps of a training run
+    evaluations: int = 10  # of a training run, beside one of the untrained policy
+    judged: int = 32  # episodes in each
+    # Of each policy in each condition it is tested in. Run number i is tested in episodes i·episodes to
+    # (i+1)·episodes − 1 of `test_seed`, heuristics in all of them.
     episodes: int = 40
-    test_seed: int = 2026
-    fix_episodes: int = 10
-    wide_episodes: int = 100
-    overrides: tuple[str, ...] = ()
+    test_seed: int = 2026  # of the worlds tested in, and of Fig. 4(a)'s
+    fix_episodes: int = 10  # of Fig. 4(b), for each seed
+    wide_episodes: int = 100  # of each strategy of the boat in `wide`, of `test_seed`
+    overrides: tuple[str, ...] = ()  # changes of every scenario
 
     def method(self, key: str) -> Method:
         """The method of that key."""
@@ -333,8 +313,7 @@ def _measure(definition: Mapping[str, Any], place: Path, step: Callable[[int], N
     of_episodes = zip(episodes, *np.quantile(error, (0.5, 0.95), axis=(0, 2)), strict=True)
     of = [(usv, *about, *row) for about, *row in of_episodes]
     if usv == "fim":
-        variance = np.concatenate([best_variance(trace) for trace in traces], axis=1)
-        median = median_of_normals
+        variance, median = np.concatenate([best_variance(trace) for trace in traces], axis=1), median_of_normals
         at += [(BOUND, float(t), median(row.ravel()), "", "") for t, row in zip(time, variance, strict=True)]
         of += [(BOUND, *about, median(variance[:, w].ravel()), "") for w, about in enumerate(episodes)]
     columns = ("strategy", "time", "median", "lower_quartile", "upper_quartile")
