@@ -84,25 +84,24 @@ def scenarios(
     for option, given in (("--check", check), ("--set", overrides)):
         if given and not scenario:
             raise UserError(f"{option}: needs a scenario")
-    if check and scenario:
+    if not scenario:
+        show(SHIPPED, ((name, _sentence(Scenario.load(name))) for name in Scenario.shipped()))
+        show("Your own:", [("PATH", "TOML file; `usvauv scenarios extreme > mine.toml` is one to begin with.")])
+        return
+    setting = Scenario.load(scenario, overrides or ())
+    if check:
         from usvauv.env.world import regime
 
-        findings = regime.check(Scenario.load(scenario, overrides or ()))
+        findings = regime.check(setting)
         for found in findings:
             typer.echo(terminal.wrapped(f"{found.verdict:11} {found}", 12))
         if any(found.verdict == "error" for found in findings):
             raise typer.Exit(2)
         return
-    if scenario:
-        text = Scenario.load(scenario, overrides or ()).to_toml()
-        if not sys.stdout.encoding.lower().startswith("utf"):  # TOML is UTF-8, of which ASCII is a part
-            text = (
-                re.sub(r'"(?:[^"\\\n]|\\.)*"', _escaped, text).encode("ascii", sys.stdout.errors or "replace").decode()
-            )
-        typer.echo(text, nl=False)
-        return
-    show(SHIPPED, ((name, _sentence(Scenario.load(name))) for name in Scenario.shipped()))
-    show("Your own:", [("PATH", "TOML file; `usvauv scenarios extreme > mine.toml` is one to begin with.")])
+    text = setting.to_toml()
+    if not sys.stdout.encoding.lower().startswith("utf"):  # TOML is UTF-8, of which ASCII is a part
+        text = re.sub(r'"(?:[^"\\\n]|\\.)*"', _escaped, text).encode("ascii", sys.stdout.errors or "replace").decode()
+    typer.echo(text, nl=False)
 
 
 def _sentence(scenario: Scenario) -> str:
@@ -141,16 +140,6 @@ def difference(found: dict[str, Any], cpu: dict[str, Any]) -> str:
     return ""
 
 
-def _h264() -> str:
-    """Encoder of videos in words; "" if there is none."""
-    from av.codec import Codec
-
-    try:
-        return Codec("libx264", "w").long_name
-    except ValueError:
-        return ""
-
-
 def doctor() -> None:
     """Show what works here: versions, devices, a small mission on each compared with the CPU, speed, memory, disk.
 
@@ -176,21 +165,23 @@ def doctor() -> None:
     show("cores", str(runtime.available_cores()))
     show("free memory", memory.words(memory.available()))
     show("free disk", f"{shutil.disk_usage('.').free / 2**30:.1f} GiB here")
-    encoder = _h264()
-    show("H.264", encoder or "MISSING")
-    if not encoder:
+    try:
+        from av.codec import Codec
+
+        show("H.264", Codec("libx264", "w").long_name)
+    except (ImportError, ValueError):
+        show("H.264", "MISSING")
         broken.append("PyAV has no H.264 encoder: no videos")
     show("CUDA device", torch.cuda.get_device_name() if torch.cuda.is_available() else "none")
     cpu = attempt("cpu")
     for arch in ("cpu", "cuda", "vulkan"):
         found = cpu if arch == "cpu" else attempt(arch)
-        problem = found.get("broken", "")
-        if not problem and "rate" in found and "rate" in cpu:
+        problem = found.get("broken") or found.get("absent")
+        if not problem and "rate" in cpu:
             problem = difference(found, cpu)
         if "absent" in found and arch != "cpu":
             show(arch, "not here")
-        elif problem or "rate" not in found:
-            problem = problem or found["absent"]
+        elif problem:
             show(arch, f"BROKEN: {problem}")
             broken.append(f"{arch}: {problem}")
         else:
@@ -284,13 +275,9 @@ def _show_registered(
     default: Callable[[Scenario], str],
     title: str = SHIPPED,
 ) -> None:
-    """Print what is registered: the package's own, then by plugin.
+    """Print what is registered: the package's own under a title, then by plugin.
 
-    Args:
-        registry: of the items.
-        written: name → how an item is written with its arguments, and what these are.
-        default: scenario → name of the item that it has by default.
-        title: over the package's own.
+    `written` says of a name how it is written with its arguments, and what these are; `default` what a scenario has.
     """
     users = _users(default)
     groups: dict[str, list[Item]] = {}
@@ -304,7 +291,6 @@ def _show_registered(
 
 def show(title: str, items: Iterable[Item]) -> None:
     """Print a title and below it a paragraph for each item."""
-
     typer.echo(title)
     for form, about in items:
         typer.echo(terminal.wrapped(f"  {form:<21} {about}", 24))

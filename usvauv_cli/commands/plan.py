@@ -191,10 +191,8 @@ def plan(
         writable(context, Path(json_file), "--json", (".json",))
 
     result, landscape = solve(setting, auvs, others, objective, measurement, gradient, arch)
-    if hint:
-        result = replace(result, warnings=[f"--auv: {hint}", *result.warnings])
-    if read:
-        result = replace(result, warnings=[*read.warnings, *result.warnings])
+    first = read.warnings if read else [f"--auv: {hint}"] if hint else []
+    result = replace(result, warnings=[*first, *result.warnings])
     for warning in result.warnings:
         typer.echo(f"warning: {warning}", err=True)
     if json_file:
@@ -272,7 +270,6 @@ def expectation(place: BoatPlace) -> str:
 
 def print_estimates(estimates: list[PositionEstimate]) -> None:
     """Print where each AUV is by its fixes, and how much they scatter."""
-
     names = ["".join(c if c.isprintable() else repr(c)[1:-1] for c in found.name) for found in estimates]
     short = terminal.shortened(names, LONGEST_NAME)
     rows = [
@@ -314,10 +311,8 @@ def print_table(result: Plan) -> None:
     ]
     if on_earth:
         where += f" ({on_earth[0][1]})"
-    found = (
-        f"Boat at {where}: {OBJECTIVE_NAMES[result.objective]} = {number(best.log_objective, 3)}, {expectation(best)}"
-    )
-    typer.echo(terminal.wrapped(found, 2))
+    value = f"{OBJECTIVE_NAMES[result.objective]} = {number(best.log_objective, 3)}"
+    typer.echo(terminal.wrapped(f"Boat at {where}: {value}, {expectation(best)}", 2))
     array = "level array" if result.slope == (0, 0) else f"array on a slope of {', '.join(map(str, result.slope))}"
     about = (
         f"{result.scenario}, objective {result.objective}, measurement {result.measurement}, {array}; errors are 1 σ;"

@@ -138,15 +138,11 @@ def sea(
 
 def describe(water: SeaSimulation, records: int) -> str:
     """Grid and time steps in two lines."""
-
     area, (dx, dy) = water.scenario.area, water.spacing
     spacing = f"{dx:.3g} m" if abs(dx / dy - 1) < 1e-3 else f"{dx:.3g} × {dy:.3g} m"
-    substeps = getattr(water.long_waves, "substeps", None)  # the nonlinear solver chooses them step by step
-    solved = (
-        f"{counted(substeps, 'solver step')} of {water.interval / substeps:.3g} s"
-        if substeps
-        else "as many solver steps as it takes"
-    )
+    solved = "as many solver steps as it takes"  # by the nonlinear solver, which chooses them step by step
+    if substeps := getattr(water.long_waves, "substeps", None):
+        solved = f"{counted(substeps, 'solver step')} of {water.interval / substeps:.3g} s"
     return (
         f"{water.scenario.name}, seed {water.seed}: {area.width:g} × {area.length:g} m of sea on"
         f" {len(water.x)} × {len(water.y)} cells of {spacing}\n"

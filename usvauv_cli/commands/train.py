@@ -166,9 +166,8 @@ def train(
             )
             name = policies.default(setting)
             if ranks.leads:
-                evaluation_worlds = World(
-                    setting, EVALUATION_EPISODES, config.seed + EVALUATION_SEED_OFFSET, boats, arch=arch
-                )
+                judged_in = config.seed + EVALUATION_SEED_OFFSET
+                evaluation_worlds = World(setting, EVALUATION_EPISODES, judged_in, boats, arch=arch)
                 if not baselines:
                     typer.echo(f"evaluating {name} …")
                 rows = policies.evaluated(evaluation_worlds, name)
@@ -179,9 +178,7 @@ def train(
             if begun:
                 trainers[-1].resume()
         together, first, config = place not in runs, trainers[0], trainers[0].config
-        trainer: Trainer | Seeds = first
-        if together:
-            trainer = policies.Seeds(trainers, runtime.start(arch).threads)
+        trainer: Trainer | Seeds = policies.Seeds(trainers, runtime.start(arch).threads) if together else first
         name, baseline = policies.default(first.world.scenario), {}
         if ranks.leads:
             baseline = training_table.mean_of(baselines) | {"policy": name, "start": first.frame.start}
@@ -211,18 +208,11 @@ def train(
                 typer.echo(f"stopped at {done} of {total} world-steps; go on with: --out {place} --resume{again}")
             bests = [max(run.history, key=lambda row: row["arps"]) for run in trainers]
             learned = all(best["updates"] > 0 for best in bests)
-            found = (
-                training_table.of_seeds([{"evaluation": best} for best in bests])
-                if together
-                else {"evaluation": bests[0]}
-            )
-            typer.echo(
-                terminal.wrapped(
-                    f"best policy{'' if learned else ', the untrained one'}: {training_table.evaluation(found, name)},"
-                    f" in {place / f'{FOLDER}*' if together else place}/best.safetensors",
-                    2,
-                )
-            )
+            evaluations = [{"evaluation": best} for best in bests]
+            found = training_table.of_seeds(evaluations) if together else evaluations[0]
+            told = f"best policy{'' if learned else ', the untrained one'}: {training_table.evaluation(found, name)}"
+            where = place / f"{FOLDER}*" if together else place
+            typer.echo(terminal.wrapped(f"{told}, in {where}/best.safetensors", 2))
             if learned:  # the best of several evaluations in the same episodes
                 own = place / f"{FOLDER}{config.seed}" if together else place
                 typer.echo(f"compare them in other episodes: usvauv eval {setting.name} --policy {own} --policy {name}")

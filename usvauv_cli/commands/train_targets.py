@@ -93,7 +93,6 @@ def train_targets(
 
 def _learn(trainer: DecisionTrainer, evaluations: Iterable[Progress], out: Path) -> None:
     """Train, with a line for each evaluation beside baselines in the same worlds; Ctrl-C keeps the run."""
-
     iterations, first = trainer.config.iterations, trainer.iteration
     against = ", ".join(f"{name} {trainer.evaluate_other(name):.1f}" for name in BASELINES)
     typer.echo(terminal.wrapped(f"in evaluation, Mbit: {against}", 2))

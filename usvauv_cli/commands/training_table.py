@@ -21,13 +21,13 @@ from usvauv.cli.terminal import LINE_EVERY, counted, duration, redraws
 
 def mean_of(several: Sequence[Mapping]) -> dict:
     """Mean of each number of records alike, also within records in them; what is no number is the first one's."""
-    first, means = several[0], {}
-    for name, value in first.items():
+    means = dict(several[0])
+    for name, value in means.items():
         values = [record[name] for record in several]
         if isinstance(value, Mapping):
             means[name] = mean_of(values)
-        else:
-            means[name] = statistics.fmean(values) if isinstance(value, float) else value
+        elif isinstance(value, float):
+            means[name] = statistics.fmean(values)
     return means
 
 
