@@ -56,13 +56,8 @@ def shortened(names: Iterable[str], longest: int) -> dict[str, str]:
 
 
 def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]], names: int = 1, limit: int = 0) -> None:
-    """Print a table, in as many parts below each other as it takes to fit. No cell is cut.
-
-    Args:
-        headings: of the columns.
-        rows: cells.
-        names: number of leading columns that hold names; they are aligned left and repeated in each part.
-        limit: columns of text; by default `width()`.
+    """Print a table in as many parts below each other as it takes to fit into `limit` columns of text, by default
+    `width()`. No cell is cut. The first `names` columns hold names, aligned left and repeated in each part.
     """
     from rich import box
     from rich.console import Console
@@ -148,12 +143,7 @@ def progress(description: str, total: int) -> Iterator[Callable[..., None]]:
 
 
 def duration(seconds: float, rough: bool = False) -> str:
-    """A time in the units that fit: "7.5 s", "30 s", "16 min 40 s", "2 h 5 min".
-
-    Args:
-        seconds: the time.
-        rough: it is an estimate, of 1 s at least: "17 min".
-    """
+    """A time in the units that fit: "7.5 s", "30 s", "16 min 40 s", "2 h 5 min"; roughly, from 1 s on: "17 min"."""
     if rough:
         seconds = max(seconds if seconds < 120 else 60 * round(seconds / 60), 1)
     elif seconds < 10:

@@ -176,26 +176,18 @@ LEAST_EPISODES = 64  # before an interval is believed to be short
 
 
 class Comparison:
-    """Means of all figures, differences to one combination, and the first episodes of each.
-
-    Attributes:
-        combinations: in order.
-        reference: what the others are compared with.
-        seas: number of random seas that episodes take turns on; 0: each has its own, or all are alike.
-        points: energy, Wh, and data, Mbit, of the first `kept` episodes of each, for a figure.
-        episodes: of each.
-        of_task: names of the figures that belong to the task.
-    """
+    """Means of all figures, differences to one combination, and the first episodes of each."""
 
     def __init__(
         self, combinations: Sequence[Combination], reference: Combination | None = None, kept: int = 0, seas: int = 0
     ) -> None:
         self.combinations = tuple(combinations)
-        self.seas = seas
-        self.reference = reference or self.combinations[0]
+        self.seas = seas  # random ones that episodes take turns on; 0: each has its own, or all are alike
+        self.reference = reference or self.combinations[0]  # what the others are compared with
+        # Energy, Wh, and data, Mbit, of the first `kept` episodes of each, for a figure.
         self.points: dict[Combination, list[tuple[float, float]]] = {which: [] for which in self.combinations}
-        self.episodes = 0
-        self.of_task: tuple[str, ...] = ()
+        self.episodes = 0  # of each
+        self.of_task: tuple[str, ...] = ()  # names of the figures that belong to the task
         self._kept = kept
         self._places: dict[str, int] = {}
         self._scores: dict[Combination, Moments] = {}
@@ -235,8 +227,8 @@ class Comparison:
 
         ∞: there is none, or one of length 0. Values that are all equal so far do not tell how much others may differ.
         """
-        found = [moments.estimate(self._places[name]) for moments in self._decisive]
-        return max(estimate.half if estimate.half > 0 else math.inf for estimate in found)
+        halves = [moments.estimate(self._places[name]).half for moments in self._decisive]
+        return max(half if half > 0 else math.inf for half in halves)
 
     def floor(self, name: str) -> float:
         """What stays of `half` however many more episodes come on the same seas; 0 while that is unknown."""

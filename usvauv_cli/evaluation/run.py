@@ -65,11 +65,7 @@ def definition(scenario: Scenario, combinations: Iterable[Combination], seed: in
 
 def digests(policies: Iterable[str], others: Iterable[str]) -> list[tuple[Path, str]]:
     """Files, with hashes of their content, that decide results beside a scenario: plugins, learned rules, weights, the
-    files of MODULE:CLASS.
-
-    Args:
-        policies: names.
-        others: names of boat strategies and target rules.
+    files of MODULE:CLASS; by names of policies, and of boat strategies and target rules.
     """
     learned = [Path(name.partition(":")[2]) for name in others if name.startswith("learned:")]
     of_policies = [path for policy in filter(None, policies) if (path := source(policy))]
@@ -102,11 +98,9 @@ def batches(
     on_step: Callable[[int], None],
     on_trace: Callable[[Trace, int], None],
 ) -> Iterator[Mapping[Combination, Sequence[Mapping[str, Any]]]]:
-    """Rows of all combinations, batch after batch; those that the table does not have yet are run and added to it.
+    """Rows of all combinations, in batches of so many worlds; those that the table has not yet are run and added to it.
 
     Args:
-        size: worlds of a batch.
-        seed, arch: as `World` takes them.
         on_step: called with the number of worlds that made a step, or had made it in an earlier process.
         on_trace: called with the trace of a batch and the number of its first episode.
     """
@@ -186,22 +180,12 @@ def evaluate(
         makers = by_name.named(*names)
     found = combinations(setting, list(makers), _several(usv), _several(targets))
     comparison = Comparison(list(found), seas=setting.random_seas)
-    comparison.add(
-        {
-            which: [
-                row.columns()
-                for row in evaluation.evaluate(
-                    chosen,
-                    {which.policy: makers[which.policy]},
-                    episodes=episodes,
-                    seed=seed,
-                    usv=which.usv,
-                    arch=arch,
-                )
-            ]
-            for which, chosen in found.items()
-        }
-    )
+    batch = {}
+    for which, chosen in found.items():
+        maker = {which.policy: makers[which.policy]}
+        done = evaluation.evaluate(chosen, maker, episodes=episodes, seed=seed, usv=which.usv, arch=arch)
+        batch[which] = [row.columns() for row in done]
+    comparison.add(batch)
     rows = []
     for figure in (*FIGURES, *comparison.of_task):
         for which in found:

@@ -31,21 +31,13 @@ PHRASES = {
 
 
 class Column(NamedTuple):
-    """A figure of merit.
+    """A figure of merit."""
 
-    Attributes:
-        name: of its column in the CSV.
-        heading: name and unit.
-        digits: after the point, in the terminal.
-        about: what it is.
-        better: "more", "less" or neither.
-    """
-
-    name: str
-    heading: str
-    digits: int
+    name: str  # of its column in the CSV
+    heading: str  # name and unit
+    digits: int  # after the point, in the terminal
     about: str
-    better: str = ""
+    better: str = ""  # "more", "less" or neither
 
 
 WORK = (
@@ -105,13 +97,9 @@ def column_tables(scenario: Scenario, of_task: Collection[str]) -> dict[str, lis
 
 def metrics_tables(comparison: Comparison, scenario: Scenario, seed: int, wide: bool, score: str | None = None) -> None:
     """Print mean ± standard deviation over the episodes of each policy, boat strategy and target rule, differences to
-    the reference in the same worlds with their intervals, and a sentence on the headline of each.
+    the reference in the same worlds with their intervals, and a sentence on a score of each, by default the headline.
 
-    Args:
-        comparison: of the episodes.
-        scenario, seed: what was run.
-        score: figure of the sentence, by default `headline`.
-        wide: all figures in three tables of any width, instead of those that matter most in one that fits.
+    `wide`: all figures in three tables of any width, instead of those that matter most in one that fits.
     """
     first, count = comparison.combinations[0], comparison.episodes
     parts = column_tables(scenario, comparison.of_task)
@@ -138,8 +126,7 @@ def metrics_tables(comparison: Comparison, scenario: Scenario, seed: int, wide: 
             print()
             _table(comparison, varied, shown, limit, less=True)
         print()
-        for said in sentences(comparison, score):
-            print(terminal.wrapped(said, 2))
+        print(*(terminal.wrapped(said, 2) for said in sentences(comparison, score)), sep="\n")
     if said := dependence(comparison, score):
         print("\n" + terminal.wrapped(said))
     if not wide:
@@ -201,11 +188,8 @@ def headline(scenario: Scenario) -> str:
 def sentence(less: Estimate, one: str, other: str, name: str) -> str:
     """A difference as a sentence: "belief brings in 30 ± 9 Mbit more than fim".
 
-    Args:
-        less: the figure of `one` less that of `other` in the same worlds, with its interval. Where that holds 0 there
-            is no difference beyond chance.
-        one, other: what is compared.
-        name: of the figure, a column of the CSV.
+    `less` is a figure, a column of the CSV, of `one` less that of `other` in the same worlds, with its interval. Where
+    that holds 0 there is no difference beyond chance.
     """
     what, phrase, *ways = PHRASES.get(name) or _plain(name)
     if not less.n:
@@ -214,10 +198,8 @@ def sentence(less: Estimate, one: str, other: str, name: str) -> str:
         return f"{what}: {one} and {other} are equal in every world"
     if abs(less.mean) <= less.half:
         unit = COLUMNS[name].heading.partition(", ")[2] if name in COLUMNS else ""
-        return (
-            f"{what}: no difference beyond chance between {one} and {other} ({words(less, sign=True)} {unit}".rstrip()
-            + ")"
-        )
+        by = f"{words(less, sign=True)} {unit}".rstrip()
+        return f"{what}: no difference beyond chance between {one} and {other} ({by})"
     said = phrase.format(one=one, other=other, by=words(less._replace(mean=abs(less.mean))), way=ways[less.mean < 0])
     if math.isnan(less.half):
         said += f" ({'one world' if less.n == 1 else 'fewer than two seas'}: no interval)"
@@ -230,12 +212,8 @@ def _plain(name: str) -> tuple[str, str, str, str]:
     what, _, unit = column.heading.partition(", ") if column else (name, "", "")
     if column in POSITIONS:
         what = name.replace("_", " ")
-    return (
-        what,
-        f"{what} is {{by}}{f' {unit}' if unit else ''} {{way}} with {{one}} than with {{other}}",
-        "higher",
-        "lower",
-    )
+    phrase = f"{what} is {{by}}{f' {unit}' if unit else ''} {{way}} with {{one}} than with {{other}}"
+    return what, phrase, "higher", "lower"
 
 
 def sentences(comparison: Comparison, name: str) -> list[str]:

@@ -34,56 +34,34 @@ ROUNDS = 30
 
 
 class Fixes(NamedTuple):
-    """The fixes of one AUV in the order of the log.
+    """The fixes of one AUV in the order of the log."""
 
-    Attributes:
-        name: as in the log.
-        time: (N,), s.
-        places: (N, 2), x and y in the scenario's area, m.
-        depth: (N,), m.
-    """
-
-    name: str
-    time: np.ndarray
-    places: np.ndarray
-    depth: np.ndarray
+    name: str  # as in the log
+    time: np.ndarray  # (N,), s
+    places: np.ndarray  # (N, 2), x and y in the scenario's area, m
+    depth: np.ndarray  # (N,), m
 
 
 class Log(NamedTuple):
-    """A log that was read.
-
-    Attributes:
-        fixes: of each AUV.
-        scenario: with a place on Earth where the log has one.
-        left_out: how many fixes and positions for which reason.
-        warnings: lines about bad lines, what is left out, and ages.
-    """
+    """A log that was read."""
 
     fixes: list[Fixes]
-    scenario: Scenario
-    left_out: dict[str, int]
-    warnings: list[str]
+    scenario: Scenario  # with a place on Earth where the log has one
+    left_out: dict[str, int]  # how many fixes and positions for which reason
+    warnings: list[str]  # about bad lines, what is left out, and ages
 
 
 class PositionEstimate(NamedTuple):
-    """An AUV by its fixes.
+    """An AUV by its fixes; x, y and depth are at its last one, m."""
 
-    Attributes:
-        name: as in the log.
-        fixes, used: their number in the log, and that of the last ones, which give the place.
-        x, y, depth: at its last fix, m.
-        noise: rms of a fix about the AUV's way, horizontally, m, of all fixes in the log; None of fewer than four.
-        accuracy: of the place by this scatter, rms, m; None as `noise`.
-    """
-
-    name: str
-    fixes: int
-    used: int
+    name: str  # as in the log
+    fixes: int  # their number in the log
+    used: int  # number of the last ones, which give the place
     x: float
     y: float
     depth: float
-    noise: float | None
-    accuracy: float | None
+    noise: float | None  # rms of a fix about the AUV's way, horizontally, m, of all fixes; None of fewer than four
+    accuracy: float | None  # of the place by this scatter, rms, m; None as `noise`
 
 
 def auvs_of_log(path: Path, scenario: Scenario, beacons: Sequence[str] = ()) -> tuple[list[PositionEstimate], Log]:
@@ -121,17 +99,13 @@ def read_log(path: Path, scenario: Scenario, beacons: Sequence[str] = ()) -> Log
         frame = Site(scenario).frame
     except UserError as error:
         raise UserError(f"--log {path}: {error}") from None
-    fixes = [
-        Fixes(
-            name,
-            _unwrapped(np.array([fix.time for fix in own])),
-            np.array([_place(fix, frame) for fix in own]),
-            np.array([fix.depth for fix in own]),
-        )
-        for name, own in by_name.items()
-    ]
-    left_out = dict(contents.left_out) | ({"bad line": len(contents.bad)} if contents.bad else {})
-    return Log(fixes, scenario, left_out, [f"--log {path}: {line}" for line in contents.warnings()])
+    fixes = []
+    for name, own in by_name.items():
+        times, places, depths = zip(*((fix.time, _place(fix, frame), fix.depth) for fix in own), strict=True)
+        fixes.append(Fixes(name, _unwrapped(np.array(times)), np.array(places), np.array(depths)))
+    bad = {"bad line": len(contents.bad)} if contents.bad else {}
+    warnings = [f"--log {path}: {line}" for line in contents.warnings()]
+    return Log(fixes, scenario, {**contents.left_out, **bad}, warnings)
 
 
 def _lines(path: Path) -> list[str]:
@@ -176,11 +150,13 @@ def _of_auvs(contents: Contents, beacons: Sequence[str]) -> dict[str, list[Fix]]
     unknown = [name for name in beacons if name not in by_name]
     if unknown:
         raise UserError(f"no fix of --beacon {unknown[0]!r}; beacons and their fixes: {listed}")
-    reasons = {} if beacons else {name: _no_auv(own) for name, own in by_name.items()}
-    for name, reason in reasons.items():
+    chosen = {}
+    for name, own in by_name.items():
+        reason = "" if beacons else _no_auv(own)
         if reason:
-            contents.left_out[f"{name[:20]!r}, {reason}"] += len(by_name[name])
-    chosen = {name: own for name, own in by_name.items() if (name in beacons if beacons else not reasons[name])}
+            contents.left_out[f"{name[:20]!r}, {reason}"] += len(own)
+        elif not beacons or name in beacons:
+            chosen[name] = own
     if not chosen:
         raise UserError(f"no fix of an AUV in it; left out: {contents.reasons()}")
     if len(chosen) > MAX_AUVS:

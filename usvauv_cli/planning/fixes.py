@@ -44,24 +44,15 @@ class NoFix(Exception):
 
 
 class Fix(NamedTuple):
-    """A fix in metres, or in degrees with metres to add to it.
+    """A fix in metres, or in degrees with metres to add to it."""
 
-    Attributes:
-        name: of the beacon.
-        time, depth: s and m.
-        offset: east and north, m.
-        origin: latitude and longitude, degrees.
-        from_boat: horizontal distance from the boat, m; not a number where the log does not say.
-        ship: the system says that it is the boat itself.
-    """
-
-    name: str
-    time: float
-    depth: float
-    offset: tuple[float, float]
-    origin: tuple[float, float] | None = None
-    from_boat: float = math.nan
-    ship: bool = False
+    name: str  # of the beacon
+    time: float  # s
+    depth: float  # m
+    offset: tuple[float, float]  # east and north, m
+    origin: tuple[float, float] | None = None  # latitude and longitude, degrees
+    from_boat: float = math.nan  # horizontal distance, m; NaN where the log does not say
+    ship: bool = False  # the system says that it is the boat itself
 
 
 @dataclass

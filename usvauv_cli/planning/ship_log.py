@@ -98,10 +98,10 @@ def parse(line: str) -> Sentence | None:
     if read is None:
         return None
     found = CHECKED.search(line)
-    if not found and (kind != "PSIMSSB" or "*" in line):  # which Kongsberg lets do without
-        raise BadLine("no checksum")
-    if not found:
+    if not found and kind == "PSIMSSB" and "*" not in line:  # which Kongsberg lets do without
         return _guarded(read, line.split(",")[1:])
+    if not found:
+        raise BadLine("no checksum")
     sums = [
         reduce(lambda total, byte: total ^ byte, found["body"].encode(encoding, "replace"), 0)
         for encoding in ("utf-8", "cp1252")
@@ -202,28 +202,19 @@ def _degrees(text: str, side: str, sides: str) -> float:
 
 
 class Way(NamedTuple):
-    """Positions or headings of the boat in time.
+    """Positions or headings of the boat in time."""
 
-    Attributes:
-        what: it is, in words.
-        times: (N,), s, in order.
-        values: (N, D), degrees or radians.
-        metres: (D,), that a unit of each moves a fix by.
-    """
-
-    what: str
-    times: np.ndarray
-    values: np.ndarray
-    metres: tuple[float, ...]
+    what: str  # it is, in words
+    times: np.ndarray  # (N,), s, in order
+    values: np.ndarray  # (N, D), degrees or radians
+    metres: tuple[float, ...]  # (D,), that a unit of each moves a fix by
 
     def at(self, when: np.ndarray, contents: Contents | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Values (M, D) at (M,) times, and whether they are known there.
 
         They are between two positions at most a minute apart; before the first and after the last for as long as to
-        the next one, at most `BASE`, and everywhere for a minute in which the boat goes less than `DRIFT`.
-
-        Args:
-            contents: told how many are not known, and for how long a position was taken to hold.
+        the next one, at most `BASE`, and everywhere for a minute in which the boat goes less than `DRIFT`. `contents`
+        is told how many are not known, and for how long a position was taken to hold.
         """
         last = len(self.times) - 1
         after = np.searchsorted(self.times, when, side="right")

@@ -44,19 +44,12 @@ class Stopped(Exception):
 
 
 class Ended(NamedTuple):
-    """How a piece of work ended.
+    """How a piece of work ended: it is lost if its process or machine ended before it did."""
 
-    Attributes:
-        name: of the piece.
-        how: "lost" if its process or machine ended before the piece did.
-        words: why it failed, in one line.
-        details: traceback of an unexpected error.
-    """
-
-    name: str
+    name: str  # of the piece
     how: Literal["done", "stopped", "failed", "lost"]
-    words: str = ""
-    details: str = ""
+    words: str = ""  # why it failed, in one line
+    details: str = ""  # traceback of an unexpected error
 
 
 class Signs:
@@ -96,25 +89,15 @@ def reported(folder: Path, name: str) -> float | None:
 
 @dataclass(frozen=True)
 class Task:
-    """A piece of work with what its process needs; it can be pickled, and is called in that process.
+    """A piece of work with what its process needs; it can be pickled, and is called in that process."""
 
-    Attributes:
-        name: of the piece and of its file of signs.
-        do: does it, unless it is done already.
-        signs: folder of the signs; it exists.
-        threads: of Taichi's kernels.
-        arch: as `usvauv.kernels.runtime.start` takes it.
-        plugins: files to load first.
-        directory: where relative paths begin.
-    """
-
-    name: str
-    do: Callable[[Signs], None]
-    signs: Path
-    threads: int
-    arch: str = "auto"
-    plugins: tuple[Path, ...] = ()
-    directory: Path = field(default_factory=Path.cwd)
+    name: str  # of the piece and of its file of signs
+    do: Callable[[Signs], None]  # does it, unless it is done already
+    signs: Path  # folder of the signs; it exists
+    threads: int  # of Taichi's kernels
+    arch: str = "auto"  # as `usvauv.kernels.runtime.start` takes it
+    plugins: tuple[Path, ...] = ()  # files to load first
+    directory: Path = field(default_factory=Path.cwd)  # where relative paths begin
 
     def __call__(self) -> Ended:
         """Do the piece in this process; whatever it raises becomes the answer."""
@@ -217,11 +200,9 @@ def conduct(
             (signs / STOP).touch()
             waiting = [name for name in left if reported(signs, name) is None]
             engine.cancel(waiting)
-            for name in waiting:
-                del left[name]
-            while left:
-                for result in engine.wait(REPORT):
-                    left.pop(result.name, None)
+            running = left.keys() - set(waiting)
+            while running:
+                running -= {result.name for result in engine.wait(REPORT)}
         raise
     finally:
         with deferred():
@@ -275,9 +256,8 @@ class Local:
                 self._free.append(worker.place)
                 reason = worker.process.exitcode or 0
                 by = f" by signal {-reason}" if reason < 0 else ""
-                results.append(
-                    Ended(name, "lost", f"its process was ended{by} from outside, perhaps for lack of memory")
-                )
+                why = f"its process was ended{by} from outside, perhaps for lack of memory"
+                results.append(Ended(name, "lost", why))
         return results
 
     def cancel(self, names: Sequence[str]) -> None:
@@ -303,9 +283,7 @@ class Local:
 
 def _apart(jobs: int, threads: int) -> list[set[int] | None]:
     """Cores of each place, disjoint; None where there are too few, or where the system does not say."""
-    if not hasattr(os, "sched_getaffinity"):
-        return [None] * jobs
-    cores = sorted(os.sched_getaffinity(0))
+    cores = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else []
     if jobs * threads > len(cores):
         return [None] * jobs
     return [set(cores[place * threads : (place + 1) * threads]) for place in range(jobs)]

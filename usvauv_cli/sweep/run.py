@@ -66,18 +66,15 @@ def episodes(definition: Mapping[str, Any], place: Path, step: Callable[[int], N
 class Piece:
     """A run that was checked.
 
-    Attributes:
-        definition: JSON that decides the results: "scenario", "policy" or "training" (a `TrainingConfig`, "total"
-            world-steps, and if they are not the default "evaluations" and "judged" episodes in each), "usv", "seed",
-            and "evaluation" with its number of "episodes" and what `evaluate` needs.
-        method, task: what acts and in what, as tables name them.
-        evaluate: gives the rows of `RESULT`; a function at the top of a module.
+    Its definition is the JSON that decides the results: "scenario", "policy" or "training" (a `TrainingConfig`, "total"
+    world-steps, and if they are not the default "evaluations" and "judged" episodes in each), "usv", "seed", and
+    "evaluation" with its number of "episodes" and what `evaluate` needs.
     """
 
     definition: Mapping[str, Any]
-    method: str
-    task: str
-    evaluate: Evaluate = episodes
+    method: str  # what acts, as tables name it
+    task: str  # in what, likewise
+    evaluate: Evaluate = episodes  # gives the rows of `RESULT`; a function at the top of a module
 
     @cached_property
     def key(self) -> str:

@@ -164,9 +164,7 @@ def evenly(count: int, most: int) -> np.ndarray:
 def ellipses(covariance: np.ndarray, largest: float) -> np.ndarray:
     """Semi-axes of one standard deviation, m, the larger first, and the angle of the first, rad in [0, π), (..., 3).
 
-    Args:
-        covariance: (..., 3) xx, xy, yy, m².
-        largest: to which axes are cut, m.
+    By covariances (..., 3) xx, xy, yy, m²; axes are cut to the largest, m.
     """
     xx, xy, yy = np.moveaxis(covariance.astype(np.float64), -1, 0)
     middle, spread = (xx + yy) / 2, np.hypot((xx - yy) / 2, xy)
@@ -216,9 +214,7 @@ def player_data(scenario: Scenario, names: Iterable[str], episodes: Iterable[Epi
 def at_arrows(stream: np.ndarray, width: float, length: float) -> np.ndarray:
     """Velocities (times, rows, columns, 2) at the arrows, which stand in the middle of equal cells of the area, m/s.
 
-    Args:
-        stream: real current from corner to corner of the area, (times, ≥ 2, ≥ 2, 2); empty: 0, at one time.
-        width, length: of the area, m.
+    `stream` is the real current from corner to corner of the area, (times, ≥ 2, ≥ 2, 2); empty: 0, at one time.
     """
     columns, rows = (max(2, round(ARROWS * side / max(width, length))) for side in (width, length))
     if not stream.size:

@@ -18,10 +18,8 @@ BAR = 0.28  # longest scale bar, of the width
 
 
 def draw_graticule(axes: Axes, frame: LocalFrame, width: float, length: float, lines: int) -> None:
-    """Draw lines of equal longitude and latitude and a scale bar on a map of width × length, m, with ticks in degrees.
-
-    Args:
-        lines: about so many each way, ≥ 2.
+    """Draw lines of equal longitude and latitude, about so many each way, ≥ 2, and a scale bar on a map of width ×
+    length, m, with ticks in degrees.
     """
     x, y = np.meshgrid([0.0, width], [0.0, length])
     for across, degrees in zip((True, False), frame.to_geographic(x, y), strict=True):
