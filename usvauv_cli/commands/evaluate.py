@@ -112,9 +112,7 @@ def evaluate(
         options.warn_team_size(name, setting)
     scenarios = combinations(setting, names, usv or [None], targets or [None])
     figures = (*FIGURES, *(name for name, metric in task_metrics.items() if metric.task == setting.task))
-    score = chosen_score or "arps"
-    if score not in figures:
-        raise UserError(f"--score {score!r}: {choices(score, figures)}")
+    score = options.choice("--score", chosen_score or "arps", figures)
     reference = next((which for which in scenarios if against in (None, *filter(None, which))), None)
     if reference is None:
         parts = dict.fromkeys(part for which in scenarios for part in which if part)
@@ -171,6 +169,5 @@ def evaluate(
     if report_folder:
         from usvauv.cli.web_report import page
 
-        typer.echo(
-            f"report: {page.write(report_folder, setting, seed, comparison, recordings, chosen_score).resolve()}"
-        )
+        written = page.write(report_folder, setting, seed, comparison, recordings, chosen_score)
+        typer.echo(f"report: {written.resolve()}")

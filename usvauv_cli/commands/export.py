@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from usvauv.cli.commands import options
-from usvauv.kernels.errors import UserError, choices
+from usvauv.kernels.errors import UserError
 
 
 def export(
@@ -67,33 +67,26 @@ def export(
 
     `usvauv export runs/mine extreme --set auv.speed_max=2.0 --onnx slower.onnx`
     """
-    if to is None:
-        for option, value in (("--out", out), ("--episode", episode)):
+    if to is not None:
+        for option, value in (("SCENARIO", scenario), ("--onnx", onnx), ("--set", (overrides or [None])[0])):
             if value is not None:
-                raise UserError(f"{option} {value}: is for a trace, which needs --to; a policy is written by --onnx")
-        _export_policy(context, source, scenario, onnx, overrides or ())
+                raise UserError(f"{option} {value}: is for a policy; --to writes a trace")
+        _export_trace(context, Path(source), to, out, episode or 0)
         return
-    for option, value in (("SCENARIO", scenario), ("--onnx", onnx), ("--set", (overrides or [None])[0])):
-        if value is not None:
-            raise UserError(f"{option} {value}: is for a policy; --to writes a trace")
-    _export_trace(context, Path(source), to, out, episode or 0)
-
-
-def _export_policy(
-    context: typer.Context, policy: str, scenario: str | None, onnx: Path | None, overrides: list[str] | tuple[()]
-) -> None:
     from usvauv import policies
     from usvauv.env import Scenario
     from usvauv.env.world.observation import ObservationLayout
     from usvauv.policies.export import export as write
 
+    for option, value in (("--out", out), ("--episode", episode)):
+        if value is not None:
+            raise UserError(f"{option} {value}: is for a trace, which needs --to; a policy is written by --onnx")
     if overrides and scenario is None:
         raise UserError("--set: name the scenario whose fields it changes, after the policy")
-    setting = None if scenario is None else Scenario.load(scenario, overrides)
-    path = options.writable(
-        context, onnx or Path(f"{Path(policy).name.removesuffix('.safetensors')}.onnx"), "--onnx", (".onnx",)
-    )
-    player = policies.load_learned(policy, setting)
+    setting = None if scenario is None else Scenario.load(scenario, overrides or ())
+    path = onnx or Path(f"{Path(source).name.removesuffix('.safetensors')}.onnx")
+    options.writable(context, path, "--onnx", (".onnx",))
+    player = policies.load_learned(source, setting)
     write(player, path)
     auv, size = player.scenario.auv, ObservationLayout.of(player.scenario).size
     shapes = f"observation (N, {auv.count}, {size}), action (N, {auv.count}, {auv.action_size})"
@@ -103,9 +96,7 @@ def _export_policy(
 def _export_trace(context: typer.Context, path: Path, to: str, out: Path | None, episode: int) -> None:
     from usvauv.env.exchange import FOLDERS, WRITERS, export_trace
 
-    if to not in WRITERS:
-        raise UserError(f"--to {to!r}: {choices(to, WRITERS)}")
-    if to in FOLDERS:
+    if options.choice("--to", to, WRITERS) in FOLDERS:
         target = out or Path(path.stem)
     else:
         target = options.writable(context, out or Path(f"{path.stem}.{to}"), "--out", (f".{to}",))

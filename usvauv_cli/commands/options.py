@@ -8,7 +8,7 @@ import math
 import os
 import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from usvauv.cli.terminal import counted
-from usvauv.kernels.errors import UserError
+from usvauv.kernels.errors import UserError, choices
 
 if TYPE_CHECKING:
     from usvauv.env import Scenario, Trace
@@ -157,6 +157,13 @@ def at_least(option: str, value: float, least: float) -> None:
     """Refuse a number given by an option that is below `least`, or not finite."""
     if not least <= value < math.inf:
         raise UserError(f"{option} {value}: must be at least {least}, and finite")
+
+
+def choice(option: str, value: str, allowed: Collection[str]) -> str:
+    """The value of an option, one of those allowed."""
+    if value not in allowed:
+        raise UserError(f"{option} {value!r}: {choices(value, allowed)}")
+    return value
 
 
 def writable(context: typer.Context, path: Path, option: str, endings: Sequence[str]) -> Path:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from usvauv.cli import terminal
-from usvauv.cli.commands.options import Arch, Force, Overrides, Plugins, writable
-from usvauv.kernels.errors import UserError, choices
+from usvauv.cli.commands.options import Arch, Force, Overrides, Plugins, choice, writable
+from usvauv.kernels.errors import UserError
 
 if TYPE_CHECKING:
     from usvauv.cli.planning.fix_log import Log, PositionEstimate
@@ -217,13 +217,6 @@ def plan(
         print_table(result)
         for path in filter(None, (out, json_file)):
             typer.echo(f"written: {Path(path).resolve()}")
-
-
-def choice(option: str, value: str, allowed: tuple[str, ...]) -> str:
-    """The value of an option, one of those allowed."""
-    if value not in allowed:
-        raise UserError(f"{option} {value!r}: {choices(value, allowed)}")
-    return value
 
 
 def surface_slope(text: str) -> tuple[float, float]:

@@ -9,8 +9,7 @@ from typing import Annotated
 import typer
 
 from usvauv.cli.commands import options
-from usvauv.cli.terminal import duration
-from usvauv.kernels.errors import UserError, choices
+from usvauv.kernels.errors import UserError
 
 Ray = Annotated[
     str | None,
@@ -100,18 +99,9 @@ def reproduce(
 
     _check(ray, slurm, jobs)
     if target is None:
-        both = zip(listed(FULL), listed(QUICK), strict=True)
-        rows = [
-            (
-                name,
-                f"{about[0].upper()}{about[1:]}; about {duration(full)} on two cores, {duration(quick)} with --quick.",
-            )
-            for (name, about, full), (_, _, quick) in both
-        ]
-        show("Targets of `usvauv reproduce TARGET --out FOLDER`:", rows)
+        show("Targets of `usvauv reproduce TARGET --out FOLDER`:", listed())
         return
-    if target not in TARGETS:
-        raise UserError(f"TARGET {target!r}: {choices(target, TARGETS)}")
+    options.choice("TARGET", target, TARGETS)
     if out is None:
         raise UserError("--out: needed, the folder of the results")
     options.make_folder(out)

@@ -144,12 +144,9 @@ def train(
                 stack.enter_context(locked(folder))
                 clean(folder)
             folders = folders or {seed: place}
-            if not resume:
-                runs = {folder: (setting, replace(config, seed=own), {}) for own, folder in folders.items()}
-                return place, runs, usv, steps or STEPS
-            saved = [folder for folder in folders.values() if path_of(folder, LAST).exists()] or folders.values()
-            runs = {folder: policies.read_run(folder) for folder in saved}
-            setting, config, begun = next(iter(runs.values()))
+            saved = [folder for folder in folders.values() if path_of(folder, LAST).exists()]
+            runs = {folder: policies.read_run(folder) for folder in saved or (folders.values() if resume else ())}
+            setting, config, begun = next(iter(runs.values()), (setting, config, {}))
             for own, folder in folders.items():  # one that a killed process had not saved yet begins as the others did
                 runs.setdefault(folder, (setting, replace(config, seed=own), {}))
             return place, runs, begun.get("usv", usv), steps or begun.get("total", STEPS)

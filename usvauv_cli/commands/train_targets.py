@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -15,9 +14,6 @@ from usvauv.cli import terminal
 from usvauv.cli.commands import options
 from usvauv.cli.terminal import duration
 from usvauv.kernels.errors import UserError
-
-if TYPE_CHECKING:
-    from usvauv.policies.decisions import DecisionTrainer, Progress
 
 BASELINES = ("tour", "rollout:40", "rollout:90")
 
@@ -85,27 +81,21 @@ def train_targets(
     if resume:
         trainer.resume(last)
     about = {"scenario": setting.name, "information": setting.nodes.information, "policy": steering}
-    _learn(trainer, trainer.train(out, about | provenance(begun), last, decides), out)
-    if trainer.iteration == iterations:
-        last.unlink()
-    trainer.interruption.raise_if_asked()
-
-
-def _learn(trainer: DecisionTrainer, evaluations: Iterable[Progress], out: Path) -> None:
-    """Train, with a line for each evaluation beside baselines in the same worlds; Ctrl-C keeps the run."""
-    iterations, first = trainer.config.iterations, trainer.iteration
     against = ", ".join(f"{name} {trainer.evaluate_other(name):.1f}" for name in BASELINES)
     typer.echo(terminal.wrapped(f"in evaluation, Mbit: {against}", 2))
-    begun = time.monotonic()
-    for result in evaluations:
-        left = (time.monotonic() - begun) * (iterations - result.iteration) / (result.iteration - first)
+    first, started = trainer.iteration, time.monotonic()
+    for result in trainer.train(out, about | provenance(begun), last, decides):
+        left = (time.monotonic() - started) * (iterations - result.iteration) / (result.iteration - first)
         typer.echo(
             f"iteration {result.iteration} of {iterations}: {result.sampled:.1f} Mbit while exploring,"
             f" {result.evaluated:.1f} in evaluation, best {trainer.best:.1f}; {duration(left, rough=True)} left"
         )
-    if trainer.iteration < iterations:
+    if trainer.iteration == iterations:
+        last.unlink()
+    else:
         typer.echo(
             f"stopped after {trainer.iteration} of {iterations} iterations; the same command with --resume goes on"
         )
     if math.isfinite(trainer.best):
         typer.echo(terminal.wrapped(f"best {trainer.best:.1f} Mbit ({against}) in {out}", 2))
+    trainer.interruption.raise_if_asked()
