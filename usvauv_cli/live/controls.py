@@ -15,7 +15,7 @@ from usvauv.cli.live.history import MOST_STATES
 from usvauv.cli.live.scene import OPACITY, Scene
 from usvauv.cli.live.session import Session, Slider
 from usvauv.env.record.metrics import EpisodeMetrics
-from usvauv.env.render.style import auv_colour, clock
+from usvauv.env.render.style import auv_colour, clock, web
 from usvauv.kernels.errors import UserError
 
 SPEEDS = {"½ ×": 0.5, "1 ×": 1.0, "2 ×": 2.0, "5 ×": 5.0, "10 ×": 10.0, "30 ×": 30.0, "as fast as possible": math.inf}
@@ -112,13 +112,12 @@ class Controls:
         from viser import uplot
 
         count = self._session.scenario.auv.count
-        colours = [f"#{red:02x}{green:02x}{blue:02x}" for blue, green, red in map(auv_colour, range(count))]
         axis = uplot.Axis(stroke="#9ab", grid={"stroke": "#345", "width": 1})
         return gui.add_uplot(
             (np.zeros(1), *[np.zeros(1)] * count),
             (
                 uplot.Series(label="s"),
-                *(uplot.Series(label=f"AUV {k + 1}", stroke=colour, width=2) for k, colour in enumerate(colours)),
+                *(uplot.Series(label=f"AUV {k + 1}", stroke=web(auv_colour(k)), width=2) for k in range(count)),
             ),
             title=f"Error of estimated positions, m, in the last {PLOTTED:g} s",
             # A fixed span: one that follows the data is kept by each page as a share of the data that it saw first.
@@ -130,29 +129,30 @@ class Controls:
     def _listen_to_scene(self) -> None:
         session, depth = self._session, self._session.scenario.area.depth
 
-        def to(move: Callable[..., None], place: np.ndarray | None, *index: int) -> None:
+        def put(about: str, origin: np.ndarray, direction: np.ndarray, *index: int) -> None:
+            move, height = (session.move_boat, 0.0) if about == "boat" else (session.move_node, -depth)
+            place = meeting(origin, direction, height)
             if place is not None and np.isfinite(place).all():
                 move(float(place[0]), float(place[1]), *index)
 
-        def drag(about: str, move: Callable[..., None], height: float, index: int | None) -> Callable[[Any], None]:
+        def drag(about: str, index: int | None = None) -> Callable[[Any], None]:
             def moved(event: Any) -> None:
                 camera, chosen = event.client.camera.position, event.instance_index if index is None else index
-                to(move, meeting(camera, np.array(event.end_position) - camera, height), chosen)
+                put(about, camera, np.array(event.end_position) - camera, chosen)
 
             return lambda event: self._ask(about, lambda: moved(event))
 
-        for b, boat in enumerate(self._scene.boats):
-            boat.on_drag(drag("boat", session.move_boat, 0.0, b))
-        self._scene.nodes.on_drag(drag("node", session.move_node, -depth, None))
-
-        def click(about: str, move: Callable[..., None], height: float) -> Callable[[Any], None]:
+        def click(about: str) -> Callable[[Any], None]:
             def clicked(event: Any) -> None:
-                to(move, meeting(np.array(event.ray_origin), np.array(event.ray_direction), height))
+                put(about, np.array(event.ray_origin), np.array(event.ray_direction))
 
             return lambda event: self._ask(about, lambda: clicked(event))
 
-        self._server.scene.on_click(modifier="shift")(click("node", session.move_node, -depth))
-        self._server.scene.on_click(modifier="cmd/ctrl")(click("boat", session.move_boat, 0.0))
+        for b, boat in enumerate(self._scene.boats):
+            boat.on_drag(drag("boat", b))
+        self._scene.nodes.on_drag(drag("node"))
+        self._server.scene.on_click(modifier="shift")(click("node"))
+        self._server.scene.on_click(modifier="cmd/ctrl")(click("boat"))
 
     def _pause_or_run(self) -> None:
         session = self._session
@@ -226,12 +226,9 @@ class Controls:
             self._next_figures = now + max(FIGURES_EVERY, spent / FIGURES_SHARE)
 
     def _show_status(self, now: float) -> None:
-        session, elapsed = self._session, now - self._since
+        session, elapsed = self._session, max(now - self._since, 1e-6)
         if elapsed > 1.0 or not self._status.content:
-            self._pace = (
-                (session.moment.time - self._since_time) / max(elapsed, 1e-6),
-                self._pictures / max(elapsed, 1e-6),
-            )
+            self._pace = (session.moment.time - self._since_time) / elapsed, self._pictures / elapsed
             self._pictures, self._since, self._since_time = 0, now, session.moment.time
         duration = session.world.steps * session.scenario.mission.step
         if session.ended:

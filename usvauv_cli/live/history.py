@@ -100,17 +100,12 @@ class SurfaceGrid:
     """
 
     def __init__(self, world: World) -> None:
-        self._inner = world.long_waves(POINTS)[1:]
-        area = world.scenario.area
+        area, (_, *inner) = world.scenario.area, world.long_waves(POINTS)
         self.x, self.y = (
-            np.concatenate([[0.0], inner[1:-1], [size]])
-            for inner, size in zip(self._inner, (area.width, area.length), strict=True)
+            np.concatenate([[0.0], places[1:-1], [size]])
+            for places, size in zip(inner, (area.width, area.length), strict=True)
         )
         self._storm: AirySea | None = None
-
-    def long_waves(self, world: World) -> np.ndarray:
-        """Elevation of the long waves as they are now, (Y, X), m."""
-        return world.long_waves(POINTS)[0]
 
     def storm(self, storm: AirySea, time: float) -> np.ndarray:
         """Elevation of the storm of world 0 at a time (s), (Y, X) float32, m.

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 
 from usvauv import policies
-from usvauv.cli.live.history import History, Moment, Snapshot, SurfaceGrid
+from usvauv.cli.live.history import POINTS, History, Moment, Snapshot, SurfaceGrid
 from usvauv.env.record.metrics import EpisodeMetrics, episode_metrics
 from usvauv.env.record.recorder import Recorder, of_bodies, trace_bytes
 from usvauv.env.record.trace import AT_REST, turned
@@ -228,7 +228,7 @@ class Session:
                 fins=fins,
                 own=copied(world.own_position),
                 flow=copied(self._flow),
-                long_waves=self.grid.long_waves(world),
+                long_waves=world.long_waves(POINTS)[0],
                 storm=world.storm,
             )
         )

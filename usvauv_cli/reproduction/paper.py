@@ -27,15 +27,10 @@ from usvauv.env.storage.tables import write_rows
 from usvauv.env.world.boat_strategies import StrategyChoice
 from usvauv.policies import TrainingConfig, checkpoint
 
-FIGURES = ("sdr", "ec", "arps")
-"""Sum data rate, energy consumption, average reward per time step."""
-
-CONDITIONS = {"ISC": "paper-ideal", "ESC": "paper-extreme"}
-"""The paper's ideal and extreme sea conditions, and our scenarios for them."""
-
-PHYSICAL = "extreme"
-"""Our own scenario, set beside the paper's in Fig. 4."""
-
+FIGURES = ("sdr", "ec", "arps")  # sum data rate, energy consumption, average reward per time step
+CONDITIONS = {"ISC": "paper-ideal", "ESC": "paper-extreme"}  # ideal and extreme sea, and our scenarios for them
+PHYSICAL = "extreme"  # our own scenario, set beside the paper's in Fig. 4
+# Method and condition → figure → value and what stands behind its ±. The baseline has one row only.
 TABLE_2 = {
     ("ddpg", "ISC"): {"sdr": (6.63, 0.97), "ec": (73.72, 1.11), "arps": (-80.70, 6.94)},
     ("ddpg", "ESC"): {"sdr": (6.35, 1.57), "ec": (77.23, 0.89), "arps": (-82.28, 7.41)},
@@ -43,10 +38,8 @@ TABLE_2 = {
     ("sac", "ESC"): {"sdr": (5.58, 2.35), "ec": (117.76, 17.30), "arps": (-89.58, 15.22)},
     ("baseline", None): {"sdr": (5.93, 3.51), "ec": (112.30, 10.56), "arps": (-87.95, 12.08)},
 }
-"""Table 2: method and condition → figure → value and what stands behind its ±. The baseline has one row only."""
-
+# Positioning error by the boat's strategy, m, read off the figure to one digit.
 FIG_4B = {"fim": 2e-3, "hold:100,100": 3e-3, "hold:0,0": 1e-1}
-"""Fig. 4(b): positioning error by the boat's strategy, m, read off the figure to one digit."""
 
 RESULTS = "reproduction"  # folder of tables and figures, beside the page and linked relative to it
 TITLES = {"sdr": "Sum data rate (SDR), Mbit/s", "ec": "Energy consumption (EC), W", "arps": "Reward per step (ARPS)"}

@@ -126,9 +126,7 @@ def write_report(folder: Path, study: Study, results: Mapping[str, Any]) -> Path
         counts={how: count for how, count in counts.items() if count},
         results=results,
         methods=methods,
-        tasks=list(results["tasks"]),
         ahead=results["differences"][:PAIRS],
-        pairs=results["improvement"],
         runs=runs,
         figures_of=f"{METHODS} methods and {TASKS} tasks" * (len(methods) > METHODS or len(results["tasks"]) > TASKS),
         words=summary.in_words,
@@ -172,7 +170,7 @@ def _mean_curve(runs: list[dict[float, float]]) -> Curve:
 
 def _figures(
     study: Study, results: Mapping[str, Any], learning: Mapping[str, Mapping[str, Curve]]
-) -> list[document.Drawn]:
+) -> Iterator[document.Drawn]:
     """The figures for which there are numbers, as `document.pictures` takes them."""
     score = study.evaluation.score
     methods = list(dict.fromkeys(method for task in results["tasks"].values() for method in task))[:METHODS]
@@ -181,38 +179,25 @@ def _figures(
     def shown(of: Mapping[str, Any]) -> dict[str, Any]:
         return {method: about for method, about in of.items() if method in short}
 
-    made: list[document.Drawn] = []
     if tasks := {task: shown(of) for task, of in islice(results["tasks"].items(), TASKS)}:
         about = "Mean over runs, with 95 % intervals of the bootstrap over runs."
-        made.append(("scores", partial(draw_scores, tasks, short, score), "Scores", about))
+        yield "scores", partial(draw_scores, tasks, short, score), "Scores", about
     if len(results["aggregates"]) > 1:
         pairs = [pair for pair in results["improvement"] if {pair["method"], pair["over"]} <= short.keys()][:PAIRS]
-        made += [
-            (
-                "aggregates",
-                partial(draw_aggregates, shown(results["aggregates"]), short),
-                "Scores over all tasks",
-                "Scaled so that in each task the worst run is 0 and the best 1.",
-            ),
-            (
-                "profiles",
-                partial(draw_profiles, shown(results["profiles"]), short),
-                "Performance profiles",
-                "The higher the line, the better; where lines cross, neither method is better throughout.",
-            ),
-            (
-                "improvement",
-                partial(draw_improvement, pairs, short),
-                "Probability of improvement",
-                "That a run of the one is better than one of the other on the same task. An interval that holds 0.5"
-                " tells nothing.",
-            ),
-        ]
+        about = "Scaled so that in each task the worst run is 0 and the best 1."
+        aggregates = shown(results["aggregates"])
+        yield "aggregates", partial(draw_aggregates, aggregates, short), "Scores over all tasks", about
+        about = "The higher the line, the better; where lines cross, neither method is better throughout."
+        yield "profiles", partial(draw_profiles, shown(results["profiles"]), short), "Performance profiles", about
+        about = (
+            "That a run of the one is better than one of the other on the same task. An interval that holds 0.5 tells"
+            " nothing."
+        )
+        yield "improvement", partial(draw_improvement, pairs, short), "Probability of improvement", about
     learned = {task: shown(of) for task, of in learning.items()}
     if learned := {task: of for task, of in islice(learned.items(), TASKS) if of}:
         about = "Mean over runs of the evaluations during the training, in worlds of their own, with 95 % intervals."
-        made.append(("learning", partial(draw_learning, learned, short, score), "Learning", about))
-    return made
+        yield "learning", partial(draw_learning, learned, short, score), "Learning", about
 
 
 def draw_scores(tasks: Mapping[str, Mapping[str, Values]], methods: Mapping[str, str], score: str) -> Figure:

@@ -17,7 +17,7 @@ from contextlib import AbstractContextManager
 from html import escape
 from importlib import metadata, resources
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
 from markupsafe import Markup
@@ -166,19 +166,10 @@ def lines(names: Iterable[str]) -> list[Line2D]:
     return [Line2D([], [], color=colour(i), ls=dash(i), label=name) for i, name in enumerate(names)]
 
 
-class Picture(NamedTuple):
-    """A figure of a page."""
-
-    name: str
-    title: str
-    svg: Markup
-    caption: str
-
-
 Drawn = tuple[str, Callable[[], Figure], str, str]  # name of a figure, what draws it, title, caption
 
 
-def pictures(folder: Path, wanted: Iterable[Drawn]) -> list[Picture]:
+def pictures(folder: Path, wanted: Iterable[Drawn]) -> list[dict[str, str]]:
     """Figures for the page in a folder; each is written there as NAME.pdf too, with its fonts and without a date."""
     made = []
     for name, draw, title, caption in wanted:
@@ -186,7 +177,8 @@ def pictures(folder: Path, wanted: Iterable[Drawn]) -> list[Picture]:
             figure = draw()
             with atomic_write(folder / f"{name}.pdf") as partial:
                 figure.savefig(partial, format="pdf", transparent=True, metadata={"CreationDate": None})
-            made.append(Picture(name, title, Markup(svg(figure, name, title, caption)), caption))
+            drawn = Markup(svg(figure, name, title, caption))
+            made.append({"name": name, "title": title, "svg": drawn, "caption": caption})
     return made
 
 

@@ -5,7 +5,7 @@ that play in a cell of a notebook.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from itertools import pairwise
@@ -110,44 +110,28 @@ def _cell(comparison: Comparison, which: Combination, name: str) -> dict[str, An
     }
 
 
-def _figures(comparison: Comparison, scenario: Scenario, recordings: Recordings) -> list[document.Drawn]:
+def _figures(comparison: Comparison, scenario: Scenario, recordings: Recordings) -> Iterator[document.Drawn]:
     """The figures that the task has, as `document.pictures` takes them."""
     names = labels(comparison.combinations)[: len(recordings)]
     recorded, steps = list(recordings.values()), scenario.mission.steps
     drawn, points = front_episodes(len(comparison.combinations)), len(recorded[0].episode.tracks[0])
-    some = f", the first {drawn} of each" if drawn < comparison.episodes else ""
+    some = f"episodes, the first {drawn} of each" if drawn < comparison.episodes else "episodes"
     thinned = f"; each way is drawn through {points} of {steps} points" if points < steps else ""
-    made: list[document.Drawn] = [
-        (
-            "errors",
-            partial(errors, names, recorded, steps * scenario.mission.step),
-            "Errors of positions and fixes",
-            "Left: of the boat's estimates of the AUVs' positions, at each step; right: of usable fixes. Of all"
-            " episodes. Above: the median in each hundredth of the mission, and for the first combination a band that"
-            " holds 90 %. Below: the share with a smaller error, which is known to 6 %.",
-        ),
-        (
-            "trajectories",
-            partial(trajectories, names, recorded, scenario),
-            "Tracks of AUVs and boat",
-            f"The first episode, world 0, the same for all{thinned}.",
-        ),
-    ]
-    if not collects_data(scenario):
-        return made
-    of_data = (
-        "front",
-        partial(front, names, comparison),
-        "Data and energy",
-        f"Small and faint: episodes{some}; large: their means with 95 % intervals. Better is further up and left.",
+    if collects_data(scenario):
+        about = f"Small and faint: {some}; large: their means with 95 % intervals. Better is further up and left."
+        yield "front", partial(front, names, comparison), "Data and energy", about
+    about = (
+        "Left: of the boat's estimates of the AUVs' positions, at each step; right: of usable fixes. Of all episodes."
+        " Above: the median in each hundredth of the mission, and for the first combination a band that holds 90 %."
+        " Below: the share with a smaller error, which is known to 6 %."
     )
-    of_ages = (
-        "ages",
-        partial(ages, names, recorded, scenario),
-        "Age of data by node",
-        "Mean age of the data of each node over the first episode; older data are drawn larger and stronger.",
-    )
-    return [of_data, *made, of_ages]
+    draw = partial(errors, names, recorded, steps * scenario.mission.step)
+    yield "errors", draw, "Errors of positions and fixes", about
+    about = f"The first episode, world 0, the same for all{thinned}."
+    yield "trajectories", partial(trajectories, names, recorded, scenario), "Tracks of AUVs and boat", about
+    if collects_data(scenario):
+        about = "Mean age of the data of each node over the first episode; older data are drawn larger and stronger."
+        yield "ages", partial(ages, names, recorded, scenario), "Age of data by node", about
 
 
 @dataclass(frozen=True)
