@@ -59,11 +59,7 @@ class Moments:
     """Mean and spread of F figures over values that come in parts; of a figure, NaN are left out.
 
     Parts are joined by Chan, Golub & LeVeque 1983, doi:10.1080/00031305.1983.10483115, about the first value, so that
-    equal values have a spread of exactly 0.
-
-    Args:
-        figures: F.
-        seas: number of random seas that values take turns on; 0: each value has its own.
+    equal values have a spread of exactly 0. Values take turns on so many random seas; 0: each has its own.
     """
 
     def __init__(self, figures: int, seas: int = 0) -> None:

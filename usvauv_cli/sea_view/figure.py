@@ -30,15 +30,12 @@ SHORTEST = 16  # least number of records for a spectrum
 
 
 class SeaFigure:
-    """A figure of a sea. A context manager: the figure is drawn when the context ends, and not at all after an error.
+    """A figure of a sea by records to come, of which those at `MAPS` evenly spaced times are shown as maps.
 
-    Args:
-        out: file to write, the format by its suffix.
-        sea: at its start.
-        records: number of records to come; those at `MAPS` evenly spaced times are shown as maps.
+    A context manager: the figure is drawn when the context ends, and not at all after an error.
 
     Raises:
-        MemoryNeeded: they do not fit into memory.
+        MemoryNeeded: the records do not fit into memory.
     """
 
     def __init__(self, out: Path, sea: SeaSimulation, records: int) -> None:
@@ -238,12 +235,8 @@ def spectrum(
     records: np.ndarray, step: float, piece: float, beside: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """One-sided spectral density of records (T, P), or the cross spectrum with others, by Welch's method: means over P
-    and over segments that overlap by half, their means removed, in a window of Hann.
-
-    Args:
-        records: taken every `step` s.
-        piece: length of a segment, s; at most the whole record is taken.
-        beside: the other records, (T, P).
+    and over segments that overlap by half, their means removed, in a window of Hann. Records are taken every `step` s,
+    a segment is a piece of so many seconds, at most the whole record.
 
     Returns:
         Frequencies (F,) above 0, Hz, and density (F,), 1/Hz times the records' unit squared.

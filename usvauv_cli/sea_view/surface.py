@@ -25,17 +25,13 @@ SIDES = ("south", "south-east", "east", "north-east", "north", "north-west", "we
 
 
 class LevelSurface(SeaSurface):
-    """Relief of a sea.
-
-    Attributes:
-        level: elevation in the middle of the colour scale, m: the usual one to the decimetre, 0 where the sea moves
-            much farther than that.
-    """
+    """Relief of a sea."""
 
     def __init__(self, sample: np.ndarray, view: MapView, usual: np.ndarray) -> None:
         """As `SeaSurface`; `usual` are elevations all over the time shown, whose median is the level."""
         median = float(np.median(usual))
         deviation = float(np.quantile(np.abs(usual - median), 0.99))
+        # Elevation in the middle of the colour scale, m, to the decimetre; 0 where the sea moves much farther than it.
         self.level = round(median, 1) if abs(median) > LEVEL_SHARE * deviation else 0.0
         super().__init__(sample - np.float32(self.level), view, SHADED)
         if self.limit:

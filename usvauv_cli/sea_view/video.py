@@ -41,11 +41,7 @@ LEAST_CREST = 0.05  # wanted height of drawn crests over the shorter side
 
 
 class Block:
-    """Draws the surface, two sides of the water below it, its dimensions and a section line.
-
-    Attributes:
-        note: vertical exaggeration in words.
-    """
+    """Draws the surface, two sides of the water below it, its dimensions and a section line."""
 
     def __init__(self, area: Area, room: Rectangle, layout: Layout, sample: np.ndarray, reach: float) -> None:
         self._room, self._layout = room, layout
@@ -90,13 +86,7 @@ class Block:
         return np.stack([x + self._room.left, self._centre[1] - up * self._scale + self._room.top], 1)
 
     def draw(self, picture: np.ndarray, field: np.ndarray, relief: np.ndarray, section: Section) -> None:
-        """Draw the block.
-
-        Args:
-            field: elevation (Y, X) m, row 0 in the south.
-            relief: picture of the surface, the north on top.
-            section: line to draw on the surface.
-        """
+        """Draw the block, its elevation (Y, X) m, row 0 in the south, in the colours of a relief, the north on top."""
         south, east = field[0].astype(float), field[:, -1].astype(float)
         x, y = (np.linspace(-half, half, len(edge)) for half, edge in zip(self._half, (south, east), strict=True))
         card = self._layout.theme.card
@@ -281,13 +271,12 @@ class SeaPainter:
         plot_room = {"top": 28, "sides": 18, "bottom": 20, "left": 42}
         room = within_margins(section_box, unit, **plot_room)
         values = self._level - self._reach, self._level + self._reach
-        axis = *values, self._section.length, layout
-        self._section_plot = SectionPlot(still, room, *axis)
+        self._section_plot = SectionPlot(still, room, *values, self._section.length, layout)
         write_heading(
             still, layout, section_box, f"Section from {self._section.words}, m", "thin: highest and lowest so far"
         )
-        axis = *values, self._duration, layout
-        self._level_plot = LivePlot(still, within_margins(level_box, unit, **plot_room), *axis)
+        room = within_margins(level_box, unit, **plot_room)
+        self._level_plot = LivePlot(still, room, *values, self._duration, layout)
         parts = "amber: long waves alone" if self._both else ""
         write_heading(still, layout, level_box, "Elevation in the middle, m", parts)
 

@@ -220,9 +220,7 @@ class _Worker(NamedTuple):
 class Local:
     """Up to `jobs` processes, which are kept for further tasks; one that dies takes only its own task with it.
 
-    Args:
-        jobs: processes at a time.
-        threads: of each; with `jobs` · `threads` cores or more each has as many cores, which no other has.
+    With `jobs` · `threads` cores or more each has as many cores, which no other has.
     """
 
     def __init__(self, jobs: int, threads: int) -> None:

@@ -45,13 +45,7 @@ MOST_JOBS = 1000  # of a Slurm array at a time, unless told otherwise
 
 
 class OnRay:
-    """Tasks on a Ray cluster.
-
-    Args:
-        address: "local" begins one on this machine, "auto" finds one, else where one is.
-        jobs: tasks at a time on one that is begun here.
-        needs: of a task.
-    """
+    """Tasks on a Ray cluster: "local" begins one on this machine for so many jobs at a time, "auto" finds one."""
 
     def __init__(self, address: str, jobs: int, needs: Resources) -> None:
         try:
@@ -62,12 +56,12 @@ class OnRay:
         for name, value in SETTINGS.items():
             os.environ.setdefault(name, value)
         handlers = {signum: signal.getsignal(signum) for signum in SIGNALS}
-        here: dict[str, Any] = (
-            {"num_cpus": jobs * needs.cores, "include_dashboard": False} if address == "local" else {}
-        )
+        options: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
+        if address == "local":
+            options |= {"num_cpus": jobs * needs.cores, "include_dashboard": False}
         try:
             with deferred():  # between the processes that it starts and its knowing of them
-                ray.init(address, log_to_driver=False, logging_level=logging.ERROR, **here)
+                ray.init(address, **options)
         except BaseException as error:
             ray.shutdown()
             if not isinstance(error, (ConnectionError, ValueError, RuntimeError)):
@@ -115,13 +109,9 @@ class OnRay:
 
 
 class OnSlurm:
-    """Tasks as Slurm jobs.
+    """Tasks as Slurm jobs, so many at a time, running or waiting; their scripts and what they print are in a folder.
 
-    Args:
-        folder: of what submitit keeps: scripts, and what jobs print.
-        partition: of Slurm.
-        jobs: that Slurm has at a time, running or waiting.
-        needs: of a task; a share of a graphics card becomes a whole one.
+    A share of a graphics card becomes a whole one.
     """
 
     def __init__(self, folder: Path, partition: str, jobs: int, needs: Resources) -> None:
@@ -232,15 +222,12 @@ def perform_all(
         KeyboardInterrupt: after Ctrl-C, when what was running is saved.
     """
     left = {piece.key: piece for piece in pieces if not piece.finished(folder)}
+    every, done = terminal.counted(len(pieces), "run"), len(pieces) - len(left)
     if not left:
         remove_signs(folder)  # of a killed command, whose runs went on elsewhere
-        print(f"nothing to do: {terminal.counted(len(pieces), 'run')} done already")
+        print(f"nothing to do: {every} done already")
         return ""
-    done = len(pieces) - len(left)
-    print(
-        f"{len(left)} of {terminal.counted(len(pieces), 'run')} to do" + (f", {done} done already" if done else ""),
-        flush=True,
-    )
+    print(f"{len(left)} of {every} to do{f', {done} done already' if done else ''}", flush=True)
     files = tuple(plugins.loaded())
     with signs_in(folder) as signs:
         board = Board(left, folder, signs)
@@ -252,15 +239,13 @@ def perform_all(
             conduct(make_engine(), tasks, signs, board.ended, board.watch)
     if not board.failed:
         return ""
-    failed = f"{board.failed} of {terminal.counted(len(pieces), 'run')} failed"
-    return f"{failed}, see {folder / 'runs'}/*/{FAILURE}; the same command tries them again"
+    return f"{board.failed} of {every} failed, see {folder / 'runs'}/*/{FAILURE}; the same command tries them again"
 
 
 class Board:
     """Shows how far runs are while `bar`, of all work, is a context, and a line for each that ends.
 
-    Attributes:
-        failed: number of those that failed; how is written into their folders.
+    How one failed is written into its folder.
     """
 
     def __init__(self, pieces: Mapping[str, Piece], folder: Path, signs: Path) -> None:

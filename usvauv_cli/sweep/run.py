@@ -42,12 +42,9 @@ Evaluate = Callable[[Mapping[str, Any], Path, Callable[[int], None]], list[dict[
 
 
 def episodes(definition: Mapping[str, Any], place: Path, step: Callable[[int], None]) -> list[dict[str, Any]]:
-    """Rows of `usvauv eval` for the policy of a run in the scenario of the run.
+    """Rows of `usvauv eval` for the policy of a run in its scenario; its folder has the policy where one was trained.
 
-    Args:
-        definition: of the run.
-        place: its folder, with the policy where one was trained.
-        step: called after each step with the number of worlds that made it; it may raise `Stopped`.
+    `step` is called after each step with the number of worlds that made it; it may raise `Stopped`.
     """
     wanted, config = definition["evaluation"], definition["training"]
     name = config["algorithm"] if config else definition["policy"]

@@ -114,12 +114,8 @@ def differences(rows: Iterable[Mapping[str, Any]], score: str, seas: Mapping[str
 
     Runs of the same seed are evaluated in the same worlds, so the difference is taken episode by episode. Over several
     seeds, of which each is another training and other worlds, the interval is that of the seeds' means; of one seed
-    that of its episodes, see `usvauv.cli.evaluation.comparison`, which says nothing of other trainings.
-
-    Args:
-        rows: of all runs.
-        score: a figure.
-        seas: number of random seas by task, as `Scenario.random_seas` has it.
+    that of its episodes, see `usvauv.cli.evaluation.comparison`, which says nothing of other trainings. `seas` has the
+    number of random seas by task, as `Scenario.random_seas`.
     """
     found: dict[str, dict[str, dict[tuple[int, int], list[float]]]] = {}
     for row in rows:
