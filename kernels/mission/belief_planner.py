@@ -258,7 +258,7 @@ def auv_of(worlds: ti.template(), n: ti.i32) -> ti.i32:
 def goal_of(worlds: ti.template(), w, b, n: ti.i32) -> vec2:
     """Goal n of boat b, m: AUV n where it is foreseen, K the mean of all that it serves, K + 1 the goal that it has."""
     count = worlds.estimate.shape[1]
-    goal = vec2(worlds.boat[w, b, BoatColumn.goal_x], worlds.boat[w, b, BoatColumn.goal_y])
+    goal = boat_motion.goal_place(worlds, w, b)
     if n < count:
         goal = foreseen_place(worlds, w, n)
     elif n == count:
@@ -390,7 +390,7 @@ def least_certain(worlds: ti.template(), w, b) -> ti.i32:
 def aim(worlds: ti.template(), w, b) -> vec2:
     """Where boat b goes by its last plan: where the AUV that it visits is foreseen, or the place planned, m."""
     visited = ti.cast(worlds.boat[w, b, BoatColumn.visits], ti.i32)
-    goal = vec2(worlds.boat[w, b, BoatColumn.goal_x], worlds.boat[w, b, BoatColumn.goal_y])
+    goal = boat_motion.goal_place(worlds, w, b)
     if visited != NO_AUV:
         goal = foreseen_place(worlds, w, visited)
     return goal
@@ -403,15 +403,14 @@ def just_heard(worlds: ti.template(), w, k):
 
 
 @func
-def is_due(worlds: ti.template(), w, b, patience):
+def is_due(worlds: ti.template(), w, b):
     """Whether it is time to plan: boat b has heard the AUV that it visits, serves it no longer, or has arrived.
 
-    Args:
-        patience: longest time between two plans, s; the shortest is `INTERVAL`.
+    Two plans are from `INTERVAL` to `PATIENCE` apart.
     """
     visited = ti.cast(worlds.boat[w, b, BoatColumn.visits], ti.i32)
     over = ti.cast(worlds.clock[w, 1], ti.f32) * worlds.p[Parameter.step] - worlds.boat[w, b, BoatColumn.planned]
-    due = over >= patience
+    due = over >= PATIENCE
     if visited != NO_AUV:
         due = due or just_heard(worlds, w, visited) or not boat_motion.serves(worlds, w, b, visited)
     away = aim(worlds, w, b) - boat_motion.boat_place(worlds, w, b)
@@ -429,7 +428,7 @@ def place_of(worlds: ti.template(), b, n):
 @func
 def weigh(worlds: ti.template(), w, b, n):
     """Write the loss of goal n of boat b, where a plan is due, for `plan` to read."""
-    if boat_motion.num_served(worlds, w, b) > 0 and is_due(worlds, w, b, PATIENCE) and is_goal(worlds, w, b, n):
+    if boat_motion.num_served(worlds, w, b) > 0 and is_due(worlds, w, b) and is_goal(worlds, w, b, n):
         loss = expected_loss(worlds, w, b, n, hearing_ranges(worlds, w, b), NO_LIMIT)
         worlds.workspace[w, place_of(worlds, b, n)] = loss
 
@@ -474,6 +473,6 @@ def go(worlds: ti.template(), w, b) -> vec2:
     goal = boat_motion.boat_place(worlds, w, b)
     if boat_motion.num_served(worlds, w, b) > 0:
         goal = aim(worlds, w, b)
-        if is_due(worlds, w, b, PATIENCE):
+        if is_due(worlds, w, b):
             goal = plan(worlds, w, b)
     return goal

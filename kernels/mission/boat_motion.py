@@ -58,6 +58,12 @@ def boat_place(worlds: ti.template(), w, b) -> vec2:
 
 
 @func
+def goal_place(worlds: ti.template(), w, b) -> vec2:
+    """Where boat b is under way to, m."""
+    return vec2(worlds.boat[w, b, BoatColumn.goal_x], worlds.boat[w, b, BoatColumn.goal_y])
+
+
+@func
 def estimated_place(worlds: ti.template(), w, k) -> vec2:
     """Where AUV k is estimated, m."""
     return vec2(worlds.estimate[w, k, EstimateColumn.x], worlds.estimate[w, k, EstimateColumn.y])

@@ -7,7 +7,7 @@ import taichi as ti
 
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission import belief_planner, boat_motion
-from usvauv.kernels.mission.columns import BoatColumn, Parameter
+from usvauv.kernels.mission.columns import Parameter
 from usvauv.kernels.mission.worlds import Strategy
 from usvauv.kernels.planning import search
 from usvauv.kernels.planning.information import Team, indices
@@ -40,7 +40,7 @@ def visit(worlds: ti.template(), w, b) -> vec2:
 @func
 def agent(worlds: ti.template(), w, b) -> vec2:
     """Goes where the actions lead that `World.step(action, boat_action)` is given: to train boats from Python."""
-    return vec2(worlds.boat[w, b, BoatColumn.goal_x], worlds.boat[w, b, BoatColumn.goal_y])
+    return boat_motion.goal_place(worlds, w, b)
 
 
 @func
@@ -70,50 +70,37 @@ def team_of(worlds, w, count, chosen) -> Team:
 
 
 @func
-def last_goal(worlds: ti.template(), w, b) -> vec2:
-    """Where boat b is under way to, m."""
-    return vec2(worlds.boat[w, b, BoatColumn.goal_x], worlds.boat[w, b, BoatColumn.goal_y])
+def best_place(worlds: ti.template(), w, b, start: vec2, reach, limited: ti.template()) -> vec2:
+    """The place with the best information on the AUVs of boat b; if that is `limited` within `reach` of `start`, m."""
+    count = boat_motion.num_served(worlds, w, b)
+    chosen = members(worlds, w, b)
+    team = ti.static(team_of(worlds, w, count, chosen))
+    size = vec2(worlds.p[Parameter.width], worlds.p[Parameter.length])
+    goal = boat_motion.boat_place(worlds, w, b)
+    if count > 0:
+        region = ti.static(search.Region(size, start, reach, limited))
+        best = search.search(team, worlds.program.objective_code, start, region)
+        goal = vec2(best[0], best[1])
+    return goal
 
 
 @func
 def fim(worlds: ti.template(), w, b) -> vec2:
     """Goes to the place from which it can locate all its AUVs best, by their Fisher information."""
-    count = boat_motion.num_served(worlds, w, b)
-    chosen = members(worlds, w, b)
-    team = ti.static(team_of(worlds, w, count, chosen))
-    size = vec2(worlds.p[Parameter.width], worlds.p[Parameter.length])
-    goal = boat_motion.boat_place(worlds, w, b)
-    if count > 0:
-        best = search.plan(team, worlds.program.objective_code, last_goal(worlds, w, b), size)
-        goal = vec2(best[0], best[1])
-    return goal
-
-
-@func
-def best_within(worlds: ti.template(), w, b, middle: vec2, radius) -> vec2:
-    """The place with the best information in a disc, m."""
-    count = boat_motion.num_served(worlds, w, b)
-    chosen = members(worlds, w, b)
-    team = ti.static(team_of(worlds, w, count, chosen))
-    size = vec2(worlds.p[Parameter.width], worlds.p[Parameter.length])
-    goal = boat_motion.boat_place(worlds, w, b)
-    if count > 0:
-        best = search.greedy(team, worlds.program.objective_code, middle, radius, size)
-        goal = vec2(best[0], best[1])
-    return goal
+    return best_place(worlds, w, b, boat_motion.goal_place(worlds, w, b), search.ANYWHERE, False)
 
 
 @func
 def fim_greedy(worlds: ti.template(), w, b) -> vec2:
     """As `fim`, but looks only at places so near that the boat slows down towards them."""
     disc = boat_motion.reach(worlds, w, b)
-    return best_within(worlds, w, b, vec2(disc[0], disc[1]), disc[2])
+    return best_place(worlds, w, b, vec2(disc[0], disc[1]), disc[2], True)
 
 
 @func
 def fim_anywhere(worlds: ti.template(), w, b) -> vec2:
     """Where `fim_greedy` begins: the same search without a limit of its reach."""
-    return best_within(worlds, w, b, boat_motion.boat_place(worlds, w, b), search.ANYWHERE)
+    return best_place(worlds, w, b, boat_motion.boat_place(worlds, w, b), search.ANYWHERE, True)
 
 
 HOLD = Strategy(start=hold, goal=hold)

@@ -68,16 +68,6 @@ class IncomingSignal:
 
 
 @ti.dataclass
-class Signal:
-    """What the array measures of a signal: phase differences and residual in rad modulo one turn, slant range in m."""
-
-    phase: vec2
-    residual: ti.f32
-    slant_range: ti.f32
-    amplitude: ti.f32
-
-
-@ti.dataclass
 class Fix:
     """A fix: `place` in m, `covariance` (xx, xy, yy) of its own errors in m², and `usbl`'s `flags`."""
 
@@ -202,39 +192,33 @@ def sample(worlds: ti.template(), pose: ArrayPose, arrival: IncomingSignal, sigm
 
 
 @func
-def receive(worlds: ti.template(), pose: ArrayPose, arrival: IncomingSignal, w, k) -> Signal:
-    """What the array measures of a signal of AUV k."""
+def receive(worlds: ti.template(), pose: ArrayPose, arrival: IncomingSignal, w, k) -> usbl.Measurement:
+    """What the array measures of a signal of AUV k; phase differences modulo one turn."""
     link = ti.static(worlds.link)
     draw = address(worlds, w, worlds.clock[w, 1], Draw.fix, k)
     sigma = acoustic_link.phase_deviation(link, k, arrival.slant_range, arrival.loss)
-    phase = vec2(0.0, 0.0)
-    residual = 0.0
-    slant_range = arrival.path
-    amplitude = 0.0
+    signal = usbl.Measurement(phase=vec2(0.0), residual=0.0, slant_range=arrival.path, amplitude=0.0, sigma=sigma)
     if ti.static(worlds.program.waveform):
         measured = sample(worlds, pose, arrival, sigma, draw, w, k)
-        phase = vec2(measured[matched_filter.PHASE_X], measured[matched_filter.PHASE_Y])
-        residual = measured[matched_filter.RESIDUAL]
-        slant_range += measured[matched_filter.RANGE_ERROR]
-        amplitude = measured[matched_filter.AMPLITUDE]
+        signal.phase = vec2(measured[matched_filter.PHASE_X], measured[matched_filter.PHASE_Y])
+        signal.residual = measured[matched_filter.RESIDUAL]
+        signal.slant_range += measured[matched_filter.RANGE_ERROR]
+        signal.amplitude = measured[matched_filter.AMPLITUDE]
     else:
         body = arrival.body
         if ti.static(worlds.program.multipath):
             heard = sounds(worlds, pose, arrival, w, k)
             disturbed = matched_filter.disturbance(worlds.pulses, link, k, heard)
             body += vec3(disturbed[0], disturbed[1], 0.0) / link[k, acoustic_link.KAPPA]
-            slant_range += disturbed[2]
+            signal.slant_range += disturbed[2]
             sigma = ti.min(sigma / ti.max(disturbed[3], 1e-6), acoustic_link.LARGEST_DEVIATION)
         noise = random.normals(draw, key(worlds, w))
         residual_noise = 0.0
         if ti.static(worlds.program.turns):
             residual_noise = normals(worlds, w, Draw.residual, k)[0]
-        measured = usbl.measure(link, k, body, slant_range, sigma, noise, residual_noise)
-        phase = vec2(usbl.wrap(measured.phase[0]), usbl.wrap(measured.phase[1]))
-        residual = measured.residual
-        slant_range = measured.slant_range
-        amplitude = measured.amplitude
-    return Signal(phase=phase, residual=residual, slant_range=slant_range, amplitude=amplitude)
+        signal = usbl.measure(link, k, body, signal.slant_range, sigma, noise, residual_noise)
+        signal.phase = vec2(usbl.wrap(signal.phase[0]), usbl.wrap(signal.phase[1]))
+    return signal
 
 
 @func
@@ -301,7 +285,7 @@ def may_lack(phase: vec2, m, n, odd: ti.i32, kappa) -> bool:
 
 
 @func
-def whole_turns(worlds: ti.template(), signal: Signal, length, pose: ArrayPose, expected: Expectation, w, k):
+def whole_turns(worlds: ti.template(), signal: usbl.Measurement, length, pose: ArrayPose, expected: Expectation, w, k):
     """Phase differences of a signal of AUV k with the turns that they most probably lack, and 1 where others are near.
 
     See `usvauv.kernels.positioning.usbl`. `length` as of `usbl.located`.

@@ -342,18 +342,6 @@ def search(team: ti.template(), code: ti.template(), start: vec2, region: ti.tem
     return best
 
 
-@func
-def plan(team: ti.template(), code: ti.template(), start: vec2, size: vec2) -> vec3:
-    """`search` over the area of the given width and length, m."""
-    return search(team, code, start, ti.static(Region(size, start, ANYWHERE, False)))
-
-
-@func
-def greedy(team: ti.template(), code: ti.template(), centre: vec2, reach, size: vec2) -> vec3:
-    """`search` within `reach` (m) of a place in the area of the given width and length, m."""
-    return search(team, code, centre, ti.static(Region(size, centre, reach, True)))
-
-
 @kernel
 def _batch(
     link: array2,
@@ -385,7 +373,7 @@ def plan_batch(
     start: torch.Tensor | None = None,
     reach: float = ANYWHERE,
 ) -> torch.Tensor:
-    """`plan` for many layouts at once, or `greedy` where the reach is limited.
+    """`search` for many layouts at once, over the area or within reach of `start`.
 
     Args:
         link: (K, COLUMNS) float32 of `acoustic_link.link_table`.
