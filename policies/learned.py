@@ -150,8 +150,6 @@ class LearnedPolicy(Policy):
     def actions(self, observation: Tensor) -> Tensor:
         """The same of all worlds at once, with gradients."""
         with FRAMES.calling(self.frame_name):
-            return self.frame.decode(observation, self._through_actor(self.frame.encode(observation)))
-
-    def _through_actor(self, features: Tensor) -> Tensor:
-        """The network's actions (W, K, ·) for features (W, K, F)."""
-        return unstack(self.actor(stack(self.standardizer(features), self.shared)), features.shape[1])
+            features = self.standardizer(self.frame.encode(observation))
+            action = unstack(self.actor(stack(features, self.shared)), features.shape[1])
+            return self.frame.decode(observation, action)

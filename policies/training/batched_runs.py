@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -23,11 +23,9 @@ from usvauv.policies.training.exploration import explore
 from usvauv.policies.training.replay import Replay
 from usvauv.policies.training.saved_run import learning_bytes
 
-if TYPE_CHECKING:
-    from usvauv.policies.training.trainer import Trainer
-
 WINDOW = 100  # steps of all worlds between two reports
 
+Run = Any  # a `Trainer`, whose module imports this one
 # What a step of a `TrainingWorld` returns.
 Step = tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]
 
@@ -42,7 +40,7 @@ def learn(learner: Learner, name: str, batch: Batch) -> dict[str, Tensor]:
 
 
 @contextmanager
-def naming(run: Trainer) -> Iterator[None]:
+def naming(run: Run) -> Iterator[None]:
     """Name the seed of a run that diverges."""
     try:
         yield
@@ -84,7 +82,7 @@ class BatchedRuns:
         MemoryNeeded: all together do not fit into memory.
     """
 
-    def __init__(self, runs: Sequence[Trainer]) -> None:
+    def __init__(self, runs: Sequence[Run]) -> None:
         first, self.runs = runs[0], runs
         self.first, self.config, self.count = first, first.config, len(runs)
         self.own_stack = first.learner.sizes.stack
@@ -234,7 +232,7 @@ class BatchedRuns:
 
 
 def train_together(
-    runs: Sequence[Trainer],
+    runs: Sequence[Run],
     until: int,
     total: int,
     asked_to_stop: Callable[[], bool],

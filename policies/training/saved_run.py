@@ -36,15 +36,7 @@ def learning_bytes(config: TrainingConfig, sizes: Sizes) -> float:
 
 
 class SavedRun:
-    """What a training run consists of: worlds, learner, replay, random generators and counters; see `Trainer`.
-
-    Args:
-        world, config, directory, provenance, ranks: as of a `Trainer`.
-
-    Raises:
-        PolicyError: `config.num_worlds` is not the world's, or `config.batch` below its number of AUVs on each rank.
-        MemoryNeeded: networks, an update or the replay do not fit into memory.
-    """
+    """What a training run consists of: worlds, learner, replay, random generators and counters; see `Trainer`."""
 
     def __init__(
         self,
@@ -102,11 +94,10 @@ class SavedRun:
         """The same for rewards as they are learned from."""
         return self.scale * self._gain
 
-    def policy(self, name: str = "training") -> LearnedPolicy:
+    def policy(self) -> LearnedPolicy:
         """The policy in training, for the world's scenario; it shares the trainer's networks and changes with them."""
-        config = self.config
-        actor = self.learner.averaged
-        return LearnedPolicy(name, self.world.scenario, config.frame, self.standardizer, actor, config.shared)
+        scenario, config, actor = self.world.scenario, self.config, self.learner.averaged
+        return LearnedPolicy("training", scenario, config.frame, self.standardizer, actor, config.shared)
 
     def stop_if_not_finite(self) -> None:
         """Raise DivergenceError if a number of the learner is not finite."""
@@ -188,9 +179,8 @@ class SavedRun:
             states = tensors.pop("generator").cpu()
             states = states if states.dim() == 2 else states.unsqueeze(0)
             as_it_was = len(states) == self.ranks.count
-            self.generator.set_state(
-                states[self.ranks.rank if as_it_was else 0].clone()
-            )  # of a view it reads other memory
+            own = states[self.ranks.rank if as_it_was else 0]
+            self.generator.set_state(own.clone())  # of a view it reads other memory
             if not as_it_was:
                 self.ranks.apart(self.generator)
             for name, value in tensors.items():

@@ -67,6 +67,7 @@ class Trainer(SavedRun):
 
     Raises:
         PolicyError: `config.num_worlds` is not the world's, or `config.batch` below its number of AUVs on each rank.
+        MemoryNeeded: networks, an update or the replay do not fit into memory.
         RankLost: from every method, when another rank has ended.
     """
 
@@ -114,8 +115,7 @@ class Trainer(SavedRun):
                     write(figures[0])
                     callback(figures[0])
 
-            alone: list[Any] = [self]  # pyright knows this file, and so this class, by two names
-            train_together(alone, steps, steps, self._asked_to_stop, show)
+            train_together([self], steps, steps, self._asked_to_stop, show)
         return last
 
     def begin(self) -> None:
@@ -174,11 +174,8 @@ class Trainer(SavedRun):
 
     def evaluation_due(self, total: int) -> bool:
         """Whether one is due after the step just done, in a run of `total` world-steps."""
-        return self._evaluations_due(total) > self._evaluations_due(total, self.steps - self.config.num_worlds)
-
-    def _evaluations_due(self, total: int, steps: int | None = None) -> int:
-        """Evaluations that belong to a run of `total` world-steps by the time `steps` are done."""
-        return (self.steps if steps is None else steps) * self.evaluations // total
+        before = self.steps - self.config.num_worlds
+        return self.steps * self.evaluations // total > before * self.evaluations // total
 
     @property
     def deciding(self) -> bool:
