@@ -187,6 +187,7 @@ class TestTables:
             ("time,AUV (name),x [m],y,depth (ft),depth (m positive down)", "{0},a,{1},60,131,40"),
             ("time,auv,x,x (sd),y,y (m),depth,Depth_m", "{0},a,{1},7,60,7,40,7"),  # those without a unit
             ("time   auv  x     y    depth", "{0}      a    {1}   60   40"),
+            ("# time,auv,x,y,depth", "{0},a,{1},60,40"),  # NumPy's savetxt
             ("Exported on Monday\n\ntime,auv,x,y,depth,note", "{0},a,{1},60,40,"),
         ],
     )

@@ -189,7 +189,7 @@ def _cells(line: str, separator: str) -> list[str]:
 def _header(line: str, separator: str) -> list[str]:
     """The columns that the headings of a line name, without capitals and units; none if it cannot be a header."""
     try:
-        names = [name.casefold() for name in _cells(line, separator)]
+        names = [name.casefold() for name in _cells(line.lstrip("#% "), separator)]  # NumPy, MATLAB
     except BadLine:
         return []
     while names and not names[-1]:
