@@ -87,6 +87,8 @@ def main() -> NoReturn:
         raw = _Output(sys.stdout.fileno() if LEADS else os.open(os.devnull, os.O_WRONLY), "w", closefd=False)
         stream = _Text(io.BufferedWriter(raw), sys.stdout.encoding, PLAIN, None, raw.isatty())
         sys.stdout = sys.__stdout__ = stream  # Taichi compares the two
+    if not sys.stderr:  # closed, as by `2>&-`; what is printed to None goes to standard output
+        sys.stderr = os.fdopen(os.open(os.devnull, os.O_WRONLY), "w", encoding="utf-8")
     if isinstance(sys.stderr, io.TextIOWrapper):
         sys.stderr.reconfigure(errors=PLAIN)
     code = run(interruption)

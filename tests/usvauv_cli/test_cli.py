@@ -367,6 +367,13 @@ def test_a_closed_pipe_ends_a_command_quietly(tmp_path):
     assert (done.returncode, done.stderr) == (141, "")
 
 
+def test_without_a_standard_error_nothing_of_it_is_in_the_standard_output(tmp_path):
+    closed = ["sh", "-c", '"$@" 2>&-', "sh", *COMMAND]
+    for arguments, code, text in (("scenarios ideal", 0, 'name = "ideal"'), ("replay nothing.nc", 2, "")):
+        done = subprocess.run([*closed, *arguments.split()], stdout=subprocess.PIPE, text=True, check=False)
+        assert (done.returncode, done.stdout[: len(text) or None]) == (code, text)
+
+
 def test_a_refusal_of_the_system_is_named_also_where_a_library_wraps_it(run_usvauv, monkeypatch):
     def vanished(*arguments):
         try:
