@@ -4,8 +4,8 @@
 
 A level array at the mean surface receives a source 100 m deep without noise: the horizontal slowness and the travel
 time of the true ray. Fixes follow from them by three methods: straight lines with the speed at the array, straight
-lines with the harmonic mean of the speed between surface and source, and down the ray through the profile. The noise of
-a fix in `extreme` is shown for comparison.
+lines with the harmonic mean of the speed between surface and source, and down the ray through the profile. What is
+new in each fix in `extreme`, noise with pitch and roll, is shown for comparison.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ def covariance_ratio(profile: SoundSpeedProfile, R: np.ndarray) -> np.ndarray:
 
 
 def noise(R: np.ndarray) -> np.ndarray:
-    """Standard deviation of the horizontal error in `extreme`, level array, attitude known, root of both axes, m."""
+    """Standard deviation of what is new in each fix in `extreme`: noise, pitch and roll; level array, both axes, m."""
     device = runtime.start().device
     link = torch.from_numpy(link_table(Site(Scenario.load("extreme")))).to(device)
     offset = tensor(np.stack([R, np.zeros_like(R), np.full_like(R, -DEPTH)], axis=1))
