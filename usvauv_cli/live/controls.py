@@ -13,7 +13,7 @@ import numpy as np
 
 from usvauv.cli.live.history import MOST_STATES
 from usvauv.cli.live.scene import OPACITY, Scene
-from usvauv.cli.live.session import Session, Slider
+from usvauv.cli.live.session import Session
 from usvauv.env.record.metrics import EpisodeMetrics
 from usvauv.env.render.style import auv_colour, clock, web
 from usvauv.kernels.errors import UserError
@@ -55,7 +55,12 @@ class Controls:
         views.on_click(lambda event: self._ask("view", lambda: self._look(event.client, views.value == "Map")))
         self._plot = self._add_plot(gui)
         with gui.add_folder("Sea and sound"):
-            self._sliders = {name: self._add_slider(gui, name, slider) for name, slider in session.sliders.items()}
+            self._sliders = {}
+            for name, slider in session.sliders.items():
+                value = session.values[name]
+                handle = gui.add_slider(slider.label, *slider.bounds, slider.step, value, hint=slider.hint)
+                self._on_change(handle, name, partial(session.set, name))
+                self._sliders[name] = handle
         with gui.add_folder("Decisions"):
             self._choices = {}
             for label, options, choose, meanwhile in (
@@ -101,12 +106,6 @@ class Controls:
                 self._ask(about, lambda: choose(handle.value), meanwhile)
 
         handle.on_update(change)
-
-    def _add_slider(self, gui: Any, name: str, slider: Slider) -> Any:
-        value = self._session.values[name]
-        handle = gui.add_slider(slider.label, *slider.bounds, slider.step, value, hint=slider.hint)
-        self._on_change(handle, name, partial(self._session.set, name))
-        return handle
 
     def _add_plot(self, gui: Any) -> Any:
         from viser import uplot
