@@ -102,8 +102,7 @@ def evaluate(
     from usvauv.env.storage.tables import growing_table
 
     options.at_least("--episodes", episodes, 1)
-    if until is not None:
-        options.at_least("--until-halfwidth", until, 0)
+    options.at_least("--until-halfwidth", until, 0)
     setting = Scenario.load(scenario, overrides or ())
     options.writable(context, out, "--out", (".csv",))
     names = list(dict.fromkeys(policy or [policies.default(setting), "straight"]))

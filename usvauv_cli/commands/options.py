@@ -153,9 +153,9 @@ def check_regime(*scenarios: Scenario) -> None:
         typer.echo(line, err=True)
 
 
-def at_least(option: str, value: float, least: float) -> None:
+def at_least(option: str, value: float | None, least: float) -> None:
     """Refuse a number given by an option that is below `least`, or not finite."""
-    if not least <= value < math.inf:
+    if value is not None and not least <= value < math.inf:
         raise UserError(f"{option} {value}: must be at least {least}, and finite")
 
 

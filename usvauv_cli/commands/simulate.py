@@ -85,7 +85,7 @@ def simulate(
     video = options.checked_video(context, out)
     if trace:
         options.writable(context, trace, "--trace", (".nc",))
-    options.at_least("--duration", 1.0 if duration is None else duration, 0.1)
+    options.at_least("--duration", duration, 0.1)
     step = setting.mission.step
     steps = max(1, round(duration / step)) if duration else setting.mission.steps
     options.check_shown(video, steps * step, setting)

@@ -120,6 +120,6 @@ def reproduce(
 
 
 def _check(ray: str | None, slurm: str | None, jobs: int | None) -> None:
-    options.at_least("--jobs", 1 if jobs is None else jobs, 1)
+    options.at_least("--jobs", jobs, 1)
     if ray is not None and slurm is not None:
         raise UserError("--ray, --slurm: must not both be given")

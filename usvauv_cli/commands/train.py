@@ -102,8 +102,8 @@ def train(
 
         def begin() -> tuple[Path, dict[Path, Run], str | None, int]:
             """The folder, which is this process's from here on, the runs in it by folder, boat strategy and steps."""
-            options.at_least("--steps", STEPS if steps is None else steps, 1)
-            options.at_least("--worlds", 1 if worlds is None else worlds, 1)
+            options.at_least("--steps", steps, 1)
+            options.at_least("--worlds", worlds, 1)
             check_log(log)
             if not 1 <= seeds <= MOST_SEEDS:
                 raise UserError(f"--seeds {seeds}: must be from 1 to {MOST_SEEDS}")
