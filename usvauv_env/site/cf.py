@@ -6,6 +6,7 @@ the file. Only the part that is asked for is read. Source: https://cfconventions
 
 from __future__ import annotations
 
+import importlib.util
 import warnings
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
@@ -287,9 +288,12 @@ def _decode_time(raw: np.ndarray, attributes: dict, where: str) -> np.ndarray:
     except Exception:  # the library's own, of any kind, for units and numbers that are no times
         values = raw
     if not np.issubdtype(values.dtype, np.datetime64):
+        # Without cftime xarray knows no date before FIRST_YEAR, also one from which times of today are counted.
+        old = " since " in str(units) and not importlib.util.find_spec("cftime")
         raise OceanError(
             f"{where}: units {units!r}; allowed: such as 'hours since 2000-01-01 00:00:00', "
             f"with values that are times of the years {FIRST_YEAR} to {LAST_YEAR - 1}"
+            f"{'; a date before that in the units needs cftime (pip install cftime)' * old}"
         )
     return to_nanoseconds(values, where)
 
