@@ -71,8 +71,8 @@ def nearest(distance: Tensor, vectors: Tensor) -> tuple[Tensor, Tensor]:
     """The least of distances (..., n), and the vector (..., 2) of the first AUV that has it, of (..., n, 2)."""
     if distance.shape[-1] == 1:
         return distance[..., 0], vectors[..., 0, :]
-    first = distance.argmin(-1)[..., None, None]
-    return distance.amin(-1), torch.take_along_dim(vectors, first, -2)[..., 0, :]
+    first = distance.argmin(-1)[..., None, None].expand(*vectors.shape[:-2], 1, vectors.shape[-1])
+    return distance.amin(-1), vectors.gather(-2, first)[..., 0, :]  # `take_along_dim` would fix N in an export
 
 
 def cruise_depth(scenario: Scenario) -> float:

@@ -47,7 +47,7 @@ def untrained(scenario: Scenario, **settings) -> LearnedPolicy:
     return LearnedPolicy("untrained", scenario, config.frame, standardizer, actor, config.shared)
 
 
-@pytest.fixture(scope="module", params=slowly(KINDS, "shared", "deterministic"))
+@pytest.fixture(scope="module", params=slowly(KINDS, "deterministic", "alone"))
 def exported(request, tmp_path_factory):
     """A policy, the session that runs its file, and the file."""
     overrides, settings = KINDS[request.param]
