@@ -352,8 +352,7 @@ class ComparisonFrames(Frames):
         unit = self.layout.unit
         ends = np.array([(left, row), (left + SAMPLE * unit, row)])
         pieces = shapes.dashes(ends[0], ends[1], entry.dash * unit) if entry.dash else [ends]
-        for piece in pieces:
-            shapes.stroke(self._still, piece, entry.colour, self.layout.px(2.2))
+        shapes.strokes(self._still, pieces, entry.colour, self.layout.px(2.2))
 
     def _table_rows(self, box: Rectangle) -> list[tuple[float, float, float]]:
         """Write the names of the figures; for each the left end, the right end and the baseline of its values."""

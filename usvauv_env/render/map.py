@@ -111,10 +111,9 @@ class MissionMap:
         """A trail over some steps."""
         length = max(2, len(points) // TRAIL_PIECES + 1)
         pieces = [points[begin : begin + length + 1] for begin in range(0, len(points) - 1, length)]
+        full = min(1.0, steps * self._trace.scenario.mission.step / TRAIL)  # a shorter trail fades less
         for place, piece in enumerate(pieces):
             share = (place + 1) / len(pieces)
-            # A trail shorter than TRAIL fades less.
-            full = min(1.0, steps * self._trace.scenario.mission.step / TRAIL)
             self._overlay.strokes([piece], colour, opacity * (1 - full * (1 - share**1.3)), width)
 
     def _draw_field(self, step: int) -> None:
@@ -139,10 +138,9 @@ class MissionMap:
                 self._overlay.ring(boat, share * reach, style.BOAT, 0.45 * (1 - 0.7 * share), self._layout.px(1.3))
         for auv, position in enumerate(auvs):
             boat, fresh = self._play.heard(t, auv)
-            lit = 0.5 * fresh
-            if lit > 0.03:  # what is drawn later replaces what is there
+            if 0.5 * fresh > 0.03:  # what is drawn later replaces what is there
                 ends = np.stack([boats[boat], position])
-                self._overlay.strokes([ends], style.auv_colour(auv), lit, self._layout.px(1.2))
+                self._overlay.strokes([ends], style.auv_colour(auv), 0.5 * fresh, self._layout.px(1.2))
 
     def _draw_links(self, t: float, auvs: np.ndarray, nodes: np.ndarray) -> None:
         """Dashed lines to the targets, rings around services."""
@@ -157,9 +155,7 @@ class MissionMap:
                 self._overlay.disc(node, self._hover_radius, colour, 0.16)
                 self._overlay.ring(node, self._hover_radius * (0.35 + 0.65 * phase), colour, 0.8 * (1 - phase))
             else:
-                pieces = shapes.dashes(position, node, 5 * unit)
-                if pieces:
-                    self._overlay.strokes(pieces, colour, 0.7, self._layout.px(1.3))
+                self._overlay.strokes(shapes.dashes(position, node, 5 * unit), colour, 0.7, self._layout.px(1.3))
 
     def _draw_nodes(self, picture: np.ndarray, t: float, nodes: np.ndarray) -> None:
         if self._play.stations:
@@ -173,8 +169,7 @@ class MissionMap:
     def _draw_boat(self, picture: np.ndarray, t: float, boat: int, position: np.ndarray) -> None:
         layout, goal = self._layout, self.view.pixel(self._play.goals.at(t)[boat])
         if np.hypot(*(goal - position)) > 20 * layout.unit:  # nearer goals are below the boat
-            for piece in shapes.dashes(position, goal, 3 * layout.unit):
-                shapes.stroke(picture, piece, style.BOAT, layout.px(1))
+            shapes.strokes(picture, shapes.dashes(position, goal, 3 * layout.unit), style.BOAT, layout.px(1))
             shapes.cross(picture, goal, 5 * layout.unit, style.BOAT, layout.px(2))
         shapes.boat(picture, position, float(self._play.boat_headings.at(t)[boat]), 34 * self._size, layout.zoom)
 
@@ -189,8 +184,8 @@ class MissionMap:
             shapes.progress_ring(within, middle, self._hover_radius, share, colour, 3.4 * layout.unit, layout.zoom)
         foreseen = self.view.pixel(self._play.foreseen.at(t)[auv])
         if np.hypot(*(foreseen - fix)) > 5 * layout.unit:
-            for piece in shapes.dashes(foreseen, position, 3 * layout.unit):
-                shapes.stroke(picture, piece, style.mix(colour, style.OUTLINE, 0.5), layout.px(1))
+            way = shapes.dashes(foreseen, position, 3 * layout.unit)
+            shapes.strokes(picture, way, style.mix(colour, style.OUTLINE, 0.5), layout.px(1))
             shapes.foreseen(picture, foreseen, 6 * layout.unit, colour, 1.6 * layout.unit, layout.zoom)
         shapes.auv(picture, position, float(self._play.attitude.at(t)[auv, 0]), 29 * self._size, colour, layout.zoom)
         if np.hypot(*(fix - position)) > 5 * layout.unit:  # smaller errors are visible in the inset only

@@ -89,7 +89,8 @@ class PerspectiveView:
         self._glass.draw_bed(canvas, columns, sheet)
         self._below.draw_nodes(canvas, t)
         self._draw_sound(canvas, t)
-        self._below.draw_auvs(canvas, t)
+        for auv in np.argsort(-canvas.camera.away(self._below.auvs.at(t))):
+            self._below.draw_auv(canvas, t, int(auv))
         _paint_surface(canvas.picture, columns, sheet, colours)
         self._glass.draw_edges(canvas, columns, sheet)
         self._draw_field(canvas, step_of(t), heights)
@@ -106,35 +107,27 @@ class PerspectiveView:
         height, width = picture.shape[:2]
         if height < LEAST_WITH_WORDS * unit:
             return
-        text = f"{self.scene.note}, vehicles enlarged"
-        write(
-            picture,
-            shorten(text, size, width - 20 * unit),
-            (width - 10 * unit, height - 9 * unit),
-            size,
-            self._layout.theme.muted,
-            anchor="right",
-        )
-        line, right = round(18 * unit), width - 10 * unit
+        line, right, muted = round(18 * unit), width - 10 * unit, self._layout.theme.muted
+        note = shorten(f"{self.scene.note}, vehicles enlarged", size, width - 20 * unit)
+        write(picture, note, (right, height - 9 * unit), size, muted, anchor="right")
         high, low = (f"+{limit:g} m", f"sea surface  −{limit:g}") if limit else ("flat sea", "")
         across, up, gap = round(90 * unit), round(9 * unit), 6 * unit
         if text_width(high + low, size) + across + 2 * gap > right:
             return
-        write(picture, high, (right, line), size, self._layout.theme.muted, anchor="right")
+        write(picture, high, (right, line), size, muted, anchor="right")
         if limit:
             left = round(right - text_width(high, size) - gap) - across
             picture[line - up : line, left : left + across] = colour_scale(across, up)
-            write(picture, low, (left - gap, line), size, self._layout.theme.muted, anchor="right")
+            write(picture, low, (left - gap, line), size, muted, anchor="right")
 
     def _draw_sound(self, canvas: Canvas, t: float) -> None:
         """Lines to the AUVs that were heard, and two half circles of each ping's sphere, down to the bed."""
         auvs, boats, width = self._below.auvs.at(t), self.boats.at(t), self._layout.px(1.2)
         for auv, place in enumerate(auvs):
             boat, fresh = self._play.heard(t, auv)
-            lit = 0.85 * fresh
-            if lit > FAINTEST:
-                ends = np.stack([boats[boat], place])
-                canvas.line(ends, style.mix(WATER, style.auv_colour(auv), lit), width)
+            if 0.85 * fresh > FAINTEST:
+                ink = style.mix(WATER, style.auv_colour(auv), 0.85 * fresh)
+                canvas.line(np.stack([boats[boat], place]), ink, width)
         turn = np.linspace(0, np.pi, 40)[:, None]
         for boat, radius, share in self._pings(t):
             ink = style.mix(WATER, style.BOAT, 0.75 * (1 - share))
@@ -176,7 +169,7 @@ class PerspectiveView:
         way = place[:2] + np.linspace(0, 1, 24)[:, None] * (goal[:2] - place[:2])
         pixels = canvas.camera.pixel(scene.afloat(way, heights))
         if np.hypot(*(pixels[-1] - pixels[0])) > 20 * layout.unit:  # nearer goals are below the boat
-            canvas.pieces(pixels.reshape(-1, 2, 2), style.BOAT)
+            shapes.strokes(canvas.picture, pixels.reshape(-1, 2, 2), style.BOAT)
             shapes.cross(canvas.picture, pixels[-1], 5 * layout.unit, style.BOAT, layout.px(2))
         axes = turned(float(self._play.boat_headings.at(t)[boat]), self._slopes.at(t)[boat])
         BOAT_BODY.draw(canvas, place, axes, self._enlarged * BOAT_LENGTH * max(scene.sides))
@@ -233,7 +226,7 @@ def paint_water(canvas: Canvas, columns: Columns, bed: float, sheet: Sheet) -> N
     foot = camera.centre[1] + camera.focal * (camera.height - bed) / columns.near
     top = max(int(sheet.horizon.min()), 0)
     rows = np.arange(top + 0.5 * COARSE - 0.5, min(float(foot.max()), picture.shape[0]) + COARSE, COARSE)
-    coarse = columns.every(COARSE // 2)
+    coarse = Columns(columns.first, *(part[:: COARSE // 2] for part in columns[1:]))
     small = _light(camera, coarse, bed, rows)
     large = cv2.resize(small, None, fx=COARSE, fy=COARSE, interpolation=cv2.INTER_LINEAR)
     region = picture[top : top + large.shape[0], 2 * columns.first : 2 * columns.first + large.shape[1]]
@@ -274,9 +267,10 @@ class GlassBox:
                 line = np.full((points, 2), tick)
                 line[:, 1 - axis] = np.linspace(0.0, self._scene.sides[1 - axis], points)
                 lines.append(self._scene.place(line, self._scene.floor(line)))
-        canvas.pieces(canvas.camera.pixel(np.array(lines)), GRID)
+        shapes.strokes(canvas.picture, canvas.camera.pixel(np.array(lines)), GRID)
         x, foot = canvas.camera.pixel(np.array([*-self._near(canvas.camera), bed]))
-        canvas.pieces(np.array([[(x, sheet.horizon[columns.at(x)]), (x, foot)]]), GRID, self._layout.px(1))
+        edge = np.array([(x, sheet.horizon[columns.at(x)]), (x, foot)])
+        shapes.stroke(canvas.picture, edge, GRID, self._layout.px(1))
 
     def draw_edges(self, canvas: Canvas, columns: Columns, sheet: Sheet) -> None:
         """The near edges of the glass, and the lines where the surface meets it."""
@@ -285,9 +279,9 @@ class GlassBox:
         canvas.line(foot, GLASS, width)
         feet = canvas.camera.pixel(foot)
         tops = [(x, sheet.shore[columns.at(x)]) for x in feet[:, 0]]
-        canvas.pieces(np.stack([feet, tops], 1), GLASS, width)
+        shapes.strokes(canvas.picture, np.stack([feet, tops], 1), GLASS, width)
         for line, ink in ((sheet.horizon, HORIZON), (sheet.shore, SHORE)):
-            canvas.pieces(np.stack([columns.x, line], 1)[None, ::2], ink, width)
+            shapes.stroke(canvas.picture, np.stack([columns.x, line], 1)[::2], ink, width)
 
     def write_lengths(self, canvas: Canvas) -> None:
         """Metres along the near edges of the bed, and of depth at the left."""
@@ -299,7 +293,7 @@ class GlassBox:
             ends[:, :, axis] = self._ticks[axis] - self._half[axis]
             ends[1, :, 1 - axis] += math.copysign(out, near[1 - axis])
             ends = camera.pixel(ends).swapaxes(0, 1)
-            canvas.pieces(ends, self._layout.theme.muted)
+            shapes.strokes(canvas.picture, ends, self._layout.theme.muted)
             anchor, gap = ("left", 3 * unit) if ends[0, 1, 0] > ends[0, 0, 0] else ("right", -3 * unit)
             words = [f"{tick:g}" for tick in self._ticks[axis]]
             words[-1] += " m"
@@ -308,8 +302,7 @@ class GlassBox:
                 write(picture, text, (x + gap, y + 10 * unit), size, self._layout.theme.muted, anchor=anchor)
         corners = np.array([(near[0], -near[1]), (-near[0], near[1])])
         left = corners[np.argmin(corners @ camera.right)]
-        marks = [np.array([*left, -depth * self._scene.depths]) for depth in self._depths]
-        places = camera.pixel(np.array(marks))
+        places = camera.pixel(np.array([(*left, -depth * self._scene.depths) for depth in self._depths]))
         every = _labels_apart(places, math.inf, size)
         for depth, (x, y) in list(zip(self._depths, places, strict=True))[::every]:
             shapes.stroke(picture, np.array([(x, y), (x - 5 * unit, y)]), self._layout.theme.muted)
@@ -363,7 +356,7 @@ class BelowSurface:
         away, feet = canvas.camera.away(self._nodes), canvas.camera.pixel(self._nodes)
         zoom = np.digitize(canvas.camera.distance / away, (0.93, 1.07))
         heads = feet - self._radii[zoom][:, None] * (0.0, 1.5)
-        canvas.pieces(np.stack([feet, heads], 1), style.OUTLINE, self._layout.px(2))
+        shapes.strokes(canvas.picture, np.stack([feet, heads], 1), style.OUTLINE, self._layout.px(2))
         if self._play.stations:
             for auv, (head, radius) in enumerate(zip(heads, self._radii[zoom], strict=True)):
                 shapes.station(canvas.picture, head, radius, style.auv_colour(auv), self._layout.zoom)
@@ -372,11 +365,6 @@ class BelowSurface:
         for node in np.argsort(-away):
             gauges = self._gauges[zoom[node]]
             gauges.draw(canvas.picture, heads[node], self._play.fill[step, node], self._play.age[step, node], pulse)
-
-    def draw_auvs(self, canvas: Canvas, t: float) -> None:
-        """All AUVs, far to near."""
-        for auv in np.argsort(-canvas.camera.away(self.auvs.at(t))):
-            self._draw_auv(canvas, t, int(auv))
 
     def draw_words(self, canvas: Canvas, t: float) -> None:
         """The AUVs' numbers beside them, and the data of their latest services, which a small view leaves out."""
@@ -389,7 +377,7 @@ class BelowSurface:
         for auv, label in enumerate(labels):
             shapes.badge(canvas.picture, str(auv + 1), label, 11 * unit, style.auv_colour(auv))
 
-    def _draw_auv(self, canvas: Canvas, t: float, auv: int) -> None:
+    def draw_auv(self, canvas: Canvas, t: float, auv: int) -> None:
         """Trail, line down to the bed, ways to its next nodes, error ellipse, estimate, and the body."""
         colour, place, layout, size = style.auv_colour(auv), self.auvs.at(t)[auv], self._layout, max(self._scene.sides)
         dim, step = style.mix(WATER, colour, 0.6), step_of(t)
@@ -409,14 +397,14 @@ class BelowSurface:
         estimated = self._estimated.at(t)[auv]
         ends = np.stack([place, node, estimated, self._foreseen.at(t)[auv]])
         begin, end, fix, foreseen = canvas.camera.pixel(ends)
-        canvas.pieces(np.array(shapes.dashes(begin, end, 4 * layout.unit)), dim, layout.px(1.3))
+        shapes.strokes(canvas.picture, shapes.dashes(begin, end, 4 * layout.unit), dim, layout.px(1.3))
         outline = shapes.ellipse_points(estimated[:2], error_axes(self._play.covariance.at(t)[auv]), 64)[
             [*range(64), 0]
         ]
         for line in self._scene.inside(np.column_stack([outline, np.full(len(outline), place[2])])):
             canvas.line(line, style.mix(colour, style.WHITE, 0.3), layout.px(1.2))
         if np.hypot(*(foreseen - fix)) > 5 * layout.unit:
-            canvas.pieces(np.array(shapes.dashes(foreseen, begin, 3 * layout.unit)), dim)
+            shapes.strokes(canvas.picture, shapes.dashes(foreseen, begin, 3 * layout.unit), dim)
             shapes.foreseen(canvas.picture, foreseen, 6 * layout.unit, colour, 1.6 * layout.unit, layout.zoom)
         if np.hypot(*(fix - begin)) > 5 * layout.unit:
             shapes.fix(canvas.picture, fix, 4 * layout.unit, style.WHITE, 1.5 * layout.unit, layout.zoom)

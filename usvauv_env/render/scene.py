@@ -137,10 +137,9 @@ class Columns(NamedTuple):
         """Columns of a picture `width` pixels wide that see an area with `sides` in x and y, m."""
         x = 2.0 * np.arange(width // 2) + 0.5
         ray = camera.forward + ((x - camera.centre[0]) / camera.focal)[:, None] * camera.right
-        eye = camera.eye
         half = 0.5 * np.array(sides)
         ray = np.where(np.abs(ray) < 1e-9, 1e-9, ray)
-        crossings = np.sort(np.stack([(-half - eye) / ray, (half - eye) / ray]), axis=0)
+        crossings = np.sort(np.stack([(-half - camera.eye) / ray, (half - camera.eye) / ray]), axis=0)
         near, far = crossings[0].max(axis=1), crossings[1].min(axis=1)
         seen = np.flatnonzero(far > near)
         part = slice(seen[0], seen[-1] + 1)
@@ -149,10 +148,6 @@ class Columns(NamedTuple):
     def at(self, x: float) -> int:
         """Index of the column at x, or of the nearest, pixels of the picture."""
         return int(np.clip(round(0.5 * (x - self.x[0])), 0, len(self.x) - 1))
-
-    def every(self, count: int) -> Columns:
-        """Every so many of them."""
-        return Columns(self.first, *(part[::count] for part in self[1:]))
 
 
 class Sheet(NamedTuple):
@@ -298,11 +293,6 @@ class Canvas(NamedTuple):
     def line(self, points: np.ndarray, ink: Colour, width: int = 1) -> None:
         """A line through points (N, 3) of the scene."""
         shapes.stroke(self.picture, self.camera.pixel(points), ink, width)
-
-    def pieces(self, pixels: np.ndarray, ink: Colour, width: int = 1) -> None:
-        """Lines (N, P, 2) in pixels."""
-        if len(pixels):
-            cv2.polylines(self.picture, list(shapes.fixed(pixels)), False, ink, width, cv2.LINE_AA, shapes.SHIFT)
 
     def circle(self, centre: np.ndarray, radius: float, ink: Colour, width: int = 1, share: float = 1.0) -> None:
         """The part `share` of a level circle of a radius in m, clockwise from the north."""

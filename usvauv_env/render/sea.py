@@ -68,6 +68,12 @@ class MapView:
         return np.asarray(metres, float) * self._scale
 
 
+def _slopes(field: np.ndarray, scale: float = 0.125) -> tuple[np.ndarray, np.ndarray]:
+    """Slopes along the rows and along the columns of a field, with the scale of 1/8 a pixel."""
+    along = {"scale": scale, "borderType": cv2.BORDER_REPLICATE}
+    return cv2.Sobel(field, cv2.CV_32F, 1, 0, **along), cv2.Sobel(field, cv2.CV_32F, 0, 1, **along)
+
+
 def elevation_limit(surface: np.ndarray) -> float:
     """End of the colour scale (m) for a surface (T, Y, X), about its 99th percentile; 0 for a flat sea."""
     lowest, highest = extremes(surface)
@@ -95,16 +101,14 @@ class SeaSurface:
             pixels: largest side of the relief as it is shaded, before it is enlarged.
             limit: of the colour scale; None for one that fits.
         """
-        self._view = view
-        self._pixels = pixels
-        own = elevation_limit(surface)
+        self._view, self._pixels, own = view, pixels, elevation_limit(surface)
         self.limit = own if limit is None else limit
         self._flat = own == 0.0
         if self._flat:
             return
         # Slopes are exaggerated until steep ones, the 98th percentile, are drawn at about 30°.
         some = surface[:: max(1, len(surface) // 20)].astype(np.float32)
-        slopes = [np.hypot(*self._slopes(self._small(field))) for field in some]
+        slopes = [np.hypot(*_slopes(self._small(field))) for field in some]
         # The lower bound keeps rounding errors of an almost level surface from being exaggerated.
         self._steepen = 0.55 / max(float(np.quantile(slopes, 0.98)), 1e-3 * self.limit)
         self._columns = slopes[0].shape[1]
@@ -118,13 +122,6 @@ class SeaSurface:
         if shape[0] >= field.shape[1] or shape[1] >= field.shape[0]:
             return field  # shading an enlarged field would show its grid
         return cv2.resize(field, shape, interpolation=cv2.INTER_AREA)
-
-    @staticmethod
-    def _slopes(field: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Slope towards the east and the north, m per pixel."""
-        east = cv2.Sobel(field, cv2.CV_32F, 1, 0, scale=0.125, borderType=cv2.BORDER_REPLICATE)
-        south = cv2.Sobel(field, cv2.CV_32F, 0, 1, scale=0.125, borderType=cv2.BORDER_REPLICATE)
-        return east, -south
 
     def paint(self, picture: np.ndarray, field: np.ndarray) -> None:
         """Draw a surface (Y, X) m of what the map shows, row 0 in the south, over it."""
@@ -140,11 +137,9 @@ class SeaSurface:
         field = self._small(field)
         if self._flat:
             return np.full((*field.shape, 3), style.SEA[2], np.uint8)
-        east, north = self._slopes(field)
         steepen = self._steepen * (field.shape[1] * self._view.zoom / self._columns)
-        east, north = east * steepen, north * steepen
-        normal_light = LIGHT[2] - LIGHT[0] * east - LIGHT[1] * north
-        shade = normal_light / np.sqrt(1.0 + east * east + north * north) / LIGHT[2]
+        east, south = (slope * steepen for slope in _slopes(field))
+        shade = (LIGHT[2] - LIGHT[0] * east + LIGHT[1] * south) / np.sqrt(1.0 + east * east + south * south) / LIGHT[2]
         index = np.clip((field / self.limit + 1.0) * 127.5, 0, 255).astype(np.uint8)
         colours = COLOURS[index] * np.clip(0.3 + 0.7 * shade, 0.4, 1.4)[:, :, None]
         return np.clip(colours, 0, 255).astype(np.uint8)
@@ -191,16 +186,12 @@ class CurrentStreaks:
         """Vortices (V, 4) at the start and how they fill the water, and the real current (rows, columns, 2) m/s at the
         level that is drawn, empty for none.
         """
-        self._eddies, self._level = eddies, level
-        rectangle = view.rectangle
-        across = max(2, round(rectangle.width / (27 * unit)))
-        up = max(2, round(rectangle.height / (27 * unit)))
+        across, up = (max(2, round(side / (27 * unit))) for side in view.rectangle[2:])
         jitter = np.random.default_rng(1).uniform(-0.5, 0.5, (up, across, 2))
         grid = np.stack(np.meshgrid(np.arange(across), np.arange(up)), axis=-1)
         self._seeds = ((grid + 0.5 + 0.9 * jitter) / (across, up) * (width, length)).reshape(-1, 2)
-        self._stream = stream
-        self._size, self._view = (width, length), view
-        self._vortex = vortex
+        self._view, self._vortex, self._stream = view, vortex, stream
+        self._drawn = {"level": level, "size": (width, length), "eddies": eddies}
         moved = self._follow(1.0, 1)
         self.fastest = float(np.hypot(*(moved[:, 1] - moved[:, 0]).T).max())
         self.tail = math.inf
@@ -222,8 +213,7 @@ class CurrentStreaks:
             torch.from_numpy(np.array(array, np.float32)).to(device)
             for array in (self._vortex[None], np.stack([stream] * len(Level.names)), self._seeds)
         )
-        drawn = {"level": self._level, "size": self._size, "eddies": self._eddies}
-        return particle_paths(vortex, stream, seeds, step=step, count=count, **drawn).cpu().numpy()
+        return particle_paths(vortex, stream, seeds, step=step, count=count, **self._drawn).cpu().numpy()
 
     def _paths(self) -> np.ndarray:
         """Paths (P, points, 2) over a whole life, m."""
@@ -321,9 +311,7 @@ class SeaShading:
         return np.maximum(-bent, 0.0) * np.maximum(field, 0.0)
 
     def _shade(self, field: np.ndarray, crests: np.ndarray) -> np.ndarray:
-        per_metre = 0.125 * self._per_metre * self._scale * STEEPER
-        east = cv2.Sobel(field, cv2.CV_32F, 1, 0, scale=per_metre, borderType=cv2.BORDER_REPLICATE)
-        north = cv2.Sobel(field, cv2.CV_32F, 0, 1, scale=per_metre, borderType=cv2.BORDER_REPLICATE)
+        east, north = _slopes(field, 0.125 * self._per_metre * self._scale * STEEPER)
         upright = 1.0 / cv2.sqrt(1.0 + east * east + north * north)
         sun = self._sun.astype(np.float32)
         diffuse = (sun[2] - sun[0] * east - sun[1] * north) * upright

@@ -24,12 +24,8 @@ def fixed(points: np.ndarray) -> np.ndarray:
     return np.rint(np.asarray(points) * _ONE).astype(np.int32, order="C")
 
 
-def _fixed_point(point: np.ndarray) -> tuple[int, int]:
-    return round(float(point[0]) * _ONE), round(float(point[1]) * _ONE)
-
-
 def disc(image: np.ndarray, centre: np.ndarray, radius: float, colour: Colour | int) -> None:
-    cv2.circle(image, _fixed_point(centre), round(radius * (1 << SHIFT)), colour, -1, cv2.LINE_AA, SHIFT)
+    ring(image, centre, radius, colour, -1)
 
 
 def dots(image: np.ndarray, centres: np.ndarray, radius: float, colours: np.ndarray) -> None:
@@ -48,7 +44,7 @@ def dots(image: np.ndarray, centres: np.ndarray, radius: float, colours: np.ndar
 
 
 def ring(image: np.ndarray, centre: np.ndarray, radius: float, colour: Colour | int, width: int) -> None:
-    cv2.circle(image, _fixed_point(centre), round(radius * (1 << SHIFT)), colour, width, cv2.LINE_AA, SHIFT)
+    cv2.circle(image, fixed(centre).tolist(), round(radius * _ONE), colour, width, cv2.LINE_AA, SHIFT)
 
 
 def _turned(centre: np.ndarray, radius: float, share: float) -> np.ndarray:
@@ -60,6 +56,11 @@ def _turned(centre: np.ndarray, radius: float, share: float) -> np.ndarray:
 def stroke(image: np.ndarray, points: np.ndarray, colour: Colour | int, width: int = 1, closed: bool = False) -> None:
     """A line through points (N, 2)."""
     cv2.polylines(image, [fixed(points)], closed, colour, width, cv2.LINE_AA, SHIFT)
+
+
+def strokes(image: np.ndarray, lines: Sequence[np.ndarray] | np.ndarray, colour: Colour | int, width: int = 1) -> None:
+    """Lines (N, P, 2)."""
+    cv2.polylines(image, list(fixed(np.asarray(lines))), False, colour, width, cv2.LINE_AA, SHIFT)
 
 
 def fill(image: np.ndarray, points: np.ndarray, colour: Colour | int) -> None:
@@ -134,8 +135,7 @@ class Overlay:
 
     def white_lines(self, lines: np.ndarray, opacity: float, width: int) -> None:
         """White lines (N, P, 2), to be drawn first: they set the coverage alone; a cleared layer is white."""
-        pieces = list(fixed(lines - self._origin))
-        cv2.polylines(self._cover, pieces, False, round(255 * opacity), width, cv2.LINE_AA, SHIFT)
+        strokes(self._cover, lines - self._origin, round(255 * opacity), width)
 
     def strokes(self, lines: list[np.ndarray], colour: Colour, opacity: float, width: int = 1) -> None:
         """Open lines, each (N, 2) pixels of the whole picture."""
@@ -386,8 +386,7 @@ class LegendSymbol(NamedTuple):
 
     def target(self) -> None:
         ends = self.at + np.array([(-11, 5), (11, -5)]) * self.layout.unit
-        for piece in dashes(ends[0], ends[1], 4 * self.layout.unit):
-            stroke(self.picture, piece, self.layout.theme.auv(0), self.layout.px(1.3))
+        strokes(self.picture, dashes(*ends, 4 * self.layout.unit), self.layout.theme.auv(0), self.layout.px(1.3))
 
     def next(self) -> None:
         points, theme = [(-12, 5), (-3, -4), (5, 5), (13, -3)], self.layout.theme

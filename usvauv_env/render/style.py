@@ -118,21 +118,6 @@ GAUGE = (colour("#35d07f"), colour("#ffb020"), FULL)  # backlog of a node: empty
 SEA = tuple(colour(code) for code in ("#082349", "#0e3963", "#18557f", "#2a7c99", "#64aeb9"))
 LAND = colour("#4a4b40")
 
-_ON_SEA = tuple(colour(code) for code in CATEGORICAL)
-
-
-def auv_colour(auv: int) -> Colour:
-    """Colour of AUV number `auv` on the sea; distinct for at least sixteen."""
-    return _further(auv, _ON_SEA, 1.0)
-
-
-def _further(auv: int, first: tuple[Colour, ...], value: float) -> Colour:
-    """The first colours, and from then on hues of a brightness `value`."""
-    if auv < len(first):
-        return first[auv]
-    red, green, blue = colorsys.hsv_to_rgb((auv * 0.381966) % 1.0, 0.45, value)
-    return round(blue * 255), round(green * 255), round(red * 255)
-
 
 @dataclass(frozen=True)
 class Theme:
@@ -157,8 +142,11 @@ class Theme:
     runs: tuple[Colour, Colour]
 
     def auv(self, auv: int) -> Colour:
-        """Colour of AUV number `auv` on a card."""
-        return _further(auv, self.vehicles, self.brightness)
+        """Colour of AUV number `auv` on a card; distinct for at least sixteen."""
+        if auv < len(self.vehicles):
+            return self.vehicles[auv]
+        red, green, blue = colorsys.hsv_to_rgb((auv * 0.381966) % 1.0, 0.45, self.brightness)
+        return round(blue * 255), round(green * 255), round(red * 255)
 
 
 DARK = Theme(
@@ -167,7 +155,7 @@ DARK = Theme(
     line=colour("#2b3f53"),
     muted=colour("#93a7b9"),
     text=colour("#eef3f7"),
-    vehicles=_ON_SEA,
+    vehicles=tuple(colour(code) for code in CATEGORICAL),
     brightness=1.0,
     water=SEA[4],
     glow=colour("#1d3346"),
@@ -186,6 +174,7 @@ LIGHT = Theme(
     runs=(colour("#12202c"), colour("#c4500c")),
 )
 THEMES = {"dark": DARK, "light": LIGHT}
+auv_colour = DARK.auv  # on the sea
 
 
 def gauge_colour(fill: float) -> Colour:
