@@ -79,13 +79,14 @@ SEAMS = [(0.0, 720, -0.05), (-180.0, 721, -180.05), (74.0, 720, 73.95)]
 
 class TestCurrents:
     def check(self, flow, frame=FRAME, begin=0.0, shift=0.0, fields=(eastward, northward), atol=2e-7):
-        """Every node at every level and several times against the analytic field, turned into the plane."""
+        """Every node, level and several times against the analytic field, turned into the plane, and after its end."""
         lon, lat = nodes(flow, frame)
         for t in (0.0, 1234.5, 7200.0) if len(flow.times) > 1 else (0.0,):
             for level, depth in enumerate(flow.levels):
                 east, north = (speed(lon - shift, lat, depth, begin + t) for speed in fields)
                 expected = np.stack(frame.to_plane(lon, lat, east, north), axis=-1)
                 np.testing.assert_allclose(flow.at(t)[level], expected, rtol=0, atol=atol)
+        np.testing.assert_array_equal(flow.at(1e6), flow.velocity[-1])
 
     def test_cmems(self, tmp_path):
         flow = flow_of(cmems(), tmp_path)

@@ -74,7 +74,7 @@ class TestInterpolation:
         lon, lat, depths = (np.sort(random.uniform(0, 10, count)) for count in (7, 5, 4))
         values = random.standard_normal((3, 5, 7))
         x, y = random.uniform(lon[0], lon[-1], (2, 9)), random.uniform(lat[0], lat[-1], (2, 9))
-        found = ocean.bilinear(values, {"longitude": axis(lon), "latitude": axis(lat)}, x, y)
+        found = ocean.bilinear(values, lon, lat, x, y)
         for each, own in zip(values, found, strict=True):
             np.testing.assert_allclose(own, RegularGridInterpolator((lat, lon), each)((y, x)))
         levels = np.linspace(-1, 11, 25)

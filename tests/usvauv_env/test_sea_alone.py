@@ -32,7 +32,7 @@ def scenario(step: float = 1.0, **current: object) -> Scenario:
 
 
 class Flow:
-    """A current that is linear in x, y and time."""
+    """A current that is linear in x, y and time, until its last time."""
 
     start = "2020-01-02T03:00:00"
 
@@ -41,7 +41,7 @@ class Flow:
 
     def at(self, t: float) -> np.ndarray:
         y, x = np.mgrid[0:3, 0:4] * np.array([LENGTH / 2, WIDTH / 3])[:, None, None]
-        surface = np.stack([1 + 2e-3 * x + 3e-3 * y + t, -2 + 4e-3 * x - 5e-3 * y], -1)
+        surface = np.stack([1 + 2e-3 * x + 3e-3 * y + min(t, max(self.times, default=t)), -2 + 4e-3 * x - 5e-3 * y], -1)
         return np.stack([surface, 9 + surface]).astype(np.float32)
 
 

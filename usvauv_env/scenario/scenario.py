@@ -13,36 +13,10 @@ from typing import Annotated, Any
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
-from usvauv.env.scenario import fields
+from usvauv.env.scenario import fields, team
+from usvauv.env.scenario import sea as environment
 from usvauv.env.scenario.fields import ScenarioError, Section, as_toml, one_line, one_of, section
-from usvauv.env.scenario.sea import (
-    INFRAGRAVITY,
-    SMALLEST_PERIOD,
-    Acoustics,
-    Area,
-    Channel,
-    Current,
-    Mission,
-    Sea,
-    Storm,
-    Usbl,
-    Water,
-)
-from usvauv.env.scenario.team import (
-    Auv,
-    Boat,
-    Navigation,
-    Nodes,
-    Observation,
-    Otter,
-    Planner,
-    PluginNumbers,
-    Reference,
-    Reward,
-    Stations,
-    Torpedo,
-    Tracker,
-)
+from usvauv.env.scenario.sea import INFRAGRAVITY, SMALLEST_PERIOD
 from usvauv.env.storage.files import TextFileError, check_plain
 from usvauv.kernels.mission.tasks.task import Task, tasks
 from usvauv.kernels.positioning.pulse import FEWEST_CHIPS, FEWEST_PERIODS
@@ -65,29 +39,29 @@ class Scenario(Section):
     task: Annotated[str, one_of(tasks)] = Field(
         "data-collection", description="data-collection, station-keeping (hold a formation), or a plugin's task"
     )
-    area: Area = section(Area, "the operating area")
-    mission: Mission = section(Mission, "clock of the mission")
-    sea: Sea = section(Sea, "sea surface: shallow-water equations (Eq. 6)")
-    storm: Storm = section(Storm, "short waves on it: a directional Airy sea")
-    water: Water = section(Water, "real bed, currents and waves from files")
-    current: Current = section(Current, "current: Lamb–Oseen vortices (Eq. 8)")
-    acoustics: Acoustics = section(Acoustics, "sonar equation of the positioning link")
-    usbl: Usbl = section(Usbl, "ultra-short baseline positioning (Eq. 1)")
-    channel: Channel = section(Channel, "the acoustic channel")
-    navigation: Navigation = section(Navigation, "dead reckoning of the AUVs")
-    boat: Boat = section(Boat, "the boats (USVs), which are all alike")
-    otter: Otter = section(Otter, "the boats with boat.model = otter")
-    planner: Planner = section(Planner, "Fisher-information path planning (Eq. 2–3)")
-    tracker: Tracker = section(Tracker, "tracker of the AUVs")
-    auv: Auv = section(Auv, "the AUVs")
-    torpedo: Torpedo = section(Torpedo, "the AUVs with auv.model = torpedo")
-    vehicle_parameters: PluginNumbers = section(PluginNumbers, "numbers of the vehicle where a plugin's is auv.model")
-    nodes: Nodes = section(Nodes, "sensor nodes and their data link")
-    stations: Stations = section(Stations, "formation of the task station-keeping")
-    task_parameters: PluginNumbers = section(PluginNumbers, "numbers of a plugin's task, and weights of its rewards")
-    observation: Observation = section(Observation, "what an AUV observes")
-    reward: Reward = section(Reward, "weights of the reward's named terms")
-    reference: Reference = section(Reference, "recorded speeds of the heuristics")
+    area: environment.Area = section("the operating area")
+    mission: environment.Mission = section("clock of the mission")
+    sea: environment.Sea = section("sea surface: shallow-water equations (Eq. 6)")
+    storm: environment.Storm = section("short waves on it: a directional Airy sea")
+    water: environment.Water = section("real bed, currents and waves from files")
+    current: environment.Current = section("current: Lamb–Oseen vortices (Eq. 8)")
+    acoustics: environment.Acoustics = section("sonar equation of the positioning link")
+    usbl: environment.Usbl = section("ultra-short baseline positioning (Eq. 1)")
+    channel: environment.Channel = section("the acoustic channel")
+    navigation: team.Navigation = section("dead reckoning of the AUVs")
+    boat: team.Boat = section("the boats (USVs), which are all alike")
+    otter: team.Otter = section("the boats with boat.model = otter")
+    planner: team.Planner = section("Fisher-information path planning (Eq. 2–3)")
+    tracker: team.Tracker = section("tracker of the AUVs")
+    auv: team.Auv = section("the AUVs")
+    torpedo: team.Torpedo = section("the AUVs with auv.model = torpedo")
+    vehicle_parameters: team.PluginNumbers = section("numbers of the vehicle where a plugin's is auv.model")
+    nodes: team.Nodes = section("sensor nodes and their data link")
+    stations: team.Stations = section("formation of the task station-keeping")
+    task_parameters: team.PluginNumbers = section("numbers of a plugin's task, and weights of its rewards")
+    observation: team.Observation = section("what an AUV observes")
+    reward: team.Reward = section("weights of the reward's named terms")
+    reference: team.Reference = section("recorded speeds of the heuristics")
 
     @field_validator("name")
     @classmethod
@@ -137,8 +111,8 @@ class Scenario(Section):
                     f"reference.{field} = {speed:g}: must lie between auv.speed_min and auv.speed_max,"
                     f" {self.auv.speed_min:g} to {self.auv.speed_max:g} m/s"
                 )
-        if self.mission.step * max(self.nodes.arrival_rates) > 80:  # keeps the table of arrivals small
-            most = max(self.nodes.arrival_rates)
+        most = max(self.nodes.arrival_rates)
+        if self.mission.step * most > 80:  # keeps the table of arrivals small
             raise ValueError(
                 f"nodes.arrival_rates up to {most:g}: must not be above {80 / self.mission.step:g} at mission.step"
             )
@@ -235,18 +209,13 @@ class Scenario(Section):
 
     def _check_long_waves(self) -> None:
         sea, area = self.sea, self.area
-        sponges = (
-            (area.width, "west", "east"),
-            (area.length, "south", "north"),
-        )
-        for side, *edges in sponges:
-            count = len(set(edges).intersection(sea.sponge_edges))
+        for side, edges in ((area.width, {"west", "east"}), (area.length, {"south", "north"})):
+            count = len(edges.intersection(sea.sponge_edges))
             if count * sea.sponge_width > side:
                 raise ValueError(f"sea.sponge_width must not be above {side / count:g} m, or the layers overlap")
         if sea.sponge_edges and sea.sponge_width < 2 * sea.cell_size:
-            least = 2 * sea.cell_size
             raise ValueError(
-                f"sea.sponge_width = {sea.sponge_width:g}: must be at least two sea.cell_size, {least:g} m"
+                f"sea.sponge_width = {sea.sponge_width:g}: must be at least two sea.cell_size, {2 * sea.cell_size:g} m"
             )
         if not self.water.bathymetry and self.highest_long_wave > area.depth / 2:
             raise ValueError(
@@ -438,18 +407,14 @@ class Scenario(Section):
 
     def to_toml(self) -> str:
         """The whole scenario as TOML, each field with its description as a comment."""
-        lines = []
+        head, sections = [], []
         for field, info in type(self).model_fields.items():
             value = getattr(self, field)
             if not isinstance(value, Section):
-                lines.append(f"{field} = {as_toml(value)}  # {info.description}")
-        for field, info in type(self).model_fields.items():
-            section = getattr(self, field)
-            if isinstance(section, Section):
-                lines += ["", f"[{field}]  # {info.description}"]
-                lines += [
-                    f"{key} = {as_toml(getattr(section, key))}  # {about.description}"
-                    for key, about in type(section).model_fields.items()
-                ]
-                lines += [f"{key} = {as_toml(value)}" for key, value in (section.model_extra or {}).items()]
-        return "\n".join(lines) + "\n"
+                head.append(f"{field} = {as_toml(value)}  # {info.description}")
+                continue
+            about = type(value).model_fields
+            sections += ["", f"[{field}]  # {info.description}"]
+            sections += [f"{key} = {as_toml(getattr(value, key))}  # {about[key].description}" for key in about]
+            sections += [f"{key} = {as_toml(extra)}" for key, extra in (value.model_extra or {}).items()]
+        return "\n".join([*head, *sections]) + "\n"

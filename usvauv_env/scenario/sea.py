@@ -6,6 +6,7 @@ import math
 from datetime import date, datetime
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
 from usvauv.env.scenario.fields import Bandwidth, Carrier, Number, Place, Section, one_of
@@ -49,6 +50,15 @@ class Area(Section):
     def diagonal(self) -> float:
         """Length of the area's diagonal, m."""
         return math.hypot(self.width, self.length)
+
+    def cells(self, longer: int) -> tuple[int, int]:
+        """Cells (nx, ny) that are about square, `longer` of them along the longer side, at least 3 along each."""
+        size = max(self.width, self.length) / longer
+        return max(3, round(self.width / size)), max(3, round(self.length / size))
+
+    def middles(self, nx: int, ny: int) -> tuple[np.ndarray, np.ndarray]:
+        """x (nx,) and y (ny,) of the middles of cells that fill the area, m."""
+        return (np.arange(nx) + 0.5) * self.width / nx, (np.arange(ny) + 0.5) * self.length / ny
 
 
 class Mission(Section):

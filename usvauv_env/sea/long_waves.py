@@ -119,12 +119,6 @@ def coarse_cells(scenario: Scenario) -> tuple[int, int]:
     return max(FEWEST_CELLS, round(width)), max(FEWEST_CELLS, round(length))
 
 
-def fine_cells(scenario: Scenario) -> tuple[int, int]:
-    """Cells (nx, ny) with `sea.fine_cells` along the longer side, for a sea that is drawn."""
-    size = max(scenario.area.width, scenario.area.length) / scenario.sea.fine_cells
-    return max(3, round(scenario.area.width / size)), max(3, round(scenario.area.length / size))
-
-
 def sea_bytes(scenario: Scenario, cells: tuple[int, int], num_seas: int) -> float:
     """Estimate of the memory that building and solving a sea takes at its peak, bytes."""
     nx, ny = cells
@@ -223,11 +217,6 @@ class BoundaryWaves(NamedTuple):
     phase: np.ndarray
 
 
-def _stream(seed: int, index: int) -> np.random.Generator:
-    """Random numbers of one sea's forcing."""
-    return np.random.Generator(np.random.Philox(np.random.SeedSequence(seed, spawn_key=(index, 0))))
-
-
 def boundary_waves(site: Site, seas: Sequence[tuple[int, int]]) -> BoundaryWaves:
     """Forcing of the seas of `build_sea`: the regular component, then `irregular_components` of equal energy.
 
@@ -237,7 +226,8 @@ def boundary_waves(site: Site, seas: Sequence[tuple[int, int]]) -> BoundaryWaves
     sea = site.scenario.sea
     count = sea.irregular_components
     low, high = 1 / sea.irregular_period_max, 1 / sea.irregular_period_min
-    drawn = np.stack([_stream(seed, index).random((2, count)) for seed, index in seas])
+    keys = [np.random.SeedSequence(seed, spawn_key=(index, 0)) for seed, index in seas]
+    drawn = np.stack([np.random.Generator(np.random.Philox(key)).random((2, count)) for key in keys])
     frequency = low + (high - low) * (np.arange(count) + drawn[:, 0]) / count
     irregular = long_wave_rms(site) * math.sqrt(2 / count), 1 / frequency, 2 * math.pi * drawn[:, 1]
     table = np.empty((3, len(seas), count + 1))

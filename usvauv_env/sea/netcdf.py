@@ -88,8 +88,8 @@ class SeaFile:
         x and y have no attribute `axis`: ParaView takes that for longitude and latitude and wraps the sea round a
         globe. Their standard names say the same to all who read CF.
         """
-        file, (ny, nx) = self._file, (len(sea.y), len(sea.x))
-        file.dimensions = {"time": None, "y": ny, "x": nx, "side": 2}
+        file = self._file
+        file.dimensions = {"time": None, "y": len(sea.y), "x": len(sea.x), "side": 2}
         time = file.create_variable("time", ("time",), np.float64, chunks=(1024,))
         _label(time, **place.time_attributes(sea.site.start, "the start of the simulation"))
         for name, centres, spacing in zip("xy", (sea.x, sea.y), sea.spacing, strict=True):
@@ -103,29 +103,23 @@ class SeaFile:
                 _label(file.create_variable(about["long_name"], ("y", "x"), np.float64, data=degrees), **about)
             mapping = file.create_variable(place.CRS, (), np.int32, data=0)
             _label(mapping, **place.grid_mapping(self._frame))
-        self._add_field("elevation", ELEVATION, "sea surface: long waves and storm", "m", (ny, nx))
+        self._add_field("elevation", ELEVATION, "sea surface: long waves and storm", "m")
         for name, axis, way in zip("uv", "xy", WAYS, strict=True):
             about = f"{way} velocity of the long waves, mean over depth"
-            self._add_field(name, f"barotropic_sea_water_{axis}_velocity", about, "m s-1", (ny, nx))
+            self._add_field(name, f"barotropic_sea_water_{axis}_velocity", about, "m s-1")
         about = "depth of still water; on land at most zero"
-        self._add_field("depth", "sea_floor_depth_below_mean_sea_level", about, "m", (ny, nx), sea.depth)
+        self._add_field("depth", "sea_floor_depth_below_mean_sea_level", about, "m", sea.depth)
         for axis, way, field in zip("xy", WAYS, np.moveaxis(sea.current(), -1, 0), strict=True):
             about = f"{way} current at the surface, without waves"
-            names = f"current_{axis}", f"sea_water_{axis}_velocity", about, "m s-1"
-            self._add_field(*names, (ny, nx), field if sea.steady else None)
+            constant = field if sea.steady else None
+            self._add_field(f"current_{axis}", f"sea_water_{axis}_velocity", about, "m s-1", constant)
 
     def _add_field(
-        self,
-        name: str,
-        standard_name: str,
-        long_name: str,
-        units: str,
-        shape: tuple[int, int],
-        constant: np.ndarray | None = None,
+        self, name: str, standard_name: str, long_name: str, units: str, constant: np.ndarray | None = None
     ) -> None:
         """A variable on the grid: constant, or with an instantaneous field for each time."""
-        part, packed = tuple(min(side, CHUNK) for side in shape), {"compression": "gzip", "shuffle": True}
-        packed["compression_opts"] = 1
+        part = tuple(min(self._file.dimensions[side].size, CHUNK) for side in "yx")
+        packed: dict[str, Any] = {"compression": "gzip", "shuffle": True, "compression_opts": 1}
         if constant is None:
             dimensions = ("time", "y", "x")
             variable = self._file.create_variable(name, dimensions, np.float32, chunks=(1, *part), **packed)

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from usvauv.env.scenario import Scenario, ScenarioError
-from usvauv.env.sea.long_waves import build_sea, check_sea, fine_cells
+from usvauv.env.sea.long_waves import build_sea, check_sea
 from usvauv.env.sea.water import LARGEST_SEED, SeaWatch, build_short_waves, whole_number
 from usvauv.env.site.site import Site
 from usvauv.kernels import runtime
@@ -34,13 +34,13 @@ class Surface(NamedTuple):
 
 
 def cells(scenario: Scenario, spacing: float | None) -> tuple[int, int]:
-    """Cells (nx, ny) of about `spacing` m; default `fine_cells`.
+    """Cells (nx, ny) of about `spacing` m; by default `sea.fine_cells` along the longer side.
 
     Raises:
         ScenarioError: fewer than 3 or more than 8192 cells along a side.
     """
     if spacing is None:
-        return fine_cells(scenario)
+        return scenario.area.cells(scenario.sea.fine_cells)
     sides = scenario.area.width, scenario.area.length
     count = (round(sides[0] / spacing), round(sides[1] / spacing)) if spacing > 0 else (0, 0)
     if min(count) < FEWEST or max(count) > MOST:
@@ -156,7 +156,7 @@ class SeaSimulation:
         """
         if self._flow is None:
             return np.zeros((0, 0, 2), np.float32)
-        return self._flow.at(min(self.time, self._flow.times[-1]))[Level.surface]
+        return self._flow.at(self.time)[Level.surface]
 
     def current(self) -> np.ndarray:
         """Present velocity of vortices and real current at the surface, at cell centres, m/s, (ny, nx, 2) float32."""
@@ -184,10 +184,7 @@ def _weights(position: np.ndarray, nodes: int) -> np.ndarray:
 
 def survey(scenario: Scenario, seed: int, duration: float) -> np.ndarray:
     """Elevations to expect: the same sea on few cells at `SURVEY_MOMENTS` + 1 times, (times, Y, X) m."""
-    width, length = scenario.area.width, scenario.area.length
-    spacing = max(width, length) / SURVEY_CELLS
-    shape = max(FEWEST, round(width / spacing)), max(FEWEST, round(length / spacing))
-    sea = SeaSimulation(scenario, seed, shape, duration / SURVEY_MOMENTS)
+    sea = SeaSimulation(scenario, seed, scenario.area.cells(SURVEY_CELLS), duration / SURVEY_MOMENTS)
     fields = [sea.surface().elevation]
     for _ in range(SURVEY_MOMENTS):
         sea.advance()

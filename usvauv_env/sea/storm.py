@@ -140,16 +140,8 @@ def _as_storm(part: Partition, storm: Storm) -> Storm:
     spreading = storm.spreading
     if part.spread is not None:
         spreading = min(2 / max(part.spread, 1e-3) ** 2 - 1, NARROWEST)
-    return storm.model_copy(
-        update={
-            "spectrum": shape,
-            "significant_height": part.height,
-            "peak_period": period,
-            "direction": part.direction,
-            "spreading": spreading,
-            "swells": (),
-        }
-    )
+    own = {"significant_height": part.height, "direction": part.direction, "peak_period": period}
+    return storm.model_copy(update=own | {"spectrum": shape, "spreading": spreading, "swells": ()})
 
 
 def draw_storm(
@@ -294,9 +286,7 @@ def uneven_bed_warning(site: Site) -> str:
     scenario = site.scenario
     if site.flat or not wave_systems(site):
         return ""
-    size = max(scenario.area.width, scenario.area.length) / BED_CELLS
-    cells = max(3, round(scenario.area.width / size)), max(3, round(scenario.area.length / size))
-    depth, limit = site.still_depth(cells), shallowest_valid_depth(site)
+    depth, limit = site.still_depth(scenario.area.cells(BED_CELLS)), shallowest_valid_depth(site)
     wet = depth > 0
     share = np.count_nonzero(wet & (depth < limit)) / np.count_nonzero(wet)
     if not share:

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from usvauv.env.scenario import ScenarioError
-from usvauv.env.sea.long_waves import LongWaves, NonlinearSeas, boundary_waves, build_sea, fine_cells, speed_bound
+from usvauv.env.sea.long_waves import LongWaves, NonlinearSeas, boundary_waves, build_sea, speed_bound
 from usvauv.env.sea.storm import density, draw_storm, elevation, wave_systems
 from usvauv.env.site.site import Site
 from usvauv.kernels import runtime
@@ -196,17 +196,13 @@ class SeaWatch:
             index, problem = error.args
             raise DivergenceError(f"{self._named(index)}: {problem}") from None
         if self._flag.raised():
-            index, value = self._worst()
-            problem = f"the elevation is {value:g} m at {sea.time:g} s: must be within {self._limit:g} m"
-            raise DivergenceError(f"{self._named(index)}: {problem}")
-
-    def _worst(self) -> tuple[int, float]:
-        """The sea that has the first elevation out of bounds, and that elevation, m."""
-        elevation = torch.from_numpy(self._sea.elevation())
-        elevation = elevation.reshape(-1, self._sea.ny * self._sea.nx)
-        places = (~(elevation.abs() <= self._limit)).nonzero()
-        index, cell = places[0].tolist() if len(places) else (0, 0)
-        return index, float(elevation[index, cell])
+            elevation = sea.elevation().reshape(-1, sea.ny * sea.nx)
+            places = np.argwhere(~(abs(elevation) <= self._limit))
+            index, cell = places[0] if len(places) else (0, 0)
+            raise DivergenceError(
+                f"{self._named(index)}: the elevation is {elevation[index, cell]:g} m at {sea.time:g} s: must be within"
+                f" {self._limit:g} m"
+            )
 
 
 class WorldWater:
@@ -248,7 +244,8 @@ class WorldWater:
     def begin(self, episode: int) -> None:
         """Start the seas of an episode; all worlds that share one sail on it from the same moment."""
         seas, scenario = self.seas_of(episode), self._site.scenario
-        self.long_waves = build_sea(self._site, seas, fine_cells(scenario) if self._fine else None)
+        cells = scenario.area.cells(scenario.sea.fine_cells) if self._fine else None
+        self.long_waves = build_sea(self._site, seas, cells)
         deepest = float(self._site.still_depth((self.long_waves.nx, self.long_waves.ny)).max())
         self._watch = SeaWatch(self.long_waves, deepest, self.named)
         self.storm = build_short_waves(self._site, seas)
@@ -295,14 +292,10 @@ class WorldWater:
     def arguments(self) -> dict[str, Any]:
         """What the mission's kernel reads of the water, by the names of its arguments."""
         sea = self.long_waves
-        (eta, U, V), (unit_x, unit_y) = sea.fields, sea.units
         return {
             "stream": self.stream,
-            "eta": eta,
-            "U": U,
-            "V": V,
-            "unit_x": unit_x,
-            "unit_y": unit_y,
+            **dict(zip(("eta", "U", "V"), sea.fields, strict=True)),
+            **dict(zip(("unit_x", "unit_y"), sea.units, strict=True)),
             "nx": sea.nx,
             "ny": sea.ny,
             "sea_index": self.sea_index,
@@ -337,10 +330,8 @@ class WorldWater:
     def named(self, index: int) -> str:
         """A sea, by the worlds that sail on it."""
         worlds = ((self.sea_index == index).nonzero().flatten() + self._first_world).tolist()
-        names = ", ".join(map(str, worlds[:NAMED])) + (
-            f" and {len(worlds) - NAMED} more" if len(worlds) > NAMED else ""
-        )
-        return f"sea of world{'s' if len(worlds) > 1 else ''} {names}"
+        more = f" and {len(worlds) - NAMED} more" if len(worlds) > NAMED else ""
+        return f"sea of world{'s' if len(worlds) > 1 else ''} {', '.join(map(str, worlds[:NAMED]))}{more}"
 
     def _updates(self, steps: int) -> int:
         """Updates of the long waves in some mission steps: as many as bring them to the steps' end or beyond it."""
@@ -353,7 +344,7 @@ class WorldWater:
         self.storm.set_time(time)
         if self._flow is not None and len(self._flow.times) > 1:
             # Seas run on where only some worlds are reset; the current then stays as it was at the end of the file.
-            runtime.upload(self._flow.at(min(time, self._flow.times[-1])), self.stream)
+            runtime.upload(self._flow.at(time), self.stream)
 
 
 def current_bound(site: Site) -> float:

@@ -85,13 +85,7 @@ class Flow:
     start: str
 
     def at(self, t: float) -> np.ndarray:
-        """Velocity (L, ny, nx, 2) at t seconds since the start, linear in time.
-
-        Raises:
-            ValueError: t is outside `times`.
-        """
-        if len(self.times) > 1 and not self.times[0] - TOLERANCE <= t <= self.times[-1] + TOLERANCE:
-            raise ValueError(f"t = {t:g} s; allowed: {self.times[0]:g} to {self.times[-1]:g} s")
+        """Velocity (L, ny, nx, 2) at t seconds since the start, as `at_time`."""
         return at_time(self.times, self.velocity, t)
 
 
@@ -117,7 +111,7 @@ def read_bathymetry(
         for kind in ("time", "depth"):
             if kind in source.axes and len(source.axes[kind].values) > 1:
                 raise OceanError(f"{path}: {source.name}: changes with {source.axes[kind].name}; the bed must not")
-        axes = source.axes | _window(source, *_outline(frame, width, length))
+        axes = source.axes | _window(source, frame, width, length)
         values = sign * source.read(axes)[0, 0]
     if not (known := np.isfinite(values)).any():
         raise OceanError(f"{path}: {source.name}: has no values in the area: all of it is land")
@@ -160,8 +154,9 @@ def read_flow(
         clocks = [part.axes["time"].values if "time" in part.axes else [] for part in (east, north)]
         if not np.array_equal(clocks[0], clocks[1]):
             raise OceanError(f"{path}: {east.name} and {north.name} are given at different times")
-        outline = _outline(frame, width, length)
-        windows = [part.axes | _window(part, *outline) | _layers(part, path, levels) for part in (east, north)]
+        windows = [
+            part.axes | _window(part, frame, width, length) | _layers(part, path, levels) for part in (east, north)
+        ]
         lon, lat = frame.to_geographic(*_nodes(windows, width, length))
         velocity = np.empty((len(times), len(levels), *lon.shape, 2), np.float32)
         size = math.prod(len(axis.values) for kind, axis in windows[0].items() if kind != "time")
@@ -172,7 +167,7 @@ def read_flow(
                 if "time" in axes:
                     axes["time"] = part.axes["time"].part(picked[block])
             components = [
-                bilinear(_at_levels(part, axes, levels), axes, lon, lat)
+                bilinear(_at_levels(part, axes, levels), axes["longitude"].values, axes["latitude"].values, lon, lat)
                 for part, axes in zip((east, north), windows, strict=True)
             ]
             velocity[block] = np.stack(frame.to_plane(lon, lat, *components), axis=-1)
@@ -210,17 +205,13 @@ def _current_names(dataset: xarray.Dataset, path: str | Path) -> tuple[str, str]
     )
 
 
-def _outline(frame: LocalFrame, width: float, length: float) -> tuple[tuple[float, float], tuple[float, float]]:
-    """West, east and south, north of an area, degrees, by its corners."""
-    lon, lat = frame.to_geographic(*np.meshgrid([0.0, width], [0.0, length]))
-    return (lon.min(), lon.max()), (lat.min(), lat.max())
-
-
-def _window(source: Field, west_east: tuple[float, float], south_north: tuple[float, float]) -> dict[str, Axis]:
+def _window(source: Field, frame: LocalFrame, width: float, length: float) -> dict[str, Axis]:
     """Parts of a field's latitude and longitude that just enclose the area."""
-    longitude = source.axes["longitude"].unwrapped(sum(west_east) / 2)
+    corners = frame.to_geographic(*np.meshgrid([0.0, width], [0.0, length]))
+    west_east, south_north = ((degrees.min(), degrees.max()) for degrees in corners)
+    longitude, latitude = source.axes["longitude"].unwrapped(sum(west_east) / 2), source.axes["latitude"]
     return {
-        "latitude": _enclose(source, source.axes["latitude"], "latitude", south_north),
+        "latitude": _enclose(source, latitude, "latitude", south_north),
         "longitude": _enclose(source, longitude, "longitude", west_east),
     }
 
@@ -367,7 +358,7 @@ def cell_means(
     for first in range(0, ny, step):
         rows = np.arange(first * along, min(first + step, ny) * along)
         lon, lat = frame.to_geographic(*np.meshgrid(x, (rows + 0.5) * (length / (ny * along))))
-        fine = bilinear(values, axes, lon, lat)
+        fine = bilinear(values, axes["longitude"].values, axes["latitude"].values, lon, lat)
         means[first : first + step] = fine.reshape(-1, along, nx, across).mean(axis=(1, 3))
     return means
 
@@ -379,10 +370,10 @@ def spacing(axes: dict[str, Axis]) -> tuple[float, float]:
     return EQUATOR * parallel * degrees["longitude"], EQUATOR * degrees["latitude"]
 
 
-def bilinear(values: np.ndarray, axes: dict[str, Axis], lon: np.ndarray, lat: np.ndarray) -> np.ndarray:
-    """A field (…, latitude, longitude) at points inside its window."""
-    i, right = bracket(axes["longitude"].values, lon)
-    j, up = bracket(axes["latitude"].values, lat)
+def bilinear(values: np.ndarray, columns: np.ndarray, rows: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """A field (…, rows, columns) at points x and y inside it; `columns` and `rows` are the places of its own points."""
+    i, right = bracket(columns, x)
+    j, up = bracket(rows, y)
     south = (1 - right) * values[..., j, i] + right * values[..., j, i + 1]
     north = (1 - right) * values[..., j + 1, i] + right * values[..., j + 1, i + 1]
     return (1 - up) * south + up * north

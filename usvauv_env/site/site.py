@@ -11,7 +11,7 @@ import numpy as np
 
 from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.env.scenario.sea import Area
-from usvauv.env.site.ocean import Flow, iso, parse_time, read_bathymetry, read_flow
+from usvauv.env.site.ocean import Flow, bilinear, iso, parse_time, read_bathymetry, read_flow
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.sound_speed import SoundSpeedError, SoundSpeedProfile
 from usvauv.env.site.waves import Waves, read_waves
@@ -33,7 +33,7 @@ def random_bed(area: Area, cells: tuple[int, int]) -> np.ndarray:
     draw = np.random.default_rng(area.bed_seed)
     kx, ky = draw.normal(size=(2, BED_WAVES)) / area.bed_length
     phase = draw.uniform(0, 2 * np.pi, BED_WAVES)
-    x, y = ((np.arange(n) + 0.5) * side / n for n, side in zip(cells, (area.width, area.length), strict=True))
+    x, y = area.middles(*cells)
     along_x, along_y = np.outer(x, kx), np.outer(y, ky) + phase  # cos(a + b) = cos a cos b − sin a sin b
     waves = np.cos(along_y) @ np.cos(along_x).T - np.sin(along_y) @ np.sin(along_x).T
     return area.depth + area.bed_rms * math.sqrt(2 / BED_WAVES) * waves
@@ -91,7 +91,7 @@ class Site:
     @cached_property
     def mean_depth(self) -> float:
         """Mean depth of the water, land left out, m."""
-        depth = self.still_depth(self._bed_cells)
+        depth = self.still_depth(self.scenario.area.cells(BED_CELLS))
         return float(depth[depth > 0].mean())
 
     @cached_property
@@ -104,7 +104,7 @@ class Site:
         area, water, auv = self.scenario.area, self.scenario.water, self.scenario.auv
         if self.flat:
             return np.full((1, 2, 2, 1), area.depth)
-        depth = self.still_depth(self._bed_cells)
+        depth = self.still_depth(area.cells(BED_CELLS))
         for axis in (0, 1):  # from cell centres to the corners around them
             rows = np.moveaxis(depth, axis, 0)
             inner = (rows[1:] + rows[:-1]) / 2
@@ -123,13 +123,10 @@ class Site:
     def depth_at(self, places: np.ndarray) -> np.ndarray:
         """Depth of the bed at positions (..., 2), m: bilinear in `bed`."""
         bed, area = self.bed[0, :, :, 0], self.scenario.area
-        rows, columns = bed.shape
-        column = np.clip(places[..., 0] / area.width, 0, 1) * (columns - 1)
-        row = np.clip(places[..., 1] / area.length, 0, 1) * (rows - 1)
-        j, i = (np.minimum(at.astype(int), n - 2) for at, n in ((column, columns), (row, rows)))
-        s, t = column - j, row - i
-        south, north = ((1 - s) * bed[r, j] + s * bed[r, j + 1] for r in (i, i + 1))
-        return (1 - t) * south + t * north
+        rows, columns = (np.arange(n) for n in bed.shape)
+        x = np.clip(places[..., 0] / area.width, 0, 1) * columns[-1]
+        y = np.clip(places[..., 1] / area.length, 0, 1) * rows[-1]
+        return bilinear(bed, columns, rows, x, y)
 
     @cached_property
     def current(self) -> Flow | None:
@@ -174,23 +171,20 @@ class Site:
             ScenarioError: the scenario has two profiles, or one that cannot be used.
         """
         acoustic, water = self.scenario.acoustics, self.scenario.water
-        if not (acoustic.sound_speed_profile or acoustic.temperature_salinity):
-            return None
-        field = "sound_speed_profile" if acoustic.sound_speed_profile else "temperature_salinity"
-        if acoustic.sound_speed_profile and acoustic.temperature_salinity:
+        speeds, waters = acoustic.sound_speed_profile, acoustic.temperature_salinity
+        if speeds and waters:
             raise ScenarioError("acoustics.sound_speed_profile and acoustics.temperature_salinity: give one of them")
+        if not speeds and not waters:
+            return None
+        about = {"latitude": water.latitude, "longitude": water.longitude}
         try:
-            if acoustic.sound_speed_profile:
-                profile = SoundSpeedProfile.from_table(acoustic.sound_speed_profile)
+            if speeds:
+                profile = SoundSpeedProfile.from_table(speeds)
             else:
-                profile = SoundSpeedProfile.from_water(
-                    acoustic.temperature_salinity,
-                    latitude=water.latitude,
-                    longitude=water.longitude,
-                    salinity=acoustic.salinity,
-                )
+                profile = SoundSpeedProfile.from_water(waters, **about, salinity=acoustic.salinity)
             profile.check_reaches(self.scenario.auv.depth)
         except SoundSpeedError as error:
+            field = "sound_speed_profile" if speeds else "temperature_salinity"
             raise ScenarioError(f"acoustics.{field}: {error}") from None
         return profile
 
@@ -211,9 +205,3 @@ class Site:
     @property
     def _frame(self) -> LocalFrame:
         return LocalFrame(self.scenario.water.longitude, self.scenario.water.latitude)
-
-    @property
-    def _bed_cells(self) -> tuple[int, int]:
-        width, length = self.scenario.area.width, self.scenario.area.length
-        size = max(width, length) / BED_CELLS
-        return max(3, round(width / size)), max(3, round(length / size))

@@ -85,11 +85,12 @@ class Source:
             kind = kind_of(dataset[coordinate])
             if variable.size == 1 and kind and kind not in known:
                 known[kind] = str(coordinate), ""
-        axes, times = {}, [(0, 1.0)]
+        axes, times, clock = {}, [(0, 1.0)], ""
         if "time" in known:
             axes["time"] = read_axis(dataset[known["time"][0]].squeeze(), path, "time", known["time"][1])
         picked, seconds, begin = mission_times(Field(str(path), name, array, 1.0, axes), path, start, 0.0)
-        if "time" in axes:
+        if axes:
+            clock = axes["time"].dimension
             times = [(int(axes["time"].order[picked[i]]), weight) for i, weight in _between(seconds, 0.0)]
         nearest = max(times, key=lambda time: time[1])[0]
         points = (
@@ -97,7 +98,6 @@ class Source:
             if stations
             else _grid_points(dataset, path, known, place)
         )
-        clock = known["time"][1] if "time" in known else ""
         samples = [
             Sample({**point, clock: t} if clock else point, weight * share)
             for (t, weight), (point, share) in product(times, points)
@@ -191,9 +191,9 @@ def _grid_points(
         _require_near(f"{path}: its point", longitude, latitude, place)
     points = []
     for indices in product(*parts):
-        index = {axis.dimension: int(axis.order[i]) for axis, (i, _) in zip(axes, indices, strict=True)}
-        weight = math.prod(weight for _, weight in indices)
-        points.append(({dimension: i for dimension, i in index.items() if dimension}, weight))
+        along = zip(axes, indices, strict=True)
+        index = {axis.dimension: int(axis.order[i]) for axis, (i, _) in along if axis.dimension}
+        points.append((index, math.prod(weight for _, weight in indices)))
     return points
 
 

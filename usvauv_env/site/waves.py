@@ -56,6 +56,8 @@ HIGHEST_WAVES, PERIODS, WIDEST = 30.0, (0.5, 30.0), math.sqrt(2)  # m, s, rad
 class WaveSpectrum:
     """Spectral density of the elevation, constant in direction within a step and linear in frequency between values.
 
+    Its trapezoids are, for frequencies in a constant ratio, the widths of WAVEWATCH III's bins.
+
     Attributes:
         frequencies: (F,) rising, Hz.
         directions: (D,) rising, of travel, from east towards north, in even steps round the circle, rad.
@@ -79,7 +81,7 @@ class WaveSpectrum:
     @property
     def significant_height(self) -> float:
         """Hs = 4 √m0, m."""
-        return 4 * math.sqrt(float(_integral(self.frequencies, self.by_frequency)))
+        return 4 * math.sqrt(float(np.trapezoid(self.by_frequency, self.frequencies)))
 
     @property
     def peak_period(self) -> float:
@@ -90,7 +92,7 @@ class WaveSpectrum:
     def moment(self) -> complex:
         """First moment of the directions r₁ exp(iθ), weighted by energy; the spread is √(2(1 − r₁))."""
         first = self.density @ np.exp(1j * self.directions) * self.step
-        whole = _integral(self.frequencies, first) / _integral(self.frequencies, self.by_frequency)
+        whole = np.trapezoid(first, self.frequencies) / np.trapezoid(self.by_frequency, self.frequencies)
         return complex(whole) * float(np.sinc(self.step / (2 * math.pi)))
 
     @property
@@ -138,11 +140,6 @@ class Waves:
         if self.spectrum is not None:
             return self.spectrum.significant_height
         return math.hypot(*(part.height for part in self.partitions if part.wind_sea))
-
-
-def _integral(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Of y over x by trapezoids, which for frequencies in a constant ratio are the widths of WAVEWATCH III's bins."""
-    return (np.diff(x) * (y[1:] + y[:-1]) / 2).sum()
 
 
 def read_waves(path: str | Path, frame: LocalFrame, width: float, length: float, start: str = "") -> Waves:
