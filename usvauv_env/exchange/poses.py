@@ -61,12 +61,7 @@ def _raised(places: np.ndarray, z: float | np.ndarray) -> np.ndarray:
 
 def _sea(trace: Trace) -> np.ndarray:
     steps, rows, columns = trace.surface.shape
-    area = trace.scenario.area
-    x, y = (
-        (np.arange(columns) + 0.5) * area.width / max(columns, 1),
-        (np.arange(rows) + 0.5) * area.length / max(rows, 1),
-    )
-    plane = np.stack(np.meshgrid(x, y), axis=-1)
+    plane = np.stack(np.meshgrid(*trace.scenario.area.middles(columns, rows)), axis=-1)
     return _raised(np.broadcast_to(plane, (steps, *plane.shape)), trace.surface).reshape(steps, rows * columns, 3)
 
 

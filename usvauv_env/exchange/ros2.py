@@ -105,10 +105,8 @@ class _Bag:
         return self._store.types[kind](*content)
 
     def header(self) -> Any:
-        seconds, nanoseconds = divmod(self._time, 10**9)
-        return self.message(
-            "std_msgs/msg/Header", self.message("builtin_interfaces/msg/Time", seconds, nanoseconds), FRAME
-        )
+        time = self.message("builtin_interfaces/msg/Time", *divmod(self._time, 10**9))
+        return self.message("std_msgs/msg/Header", time, FRAME)
 
     def vector(self, values: Iterable[float], kind: str = "Vector3") -> Any:
         return self.message(f"geometry_msgs/msg/{kind}", *map(float, values))

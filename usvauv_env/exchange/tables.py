@@ -12,13 +12,8 @@ from usvauv.env.storage.files import atomic_write
 
 Table = dict[str, np.ndarray]
 
-ROWS = {
-    "auvs": ("time", "world", "auv"),
-    "boats": ("time", "world", "boat"),
-    "nodes": ("time", "world", "node"),
-    "vortices": ("time", "world", "vortex"),
-    "worlds": ("time", "world"),
-}
+# A variable that has a value, or several, in each row.
+ROWS = {"auvs": "power", "boats": "boat_heading", "nodes": "backlog", "vortices": "vortex", "worlds": "collisions"}
 
 
 def tables(trace: Trace) -> dict[str, Table]:
@@ -28,7 +23,7 @@ def tables(trace: Trace) -> dict[str, Table]:
     What does not change with time is repeated. "fixes" has a row for each detected reply, "services" one for each
     completed service.
     """
-    found = {name: _table(trace, index) for name, index in ROWS.items()}
+    found = {name: _table(trace, variable) for name, variable in ROWS.items()}
     return found | {"fixes": _fixes(trace), "services": _services(trace)}
 
 
@@ -49,9 +44,9 @@ def write(trace: Trace, folder: Path, form: str) -> None:
                 frame.to_parquet(partial, engine="pyarrow", index=False)
 
 
-def _table(trace: Trace, index: tuple[str, ...]) -> Table:
-    """Every variable whose last dimension, parts apart, is the last one of the index."""
-    shape = tuple(_size(trace, dimension) for dimension in index)
+def _table(trace: Trace, variable: str) -> Table:
+    """Every variable whose last dimension, parts apart, is the last one of the index, which is that of a variable."""
+    index, shape = VARIABLES[variable].dimensions[:3], getattr(trace, variable).shape[:3]
     places = np.indices(shape).reshape(len(shape), -1)
     table = {"time": trace.time[places[0]]} | {name: places[i] for i, name in enumerate(index) if i}
     parts = {**PARTS, "reward_term": trace.reward_names}
@@ -68,15 +63,6 @@ def _table(trace: Trace, index: tuple[str, ...]) -> Table:
     return table
 
 
-def _size(trace: Trace, dimension: str) -> int:
-    """Length of a dimension of the trace's variables."""
-    return next(
-        getattr(trace, name).shape[about.dimensions.index(dimension)]
-        for name, about in VARIABLES.items()
-        if dimension in about.dimensions
-    )
-
-
 def _fixes(trace: Trace) -> Table:
     """What the boats' USBL put out, in the order of time."""
     step, world, auv = np.nonzero(np.isfinite(trace.fix).all(-1))
@@ -91,11 +77,8 @@ def _services(trace: Trace) -> Table:
     """The completed services in the order of time."""
     step, world, auv, node = served(trace)
     amounts = ("service_rate", "delivered", "packets_delivered")
-    return (
-        _rows(trace, step, world, auv)
-        | {"node": node}
-        | {name: getattr(trace, name)[step, world, auv] for name in amounts}
-    )
+    values = {name: getattr(trace, name)[step, world, auv] for name in amounts}
+    return _rows(trace, step, world, auv) | {"node": node} | values
 
 
 def _rows(trace: Trace, step: np.ndarray, world: np.ndarray, auv: np.ndarray) -> Table:

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from usvauv.env.record.trace import Trace
+from usvauv.env.record.trace import Trace, latest
 from usvauv.kernels.positioning.usbl import DETECTED, UNUSABLE, WRAPPED
 from usvauv.kernels.registry import Registry
 
@@ -195,8 +195,7 @@ def newest_birth(trace: Trace) -> np.ndarray:
     dt = trace.scenario.mission.step
     steps, worlds, nodes = trace.backlog.shape
     birth = np.full((steps, worlds, nodes), trace.time[0] - dt)
-    travelled = np.where(trace.hovering > 0, -1, np.arange(steps)[:, None, None])
-    arrived = np.maximum.accumulate(travelled, axis=0)  # the last step of travelling, in which the service began
+    arrived = latest(trace.hovering <= 0)  # the last step of travelling, in which the service began
     t, w, k, i = served(trace)
     np.maximum.at(birth, (t, w, i), trace.time[0] + (arrived[t, w, k] - 1) * dt)
     return np.maximum.accumulate(birth, axis=0)

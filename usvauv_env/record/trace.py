@@ -230,17 +230,18 @@ class Trace:
                 parse_time(start)
             for name in OPTIONAL:
                 arrays.setdefault(name, _empty(VARIABLES[name].dimensions))
-            texts: dict[str, Any] = {}
-            for name in ("scenario", "policy", "usv", "reward_names"):
-                texts[name] = attributes.get(name)
-                if not isinstance(texts[name], str):
+            about: dict[str, Any] = {
+                name: attributes.get(name) for name in ("scenario", "policy", "usv", "reward_names")
+            }
+            for name, text in about.items():
+                if not isinstance(text, str):
                     raise TraceError(f"its attribute {name} is not text")
-            scenario = Scenario.from_dict(parse_text(texts["scenario"], "JSON"), "its scenario", stored=True)
+            scenario = Scenario.from_dict(parse_text(about["scenario"], "JSON"), "its scenario", stored=True)
             if DERIVED not in arrays:
                 way = np.diff(arrays["boat_position"], axis=0, prepend=arrays["boat_position"][:1])
                 arrays[DERIVED] = headings(way / scenario.mission.step, scenario.mission.step)
-            names = tuple(texts["reward_names"].split(","))
-            _check_sizes(arrays, scenario, names)
+            about |= {"scenario": scenario, "reward_names": tuple(about["reward_names"].split(","))}
+            _check_sizes(arrays, scenario, about["reward_names"])
             seed = attributes.get("seed")
             if not isinstance(seed, int | np.integer):
                 raise TraceError("its attribute seed is not a whole number")
@@ -248,15 +249,7 @@ class Trace:
             raise TraceError(str(error)) from None
         except (TraceError, ScenarioError, OceanError, TextFileError) as error:
             raise TraceError(f"{path}: not a usvauv trace: {error}") from None
-        return cls(
-            scenario=scenario,
-            policy=texts["policy"],
-            usv=texts["usv"],
-            seed=int(seed),
-            reward_names=names,
-            start=start,
-            **arrays,
-        )
+        return cls(**about, seed=int(seed), start=start, **arrays)
 
     def _has(self, name: str) -> bool:
         return name not in OPTIONAL or getattr(self, name).size > 0
@@ -285,8 +278,7 @@ class Trace:
                     coordinates[f"{prefix}{about['long_name']}"] = Stored(dimensions, at, about)
 
         if self._has("surface"):
-            rows, columns = self.surface.shape[1:]
-            x, y = ((np.arange(n) + 0.5) * side / n for n, side in ((columns, area.width), (rows, area.length)))
+            x, y = area.middles(*self.surface.shape[:0:-1])
             coordinates |= {"x": Stored(("x",), x, place.X_AXIS), "y": Stored(("y",), y, place.Y_AXIS)}
             add("", ("y", "x"), *np.meshgrid(x, y))
         if self._has("stream"):  # a grid mapping has one pair of coordinates, which are those of the surface
@@ -309,10 +301,8 @@ class Trace:
             for name, about in VARIABLES.items()
             if self._has(name)
         }
-        for dimensions, values, _ in (*stored.values(), *coordinates.values()):
-            file.dimensions.update(
-                {d: n for d, n in zip(dimensions, values.shape, strict=True) if d not in file.dimensions}
-            )
+        every = (*stored.values(), *coordinates.values())
+        file.dimensions = {d: n for axes, values, _ in every for d, n in zip(axes, values.shape, strict=True)}
         places = {name: set(about.dimensions) for name, about in coordinates.items() if about.dimensions != (name,)}
         for name, (dimensions, values, attributes) in (stored | coordinates).items():
             packed = {"compression": "gzip", "compression_opts": 1} if values.ndim > 1 else {}
@@ -471,10 +461,16 @@ def headings(velocity: np.ndarray, step: float) -> np.ndarray:
     return np.nan_to_num(np.where(np.isnan(made), begins, made)).astype(np.float32)
 
 
+def latest(happened: np.ndarray) -> np.ndarray:
+    """Row (T, …) in which something last happened, for each row of flags (T, …); −1 before the first."""
+    rows = np.arange(len(happened)).reshape(-1, *[1] * (happened.ndim - 1))
+    return np.maximum.accumulate(np.where(happened, rows, -1))
+
+
 def directions(velocity: np.ndarray) -> np.ndarray:
     """Directions (T, …) of velocities (T, …, 2), rad, continuous; at rest the last one, at first the next."""
-    angle, rows = np.arctan2(velocity[..., 1], velocity[..., 0]), np.arange(len(velocity))
+    angle = np.arctan2(velocity[..., 1], velocity[..., 0])
     moving = np.hypot(velocity[..., 0], velocity[..., 1]) > AT_REST
-    last = np.maximum.accumulate(np.where(moving, rows.reshape(-1, *[1] * (angle.ndim - 1)), -1), axis=0)
+    last = latest(moving)
     first = np.where(moving.any(axis=0), moving.argmax(axis=0), 0)
     return np.unwrap(np.take_along_axis(angle, np.where(last < 0, first, last), axis=0), axis=0)
