@@ -40,7 +40,6 @@ class Part(Protocol):
 
     def draw(self, picture: np.ndarray, t: float) -> None:
         """Draw a moment."""
-        ...
 
 
 class Frames(ABC):
@@ -223,13 +222,10 @@ class Instruments:
             "propeller": (Series(60.0 * propeller), ".0f", " rpm"),
         }
         unit, rows = layout.unit, len(self._readings)
-        inset = Rectangle(
-            view.left, view.top, min(round(142 * unit), view.width), min(round((15 * rows + 9) * unit), view.height)
-        )
-        self._box, self._layout = inset, layout
+        width, height = min(round(142 * unit), view.width), min(round((15 * rows + 9) * unit), view.height)
+        self._box, self._layout = view._replace(width=width, height=height), layout
 
     def draw(self, picture: np.ndarray, t: float) -> None:
-        """Draw a moment."""
         unit, box = self._layout.unit, self._box
         region = box.of(picture)
         region[:] = cv2.addWeighted(region, 0.3, np.full_like(region, style.DARK.card), 0.7, 0)
@@ -354,26 +350,24 @@ class ComparisonFrames(Frames):
         pieces = shapes.dashes(ends[0], ends[1], entry.dash * unit) if entry.dash else [ends]
         shapes.strokes(self._still, pieces, entry.colour, self.layout.px(2.2))
 
-    def _table_rows(self, box: Rectangle) -> list[tuple[float, float, float]]:
-        """Write the names of the figures; for each the left end, the right end and the baseline of its values."""
+    def _table_rows(self, box: Rectangle) -> list[float]:
+        """Write the names of the figures; for each the baseline of its values."""
         unit = self.layout.unit
         down = min((box.height - 8 * unit) / len(self._names), 72 * unit)
         top = box.top + (box.height - len(self._names) * down) / 2
-        left, right = box.left + 10 * unit, box.right - 10 * unit
-        rows = []
-        for place, name in enumerate(self._names):
-            line = top + (place + 0.5) * down
-            write(self._still, name, (left, line - 7 * unit), 11 * unit, self.layout.theme.muted)
-            rows.append((left, right, line + 15 * unit))
-        return rows
+        lines = [top + (place + 0.5) * down for place in range(len(self._names))]
+        for line, name in zip(lines, self._names, strict=True):
+            write(self._still, name, (box.left + 10 * unit, line - 7 * unit), 11 * unit, self.layout.theme.muted)
+        return [line + 15 * unit for line in lines]
 
     def _draw_figures(self, picture: np.ndarray, t: float, time: float) -> None:
         """Values of both missions in their colours, and how much more the second one has."""
         self._head.draw(picture, time, time / self._end, [])
         unit, theme = self.layout.unit, self.layout.theme
-        one, other = self._figures(0, t), self._figures(1, t)
-        for (left, right, line), (_, value, form), (_, second, _) in zip(self._rows, one, other, strict=True):
-            across = 0.36 * (right - left)
+        one, other, box = self._figures(0, t), self._figures(1, t), self.layout.boxes["table"]
+        left, right = box.left + 10 * unit, box.right - 10 * unit
+        across = 0.36 * (right - left)
+        for line, (_, value, form), (_, second, _) in zip(self._rows, one, other, strict=True):
             for place, (number, entry) in enumerate(zip((value, second), self._entries, strict=True)):
                 words = f"{number:{form}}".replace("-", "−")
                 size = fitting(words, 18 * unit, across - 8 * unit, bold=True)

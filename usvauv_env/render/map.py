@@ -108,7 +108,6 @@ class MissionMap:
             self._fade(auvs[:, auv], t - steps[0], style.auv_colour(auv), 0.85, width)
 
     def _fade(self, points: np.ndarray, steps: float, colour: style.Colour, opacity: float, width: int) -> None:
-        """A trail over some steps."""
         length = max(2, len(points) // TRAIL_PIECES + 1)
         pieces = [points[begin : begin + length + 1] for begin in range(0, len(points) - 1, length)]
         full = min(1.0, steps * self._trace.scenario.mission.step / TRAIL)  # a shorter trail fades less

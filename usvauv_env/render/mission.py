@@ -19,7 +19,7 @@ from contourpy import contour_generator
 
 from usvauv.env.planning.fix_errors import reception
 from usvauv.env.record.metrics import age, energy_consumption, position_error, target_distance
-from usvauv.env.record.trace import Trace
+from usvauv.env.record.trace import Trace, latest
 from usvauv.env.scenario import Scenario
 from usvauv.env.sea.storm import elevation
 from usvauv.env.site.site import Site
@@ -110,8 +110,8 @@ class RecordedSea:
 
     def __init__(self, trace: Trace) -> None:
         self.surface, self._storm, self._time = trace.surface, trace.storm, trace.time
-        area, (_, rows, columns) = trace.scenario.area, trace.surface.shape
-        self._x, self._y = ((np.arange(n) + 0.5) * side / n for n, side in ((columns, area.width), (rows, area.length)))
+        _, rows, columns = trace.surface.shape
+        self._x, self._y = trace.scenario.area.middles(columns, rows)
         self._long: dict[int, np.ndarray] = {}  # of the latest steps
         self._shown: tuple[float, np.ndarray] = -1.0, np.zeros((rows, columns), np.float32)
 
@@ -205,7 +205,7 @@ class Playback:
         self.reward = _smooth(trace.reward_terms[:, 0].sum(axis=1, dtype=float), window)
         self.service_share = _service_share(self.hovering, rate > 0)
         flags, self._by = trace.fix_flags[:, 0], trace.fix_boat[:, 0]
-        self._heard = _latest((flags & usbl.DETECTED) > 0)
+        self._heard = latest((flags & usbl.DETECTED) > 0)
         boats = np.arange(trace.boat_position.shape[2])
         asked = (((flags & usbl.SILENT) == 0)[..., None] & (self._by[..., None] == boats)).any(axis=1)
         self._ring_steps = PING_STEPS * math.sqrt(pace)  # in slow motion faster, but calm enough for the eye
@@ -253,11 +253,9 @@ class Playback:
 
     def ping(self, t: float) -> list[float | None]:
         """For each boat the share of its way that its ping has run at a moment; None without one."""
-        pinged = self._pinged[step_of(t)]
-        shares = ((t - pinged) / self._ring_steps).tolist()
-        return [
-            share if began >= 0 and share < 1 else None for began, share in zip(pinged.tolist(), shares, strict=True)
-        ]
+        began = self._pinged[step_of(t)].tolist()
+        shares = ((t - step) / self._ring_steps if step >= 0 else 1.0 for step in began)
+        return [share if share < 1 else None for share in shares]
 
     def heard(self, t: float, auv: int) -> tuple[int, float]:
         """The boat that last heard an AUV, and how fresh that is at a moment: 1 in that step, 0 if it never was."""
@@ -290,25 +288,13 @@ def _smooth(series: np.ndarray, window: int) -> np.ndarray:
 
 def _service_share(hovering: np.ndarray, completed: np.ndarray) -> np.ndarray:
     """Completed part of each service (T, K), from the first hovering step to the last."""
-    share = np.zeros(hovering.shape)
-    for auv in range(hovering.shape[1]):
-        begin = None
-        for t in range(len(hovering)):
-            if not hovering[t, auv]:
-                begin = None
-                continue
-            begin = t if begin is None else begin
-            ends = completed[t, auv] or t + 1 == len(hovering) or not hovering[t + 1, auv]
-            if ends:
-                share[begin : t + 1, auv] = np.arange(1, t - begin + 2) / (t - begin + 1)
-                begin = None
-    return share
-
-
-def _latest(happened: np.ndarray) -> np.ndarray:
-    """Row (T, ...) in which something last happened, for each row of flags (T, ...); −1 before the first."""
-    rows = np.arange(len(happened)).reshape(-1, *[1] * (happened.ndim - 1))
-    return np.maximum.accumulate(np.where(happened, rows, -1))
+    done = hovering.astype(float)  # steps of the service so far
+    for t in range(1, len(done)):
+        done[t] *= 1 + done[t - 1] * ~completed[t - 1]
+    steps = done.copy()  # of the whole service
+    for t in range(len(done) - 1, 0, -1):
+        steps[t - 1] = np.where(done[t] > done[t - 1], steps[t], done[t - 1])
+    return done / np.maximum(steps, 1)
 
 
 def _pings(asked: np.ndarray, apart: float) -> np.ndarray:
@@ -321,7 +307,7 @@ def _pings(asked: np.ndarray, apart: float) -> np.ndarray:
     for row in np.flatnonzero(asked):
         if row - last >= apart:
             shown[row], last = True, row
-    return _latest(shown)
+    return latest(shown)
 
 
 LEVELS = (0.2, 0.4, 0.6, 0.8)

@@ -398,10 +398,9 @@ class BelowSurface:
         ends = np.stack([place, node, estimated, self._foreseen.at(t)[auv]])
         begin, end, fix, foreseen = canvas.camera.pixel(ends)
         shapes.strokes(canvas.picture, shapes.dashes(begin, end, 4 * layout.unit), dim, layout.px(1.3))
-        outline = shapes.ellipse_points(estimated[:2], error_axes(self._play.covariance.at(t)[auv]), 64)[
-            [*range(64), 0]
-        ]
-        for line in self._scene.inside(np.column_stack([outline, np.full(len(outline), place[2])])):
+        outline = shapes.ellipse_points(estimated[:2], error_axes(self._play.covariance.at(t)[auv]), 64)
+        level = np.column_stack([outline, np.full(len(outline), place[2])])
+        for line in self._scene.inside(np.concatenate([level, level[:1]])):
             canvas.line(line, style.mix(colour, style.WHITE, 0.3), layout.px(1.2))
         if np.hypot(*(foreseen - fix)) > 5 * layout.unit:
             shapes.strokes(canvas.picture, shapes.dashes(foreseen, begin, 3 * layout.unit), dim)

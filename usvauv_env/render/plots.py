@@ -183,7 +183,6 @@ class RewardBars:
             shapes.stroke(still, ends, layout.theme.line, layout.px(2))
 
     def draw(self, picture: np.ndarray, t: float) -> None:
-        """Draw a moment."""
         layout, unit, room = self._layout, self._layout.unit, self._room
         for left, value in zip(self._left, self._values[step_of(t)].tolist(), strict=True):
             number, row = f"{value:+.2f}".replace("-", "−"), self._row + 30 * unit
@@ -209,9 +208,10 @@ class FixInsets:
         self._error = Series((trace.estimate[:, 0] - truth).astype(float))
         count = truth.shape[1]
         label = 30 * layout.unit
-        rows = min((1, 2, 3), key=lambda rows: -self._diameter(box, count, rows, label))
+        diameters = [min(box.height / rows - label, 0.94 * box.width / -(-count // rows)) for rows in (1, 2, 3)]
+        self._radius = max(*diameters, 8.0) / 2
+        rows = 1 + int(np.argmax(diameters))
         columns = -(-count // rows)
-        self._radius = max(self._diameter(box, count, rows, label) / 2, 4.0)
         self._across = across = box.width / columns
         down = box.height / rows
         above = min(max(down - 2 * self._radius - label, 0.0) / 2, 0.5 * down) + self._radius
@@ -219,40 +219,27 @@ class FixInsets:
             np.array([box.left + (k % columns + 0.5) * across, box.top + (k // columns) * down + above])
             for k in range(count)
         ]
-        self._tints = np.array(
-            [
-                [style.mix(style.SEA[0], style.auv_colour(auv), 0.2 + 0.6 * (age + 1) / FIXES) for age in range(FIXES)]
-                for auv in range(count)
-            ]
-        )
+        shades = [0.2 + 0.6 * (age + 1) / FIXES for age in range(FIXES)]
+        inks = [style.auv_colour(auv) for auv in range(count)]
+        self._tints = np.array([[style.mix(style.SEA[0], ink, shade) for shade in shades] for ink in inks])
         longest = np.linalg.norm(error_axes(trace.estimate_covariance[:, 0]), axis=-1).max(-1)
         reach = max(
             float(np.quantile(np.nan_to_num(np.linalg.norm(self._fix_error, axis=-1)), 0.96)),
             float(np.quantile(longest, 0.95)),
         )
         self._scale = self._radius / max(1.1 * reach, 1e-6)
-        self._ring = nice(0.75 * self._radius / self._scale)
+        ring = nice(0.75 * self._radius / self._scale)
         scale = self._scale / view.per_metre
         shown = f"{scale:.0f} × magnified" if scale >= 1 else f"{1 / scale:.0f} × smaller than on the map"
-        note = f"{shown}, inner ring {self._ring:g} m"
+        note = f"{shown}, inner ring {ring:g} m"
         write_heading(still, layout, card, "Fixes around the true position", note)
-        for auv, centre in enumerate(self._centres):
-            self._draw_background(still, centre, style.auv_colour(auv))
-            shapes.plus(still, centre, 5 * layout.unit, style.WHITE, layout.px(1))
-
-    @staticmethod
-    def _diameter(box: Rectangle, count: int, rows: int, label: float) -> float:
-        return min(box.height / rows - label, 0.94 * box.width / -(-count // rows))
-
-    def _draw_background(self, picture: np.ndarray, centre: np.ndarray, colour: style.Colour) -> None:
-        unit = self._layout.unit
-
-        def draw(fine: np.ndarray, middle: np.ndarray, zoom: int) -> None:
-            shapes.disc(fine, middle, self._radius * zoom, style.SEA[0])
-            shapes.ring(fine, middle, self._ring * self._scale * zoom, style.DARK.line, round(1.2 * unit * zoom))
-            shapes.ring(fine, middle, self._radius * zoom, colour, round(1.8 * unit * zoom))
-
-        shapes.smooth(picture, centre, self._radius + 2 * unit, self._layout.zoom, draw)
+        unit, zoom = layout.unit, layout.zoom
+        for centre, ink in zip(self._centres, inks, strict=True):
+            with shapes.smooth(still, centre, self._radius + 2 * unit, zoom) as (fine, middle):
+                shapes.disc(fine, middle, self._radius * zoom, style.SEA[0])
+                shapes.ring(fine, middle, ring * self._scale * zoom, style.DARK.line, round(1.2 * unit * zoom))
+                shapes.ring(fine, middle, self._radius * zoom, ink, round(1.8 * unit * zoom))
+            shapes.plus(still, centre, 5 * unit, style.WHITE, layout.px(1))
 
     def draw(self, picture: np.ndarray, t: float) -> None:
         """Draw the latest fixes, older ones fainter; the estimate as a diamond with its predicted ellipse."""
@@ -315,10 +302,9 @@ class DepthSection:
         self._heights = np.array([above, -above, -max(below, 1.01 * above)])
         self._across = room.width / scenario.area.width
         self._water = style.mix(layout.theme.card, style.SEA[2], 0.55)
-        self._bed = room.bottom - 1.0
         self._upright = (2 * above * self._across) / (middle - room.top)
         self._x = np.linspace(0.0, scenario.area.width, POINTS)
-        self._slope = self._foot = np.array([(self._box.right, self._bed), (self._box.left, self._bed)])
+        self._slope = self._foot = np.array([(room.right, room.bottom - 1.0), (room.left, room.bottom - 1.0)])
         if np.ptp(bed):
             along = np.linspace(0.0, scenario.area.width, bed.shape[1])
             highest, lowest = (np.interp(self._x[::-1], along, ends) for ends in (bed.min(axis=0), bed.max(axis=0)))
@@ -335,7 +321,6 @@ class DepthSection:
         write_heading(still, layout, box, (fits or [""])[0])
 
     def draw(self, picture: np.ndarray, t: float) -> None:
-        """Draw a moment."""
         layout, unit, theme = self._layout, self._layout.unit, self._layout.theme
         surface = np.stack([self._column(self._x), self._row(self._elevation(t))], 1)
         shapes.fill(picture, np.concatenate([surface, self._foot]), self._water)
@@ -368,12 +353,9 @@ class DepthSection:
         """The sea from west to east through the first boat, (POINTS,) m; level there if it was not recorded."""
         if not self._trace.surface.size:
             return np.full(POINTS, self._floating.at(t)[0, 0])
-        field = self._play.sea.at(t)
-        row = int(
-            np.clip(self._play.boats.at(t)[0, 1] / self._trace.scenario.area.length * len(field), 0, len(field) - 1)
-        )
-        along = np.linspace(0.0, self._trace.scenario.area.width, field.shape[1])
-        return np.interp(self._x, along, field[row])
+        field, area = self._play.sea.at(t), self._trace.scenario.area
+        row = int(np.clip(self._play.boats.at(t)[0, 1] / area.length * len(field), 0, len(field) - 1))
+        return np.interp(self._x, np.linspace(0.0, area.width, field.shape[1]), field[row])
 
     def _boat_outlines(self, t: float) -> list[np.ndarray]:
         """Hulls on their sea, tilted as the surface is from west to east, pixels."""

@@ -340,14 +340,12 @@ class Body(NamedTuple):
         seen = seen[np.argsort(-canvas.camera.away(corners[seen].mean(axis=1)))]
         lit = 0.7 + 0.3 * self.normals[seen] @ (axes @ LIGHT)
         colours = (self.colours[seen] * lit[:, None]).tolist()
-
-        def paint(fine: np.ndarray, middle: np.ndarray, zoom: int) -> None:
-            outlines = shapes.fixed((pixels[seen] - centre) * zoom + middle)
-            cv2.polylines(fine, list(outlines), True, style.OUTLINE, 2 * zoom, cv2.LINE_8, shapes.SHIFT)
+        reach = float(np.abs(pixels - centre).max()) + 3
+        with shapes.smooth(canvas.picture, centre, reach, FACTOR) as (fine, middle):
+            outlines = shapes.fixed((pixels[seen] - centre) * FACTOR + middle)
+            cv2.polylines(fine, list(outlines), True, style.OUTLINE, 2 * FACTOR, cv2.LINE_8, shapes.SHIFT)
             for outline, colour in zip(outlines, colours, strict=True):
                 cv2.fillConvexPoly(fine, outline, colour, cv2.LINE_8, shapes.SHIFT)
-
-        shapes.smooth(canvas.picture, centre, float(np.abs(pixels - centre).max()) + 3, FACTOR, paint)
 
 
 def turned(heading: float, slope: np.ndarray) -> np.ndarray:

@@ -87,6 +87,11 @@ def elevation_limit(surface: np.ndarray) -> float:
 class SeaSurface:
     """Elevation as colour, slope as shade.
 
+    Args:
+        surface: elevation that the scales are fitted to, (T, Y, X) m, row 0 in the south; empty for a flat sea.
+        view: the map. pixels: largest side of the relief as it is shaded, before it is enlarged.
+        limit: of the colour scale; None for one that fits.
+
     Attributes:
         limit: elevation (m) of the colour scale's ends, ±, about the 99th percentile; 0 for a flat sea.
     """
@@ -94,13 +99,6 @@ class SeaSurface:
     def __init__(
         self, surface: np.ndarray, view: MapView, pixels: int = RELIEF_PIXELS, limit: float | None = None
     ) -> None:
-        """
-        Args:
-            surface: elevation that the scales are fitted to, (T, Y, X) m, row 0 in the south; empty for a flat sea.
-            view: the map.
-            pixels: largest side of the relief as it is shaded, before it is enlarged.
-            limit: of the colour scale; None for one that fits.
-        """
         self._view, self._pixels, own = view, pixels, elevation_limit(surface)
         self.limit = own if limit is None else limit
         self._flat = own == 0.0
@@ -150,13 +148,9 @@ def colour_scale(width: int, height: int) -> np.ndarray:
     return np.repeat(COLOURS[np.linspace(0, 255, width).astype(int)][None], height, axis=0).astype(np.uint8)
 
 
-def _colour_table() -> np.ndarray:
-    stops = np.linspace(0, 255, len(style.SEA))
-    channels = np.array(style.SEA, float).T
-    return np.stack([np.interp(np.arange(256), stops, channel) for channel in channels], axis=1).astype(np.float32)
-
-
-COLOURS = _colour_table()
+_STOPS = np.linspace(0, 255, len(style.SEA))
+_CHANNELS = [np.interp(np.arange(256), _STOPS, channel) for channel in np.array(style.SEA, float).T]
+COLOURS = np.stack(_CHANNELS, axis=1).astype(np.float32)
 
 
 class CurrentStreaks:
@@ -254,30 +248,23 @@ FAINT = 0.24  # of the light that haze takes at the far border
 
 
 class SeaShading:
-    """A sea as heights and colours on one grid, row 0 in the south."""
+    """A sea as heights and colours on one grid, row 0 in the south.
+
+    Args:
+        limit: elevation (m) of the colour scale's ends, ±; 0 for a flat sea.
+        sides: of the area in x and y, m. texels: of the longer side.
+        camera: from which it is seen; that it moves a little is neglected.
+        scale: by which heights are drawn exaggerated.
+    """
 
     def __init__(
-        self,
-        limit: float,
-        sides: tuple[float, float],
-        camera: PinholeCamera,
-        scale: float,
-        texels: int = TEXELS,
+        self, limit: float, sides: tuple[float, float], camera: PinholeCamera, scale: float, texels: int
     ) -> None:
-        """
-        Args:
-            limit: elevation (m) of the colour scale's ends, ±; 0 for a flat sea.
-            sides: of the area in x and y, m.
-            camera: from which it is seen; that it moves a little is neglected.
-            scale: by which heights are drawn exaggerated.
-            texels: of the longer side of the area.
-        """
         self._limit, self._sides, self._scale = limit, sides, scale
         fit = texels / max(sides)
         self._shape = max(8, round(sides[0] * fit)), max(8, round(sides[1] * fit))
         self._per_metre = self._shape[0] / sides[0]
-        x = (np.arange(self._shape[0], dtype=np.float32) + 0.5) / self._shape[0] - 0.5
-        y = (np.arange(self._shape[1], dtype=np.float32) + 0.5) / self._shape[1] - 0.5
+        x, y = ((np.arange(count, dtype=np.float32) + 0.5) / count - 0.5 for count in self._shape)
         place = np.stack(np.broadcast_arrays(x * sides[0], (y * sides[1])[:, None]), -1)
         eye = np.array([*camera.eye, camera.height])
         view = np.concatenate([eye[:2] - place, np.full((*place.shape[:2], 1), eye[2])], -1)
@@ -290,10 +277,8 @@ class SeaShading:
         self._clear = (1.0 - haze).astype(np.float32)
         random = np.random.default_rng(3)
         size = self._shape[::-1]
-        small = ((size[0] // n + 1, size[1] // n + 1) for n in (7, 3, 1))
-        grains = [
-            cv2.resize(random.standard_normal(part), self._shape, interpolation=cv2.INTER_CUBIC) for part in small
-        ]
+        coarse = (random.standard_normal((size[0] // n + 1, size[1] // n + 1)) for n in (7, 3, 1))
+        grains = [cv2.resize(part, self._shape, interpolation=cv2.INTER_CUBIC) for part in coarse]
         self._noise = np.exp(0.35 * sum(grains)).astype(np.float32)  # patches of foam
         self._still = None if self._limit else self._shade(*np.zeros((2, *size), np.float32))
 

@@ -5,7 +5,8 @@ Positions are (x, y) pixels; headings are anticlockwise from east, rad.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import NamedTuple
 
 import cv2
@@ -96,24 +97,19 @@ def dashed(points: np.ndarray, dash: float) -> list[np.ndarray]:
     return pieces
 
 
-def smooth(
-    image: np.ndarray,
-    centre: np.ndarray,
-    reach: float,
-    factor: int,
-    draw: Callable[[np.ndarray, np.ndarray, int], None],
-) -> None:
-    """Draw on a copy, magnified by `factor`, of the square `reach` pixels around a centre; put it back, averaged.
+@contextmanager
+def smooth(image: np.ndarray, centre: np.ndarray, reach: float, factor: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """A copy, magnified by `factor`, of the square `reach` pixels around a centre, and the centre in it.
 
-    OpenCV's own anti-aliasing shows steps in lines wider than one pixel. `draw` receives the copy, the centre in it and
-    the factor.
+    When the context ends, what was drawn on the copy is put back, averaged: OpenCV's own anti-aliasing shows steps in
+    lines wider than one pixel.
     """
     x0, y0 = (max(int(c - reach), 0) for c in centre)
     region = image[y0 : max(int(centre[1] + reach) + 2, 0), x0 : max(int(centre[0] + reach) + 2, 0)]
-    if not region.size:
-        return
+    if not region.size:  # outside the picture, where nothing of it is seen
+        region = np.zeros((1, 1, 3), np.uint8)
     fine = cv2.resize(region, None, fx=factor, fy=factor, interpolation=cv2.INTER_NEAREST)
-    draw(fine, (np.asarray(centre) - (x0, y0) + 0.5) * factor - 0.5, factor)
+    yield fine, (np.asarray(centre) - (x0, y0) + 0.5) * factor - 0.5
     cv2.resize(fine, (region.shape[1], region.shape[0]), region, interpolation=cv2.INTER_AREA)
 
 
@@ -182,57 +178,47 @@ def _place(outline: np.ndarray, centre: np.ndarray, heading: float, length: floa
 
 def auv(image: np.ndarray, centre: np.ndarray, heading: float, length: float, colour: Colour, factor: int) -> None:
     """A torpedo with tail fins, dark-edged."""
-
-    def draw(fine: np.ndarray, middle: np.ndarray, zoom: int) -> None:
-        fins = _place(_FINS, middle, heading, length * zoom)
-        body = _place(_BODY, middle, heading, length * zoom)
-        edge = max(1, round(0.13 * length * zoom))
+    with smooth(image, centre, 0.7 * length, factor) as (fine, middle):
+        fins, body, band = (_place(part, middle, heading, length * factor) for part in (_FINS, _BODY, _BAND))
+        edge = max(1, round(0.13 * length * factor))
         for outline in (fins, body):
             stroke(fine, outline, style.OUTLINE, edge, closed=True)
         fill(fine, fins, style.mix(colour, style.OUTLINE, 0.3))
         fill(fine, body, colour)
-        fill(fine, _place(_BAND, middle, heading, length * zoom), style.OUTLINE)
-
-    smooth(image, centre, 0.7 * length, factor, draw)
+        fill(fine, band, style.OUTLINE)
 
 
 def boat(image: np.ndarray, centre: np.ndarray, heading: float, length: float, factor: int) -> None:
     """A hull with a cabin, dark-edged."""
-
-    def draw(fine: np.ndarray, middle: np.ndarray, zoom: int) -> None:
-        hull = _place(_HULL, middle, heading, length * zoom)
-        stroke(fine, hull, style.OUTLINE, max(1, round(0.12 * length * zoom)), closed=True)
+    with smooth(image, centre, 0.7 * length, factor) as (fine, middle):
+        hull, cabin = (_place(part, middle, heading, length * factor) for part in (_HULL, _CABIN))
+        stroke(fine, hull, style.OUTLINE, max(1, round(0.12 * length * factor)), closed=True)
         fill(fine, hull, style.BOAT)
-        fill(fine, _place(_CABIN, middle, heading, length * zoom), style.BOAT_DECK)
-
-    smooth(image, centre, 0.7 * length, factor, draw)
+        fill(fine, cabin, style.BOAT_DECK)
 
 
 def progress_ring(
     image: np.ndarray, centre: np.ndarray, radius: float, share: float, colour: Colour, width: float, factor: int
 ) -> None:
     """A ring filled to `share`, clockwise from the top."""
-
-    def draw(fine: np.ndarray, middle: np.ndarray, zoom: int) -> None:
+    with smooth(image, centre, radius + width, factor) as (fine, middle):
         dim = style.mix(colour, style.OUTLINE, 0.65)
-        ring(fine, middle, radius * zoom, dim, max(1, round(0.4 * width * zoom)))
+        ring(fine, middle, radius * factor, dim, max(1, round(0.4 * width * factor)))
         if share > 0:
-            stroke(fine, _turned(middle, radius * zoom, share), colour, max(1, round(width * zoom)))
-
-    smooth(image, centre, radius + width, factor, draw)
+            stroke(fine, _turned(middle, radius * factor, share), colour, max(1, round(width * factor)))
 
 
 def cross(image: np.ndarray, centre: np.ndarray, size: float, colour: Colour, width: int) -> None:
     """A diagonal cross with a dark edge."""
-    for ink, wide in ((style.OUTLINE, width + 2), (colour, width)):
-        for y in (-size, size):
-            stroke(image, np.asarray(centre) + np.array([(-size, y), (size, -y)]), ink, wide)
+    lines = np.asarray(centre) + np.array([[(-size, y), (size, -y)] for y in (-size, size)])
+    strokes(image, lines, style.OUTLINE, width + 2)
+    strokes(image, lines, colour, width)
 
 
 def plus(image: np.ndarray, centre: np.ndarray, size: float, colour: Colour, width: int) -> None:
     """An upright cross."""
-    stroke(image, np.asarray(centre) + np.array([(-size, 0), (size, 0)]), colour, width)
-    stroke(image, np.asarray(centre) + np.array([(0, -size), (0, size)]), colour, width)
+    lines = np.array([[(-size, 0), (size, 0)], [(0, -size), (0, size)]])
+    strokes(image, np.asarray(centre) + lines, colour, width)
 
 
 def fix(image: np.ndarray, centre: np.ndarray, size: float, colour: Colour, width: float, factor: int) -> None:
@@ -251,23 +237,17 @@ def _hollow(
     image: np.ndarray, centre: np.ndarray, corners: np.ndarray, colour: Colour, width: float, reach: float, factor: int
 ) -> None:
     """The dark-edged outline of a polygon with corners (N, 2) around a centre."""
-
-    def draw(fine: np.ndarray, middle: np.ndarray, zoom: int) -> None:
+    with smooth(image, centre, reach, factor) as (fine, middle):
         for ink, wide in ((style.OUTLINE, 2 * width), (colour, width)):
-            stroke(fine, middle + corners * zoom, ink, max(1, round(wide * zoom)), closed=True)
-
-    smooth(image, centre, reach, factor, draw)
+            stroke(fine, middle + corners * factor, ink, max(1, round(wide * factor)), closed=True)
 
 
 def station(image: np.ndarray, centre: np.ndarray, radius: float, colour: Colour, factor: int) -> None:
     """A place to be held: a disc in a ring."""
-
-    def draw(fine: np.ndarray, middle: np.ndarray, zoom: int) -> None:
-        disc(fine, middle, 1.15 * radius * zoom, style.OUTLINE)
-        ring(fine, middle, 0.9 * radius * zoom, colour, max(1, round(0.22 * radius * zoom)))
-        disc(fine, middle, 0.35 * radius * zoom, colour)
-
-    smooth(image, centre, 1.3 * radius, factor, draw)
+    with smooth(image, centre, 1.3 * radius, factor) as (fine, middle):
+        disc(fine, middle, 1.15 * radius * factor, style.OUTLINE)
+        ring(fine, middle, 0.9 * radius * factor, colour, max(1, round(0.22 * radius * factor)))
+        disc(fine, middle, 0.35 * radius * factor, colour)
 
 
 def badge(image: np.ndarray, text: str, centre: np.ndarray, size: float, colour: Colour) -> None:
@@ -386,7 +366,8 @@ class LegendSymbol(NamedTuple):
 
     def target(self) -> None:
         ends = self.at + np.array([(-11, 5), (11, -5)]) * self.layout.unit
-        strokes(self.picture, dashes(*ends, 4 * self.layout.unit), self.layout.theme.auv(0), self.layout.px(1.3))
+        pieces = dashes(ends[0], ends[1], 4 * self.layout.unit)
+        strokes(self.picture, pieces, self.layout.theme.auv(0), self.layout.px(1.3))
 
     def next(self) -> None:
         points, theme = [(-12, 5), (-3, -4), (5, 5), (13, -3)], self.layout.theme

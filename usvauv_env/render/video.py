@@ -12,11 +12,12 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from fractions import Fraction
+from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import Any
 
 import av
-import av.container
 import av.error
 import av.filter
 import cv2
@@ -37,7 +38,6 @@ WAITING = 2  # pictures that are drawn and not encoded yet
 BT709 = 1  # FFmpeg's number of its primaries, transfer function and matrix
 SEA_SPEED = 4.0  # s of mission in a second, of the sea in perspective where none is asked for
 SEA_LENGTH = 60.0  # s of video at most, of that
-QUALITY = {".mp4": "24", ".webm": "32"}  # constant rate factors
 
 
 @dataclass(frozen=True)
@@ -45,45 +45,43 @@ class Format:
     """A kind of video file.
 
     Attributes:
-        name: FFmpeg's, of the container. codec: FFmpeg's name of its encoder. pixels: how the encoder takes a picture.
-        options: of the encoder. container: options of the container. matrix: from colours to yuv420p.
+        name: FFmpeg's, of the container. codec: FFmpeg's name of its encoder. options: of the encoder. container:
+            options of the container. pixels: how the encoder takes a picture. matrix: from colours to yuv420p.
         size, fps: width and height in pixels and frames a second, at most, where none are asked for.
     """
 
     name: str
     codec: str
-    pixels: str
     options: dict[str, str]
     container: dict[str, str] = field(default_factory=dict)
+    pixels: str = "yuv420p"
     matrix: Colorspace = Colorspace.ITU709
     size: tuple[int, int] = (1280, 720)
     fps: int = 30
 
 
-# The fastest preset of H.264, with entropy coding added, which makes files smaller for little time.
+# The fastest preset of H.264, with entropy coding added, which makes files smaller for little time; crf is the constant
+# rate factor.
 FORMATS = {
     ".mp4": Format(
         "mp4",
         "libx264",
-        "yuv420p",
-        {"preset": "ultrafast", "crf": QUALITY[".mp4"], "threads": "1", "x264-params": "cabac=1"},
+        {"preset": "ultrafast", "crf": "24", "threads": "1", "x264-params": "cabac=1"},
         {"movflags": "faststart"},
     ),
     ".webm": Format(
         "webm",
         "libvpx-vp9",
-        "yuv420p",
-        {"deadline": "realtime", "cpu-used": "8", "crf": QUALITY[".webm"], "b": "0", "row-mt": "1", "threads": "2"},
+        {"deadline": "realtime", "cpu-used": "8", "crf": "32", "b": "0", "row-mt": "1", "threads": "2"},
         {"fflags": "bitexact"},  # no random identifiers
     ),
-    ".gif": Format("gif", "gif", "pal8", {}, size=(640, 360), fps=12),
+    ".gif": Format("gif", "gif", {}, pixels="pal8", size=(640, 360), fps=12),
     ".webp": Format(
         "webp",
         "libwebp_anim",
-        "yuv420p",
         {"quality": "80", "compression_level": "2"},
         {"loop": "0"},
-        Colorspace.ITU601,  # WebP has no other
+        matrix=Colorspace.ITU601,  # WebP has no other
     ),
 }
 
@@ -327,8 +325,13 @@ def video_file(out: Path, width: int, height: int, fps: Fraction | int) -> Itera
     with atomic_write(out) as partial, ThreadPoolExecutor(1, "encoder") as thread:
         container = av.open(str(partial), "w", format=kind.name, options=kind.container)
         try:
-            stream = _add_stream(container, kind, width, height, fps)
-            convert = _converter(kind, width, height, fps)
+            stream = container.add_stream(kind.codec, rate=fps, options=kind.options)
+            assert isinstance(stream, av.VideoStream)
+            stream.width, stream.height, stream.pix_fmt = width, height, kind.pixels
+            if kind.matrix == Colorspace.ITU709:
+                context = stream.codec_context
+                context.colorspace = context.color_primaries = context.color_trc = BT709
+            convert = _converter(kind, fps)
             # The same frames all the time: memory of frames that come and go is not given back by the C library.
             free = [av.VideoFrame(width, height, "bgr24") for _ in range(WAITING)]
             waiting: deque[Future[av.VideoFrame]] = deque()
@@ -354,18 +357,6 @@ def video_file(out: Path, width: int, height: int, fps: Fraction | int) -> Itera
             raise
 
 
-def _add_stream(
-    container: av.container.OutputContainer, kind: Format, width: int, height: int, fps: Fraction | int
-) -> av.VideoStream:
-    stream = container.add_stream(kind.codec, rate=fps, options=kind.options)
-    assert isinstance(stream, av.VideoStream)
-    stream.width, stream.height, stream.pix_fmt = width, height, kind.pixels
-    if kind.matrix == Colorspace.ITU709:
-        context = stream.codec_context
-        context.colorspace = context.color_primaries = context.color_trc = BT709
-    return stream
-
-
 def _pixels(frame: av.VideoFrame) -> np.ndarray:
     """Writable view (height, width, 3) of the pixels of a bgr24 frame."""
     plane = frame.planes[0]
@@ -373,16 +364,12 @@ def _pixels(frame: av.VideoFrame) -> np.ndarray:
     return rows[:, : 3 * frame.width].reshape(frame.height, frame.width, 3)
 
 
-def _converter(kind: Format, width: int, height: int, fps: Fraction | int) -> Callable[[av.VideoFrame], av.VideoFrame]:
+def _converter(kind: Format, fps: Fraction | int) -> Callable[[av.VideoFrame], av.VideoFrame]:
     """Function from pictures to what the encoder takes."""
     if kind.pixels == "pal8":
         return _palettes(fps)
-    converter = VideoReformatter()  # one for all frames: setting it up takes longer than using it
-
-    def convert(frame: av.VideoFrame) -> av.VideoFrame:
-        return converter.reformat(frame, format="yuv420p", dst_colorspace=kind.matrix)
-
-    return convert
+    # One for all frames: setting it up takes longer than using it.
+    return partial(VideoReformatter().reformat, format=kind.pixels, dst_colorspace=kind.matrix)
 
 
 def _palettes(fps: Fraction | int) -> Callable[[av.VideoFrame], av.VideoFrame]:
@@ -390,7 +377,7 @@ def _palettes(fps: Fraction | int) -> Callable[[av.VideoFrame], av.VideoFrame]:
 
     Where the palette stays, pixels that do not change cost little.
     """
-    tick, numbers = 1 / Fraction(fps), iter(range(1 << 62))
+    tick, numbers = 1 / Fraction(fps), count()
     ends: tuple[Any, Any, Any] = None, None, None
 
     def with_palette(frame: av.VideoFrame) -> av.VideoFrame:
