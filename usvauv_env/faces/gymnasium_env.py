@@ -69,10 +69,8 @@ class Camera:
     """Pictures for `render`: keeps the states of every world since its episode began, and draws the last one."""
 
     def __init__(self, world: World) -> None:
-        require(
-            trace_bytes(world, world.steps),
-            f"render_mode: a record of {world.steps} steps of {world.num_worlds} worlds",
-        )
+        what = f"render_mode: a record of {world.steps} steps of {world.num_worlds} worlds"
+        require(trace_bytes(world, world.steps), what)
         self._recorder = Recorder(world)
         self._first = np.zeros(world.num_worlds, int)
 

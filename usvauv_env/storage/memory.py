@@ -6,6 +6,7 @@ import ctypes
 import math
 import mmap
 import os
+import resource
 import shutil
 import tempfile
 from contextlib import suppress
@@ -87,14 +88,12 @@ def _cgroup(limit: str, used: str) -> int | None:
 def _limit() -> int | None:
     """What an address space limit (ulimit -v) leaves."""
     try:
-        import resource
-
         soft, _ = resource.getrlimit(resource.RLIMIT_AS)
         if soft == resource.RLIM_INFINITY:
             return None
         pages = int(Path("/proc/self/statm").read_text().split()[0])
         return soft - pages * os.sysconf("SC_PAGE_SIZE")
-    except (ImportError, OSError, ValueError):
+    except (OSError, ValueError):
         return None
 
 
@@ -113,18 +112,15 @@ class RowsOnDisk:
 
     The file goes with the last array of it. It lies in the folder that the environment variable TMPDIR names, or in
     `PLACE`.
+
+    Args:
+        rows: how many are expected. shape: of a row. what: they are, for the message.
+
+    Raises:
+        OutputError: the file cannot be made, or the disk lacks the room.
     """
 
     def __init__(self, rows: int, shape: tuple[int, ...], what: str) -> None:
-        """
-        Args:
-            rows: how many are expected.
-            shape: of a row.
-            what: they are, for the message.
-
-        Raises:
-            OutputError: the file cannot be made, or the disk lacks the room.
-        """
         folder = os.environ.get("TMPDIR") or (PLACE if os.access(PLACE, os.W_OK) else tempfile.gettempdir())
         self._shape, self._count, self._folder = shape, 0, Path(folder)
         needed = 4.0 * rows * math.prod(shape)

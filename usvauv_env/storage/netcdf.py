@@ -105,10 +105,9 @@ def reading(where: str | Path) -> Iterator[None]:
             yield
         except UserError:
             raise
-        except OSError as error:
-            raise NetcdfError(f"{where}: cannot be read: {error.strerror or first_line(error)}") from None
         except Exception as error:
-            raise NetcdfError(f"{where}: cannot be read: {first_line(error)}") from None
+            reason = getattr(error, "strerror", None) or (str(error).splitlines() or [repr(error)])[0]
+            raise NetcdfError(f"{where}: cannot be read: {reason}") from None
 
 
 def check_whole(path: Path) -> None:
@@ -136,11 +135,6 @@ def check_whole(path: Path) -> None:
     with h5py.File(path, "r") as file:
         if found := file.visititems_links(problem):  # what the function raises would be lost
             raise NetcdfError(f"{path}: {found}")
-
-
-def first_line(error: Exception) -> str:
-    """The first line of what a library says."""
-    return (str(error).splitlines() or [repr(error)])[0]
 
 
 def _engine(path: Path) -> str:
