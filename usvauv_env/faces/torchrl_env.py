@@ -85,7 +85,6 @@ class DataCollectionTorchRLEnv(EnvBase):
         self._boats = self.world.strategy.name == AGENT
         if self._boats:
             self.group_map["boats"] = [f"usv_{b}" for b in range(self.world.scenario.boat.count)]
-        self._begun = False
         self._over = torch.zeros(num_worlds, 1, dtype=torch.bool, device=self.device)
         self._make_specs()
 
@@ -95,60 +94,46 @@ class DataCollectionTorchRLEnv(EnvBase):
         return self.world.reward_names
 
     def _make_specs(self) -> None:
-        world, team = self.world, (self.world.num_worlds, self.world.num_auvs)
-        space = auv_observation_space(world.site)
-        self._low, self._high = (torch.from_numpy(bound).to(self.device) for bound in (space.low, space.high))
-
-        def group(**specs: Bounded | Categorical | Composite | Unbounded) -> Composite:
-            return Composite(specs, shape=team, device=self.device)
-
-        def numbers(count: int) -> Unbounded:
-            return Unbounded(shape=torch.Size((*team, count)), device=self.device)
-
-        def bounded(low: torch.Tensor, high: torch.Tensor) -> Bounded:
-            shape = torch.Size((*team, len(low)))
-            return Bounded(low.expand(shape), high.expand(shape), shape=shape, device=self.device)
+        world, root = self.world, {"shape": self.batch_size, "device": self.device}
+        groups = {"agents": (world.num_auvs, auv_observation_space(world.site), action_space(world.action_size))}
+        if self._boats:
+            groups["boats"] = world.scenario.boat.count, boat_observation_space(world.site), action_space()
+        specs = [Composite(**root) for _ in range(3)]
+        self._bounds: dict[str, tuple[torch.Tensor, torch.Tensor]] = {}  # of the groups' observations
+        for group, (count, seen, moves) in groups.items():
+            team = torch.Size((*self.batch_size, count))
+            low, high, least, most = (
+                torch.from_numpy(bound).to(self.device).expand(*team, -1)
+                for bound in (seen.low, seen.high, moves.low, moves.high)
+            )
+            self._bounds[group] = low, high
+            entries = {
+                "observation": Bounded(low, high, device=self.device),
+                "action": Bounded(least, most, device=self.device),
+                "reward": Unbounded(torch.Size((*team, 1)), device=self.device),
+            }
+            for spec, (name, entry) in zip(specs, entries.items(), strict=True):
+                spec[group] = Composite({name: entry}, shape=team, device=self.device)
 
         def flag(*shape: int) -> Categorical:
             return Categorical(2, shape=torch.Size((*shape, 1)), dtype=torch.bool, device=self.device)
 
-        info = group(
-            reward_terms=numbers(len(self.world.reward_names)),
-            measures=numbers(len(self.measure_names)),
-            horizon_ended=flag(*team),
-        )
-        action = action_space(self.world.action_size)
-        limits = (torch.from_numpy(bound).to(self.device) for bound in (action.low, action.high))
-        root = {"shape": self.batch_size, "device": self.device}
-        self.full_observation_spec = Composite(
-            agents=group(observation=bounded(self._low, self._high), info=info), **root
-        )
-        self.full_action_spec = Composite(agents=group(action=bounded(*limits)), **root)
-        self.full_reward_spec = Composite(agents=group(reward=numbers(1)), **root)
+        team = (world.num_worlds, world.num_auvs)
+        counts = {"reward_terms": len(world.reward_names), "measures": len(self.measure_names)}
+        entries = {name: Unbounded(torch.Size((*team, count)), device=self.device) for name, count in counts.items()}
+        info = Composite({**entries, "horizon_ended": flag(*team)}, shape=team, device=self.device)
+        specs[0]["agents", "info"] = info
+        self._no_info = info.zero()
+        self.full_observation_spec, self.full_action_spec, self.full_reward_spec = specs
         ends = {name: flag(world.num_worlds) for name in ("done", "terminated", "truncated")}
         self.full_done_spec = Composite(ends, **root)
-        self._no_info = info.zero()
-        if self._boats:
-            boats = (world.num_worlds, world.scenario.boat.count)
-            space = boat_observation_space(world.site)
-            low, high = (
-                torch.from_numpy(bound).to(self.device).expand(*boats, -1) for bound in (space.low, space.high)
-            )
-            self._boat_bounds = low, high
-            for spec, name, what in (
-                (self.full_observation_spec, "observation", Bounded(low, high, device=self.device)),
-                (self.full_action_spec, "action", Bounded(-1.0, 1.0, torch.Size((*boats, 2)), device=self.device)),
-                (self.full_reward_spec, "reward", Unbounded(torch.Size((*boats, 1)), device=self.device)),
-            ):
-                spec["boats"] = Composite({name: what}, shape=boats, device=self.device)
 
     def _reset(self, tensordict: TensorDictBase | None = None) -> TensorDictBase:
         mask = None if tensordict is None else tensordict.get("_reset", None)
         if mask is None or mask.all():
             self.world.reset()
-            self._begun = True
             self._over = torch.zeros_like(self._over)
-        elif not self._begun:
+        elif not self.world.begun:
             raise RuntimeError("the first reset must be of all worlds")
         else:
             self.world.reset(mask.squeeze(-1))
@@ -156,7 +141,7 @@ class DataCollectionTorchRLEnv(EnvBase):
         return self._tensordict(self._no_info.clone())
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
-        if not self._begun:
+        if not self.world.begun:
             raise RuntimeError("call reset before the first step")
         stepped = tensordict.get("_step", None)  # TorchRL's mask of the worlds that should move
         if stepped is not None and not (stepped | self._over).all():
@@ -181,13 +166,13 @@ class DataCollectionTorchRLEnv(EnvBase):
     def _tensordict(self, info: TensorDictBase) -> TensorDict:
         """What the AUVs observe now and which worlds are over, in new tensors, since the world reuses its own."""
         world = self.world
-        observation = world.observation.clamp(self._low, self._high)
+        observation = torch.clamp(world.observation, *self._bounds["agents"])
         team = {"observation": observation, "info": info}
         agents = TensorDict(team, batch_size=(world.num_worlds, world.num_auvs), device=self.device)
         ends = {"done": self._over.clone(), "truncated": self._over.clone(), "terminated": torch.zeros_like(self._over)}
         groups = {"agents": agents}
         if self._boats:
-            observed = torch.clamp(observe_boats(world), *self._boat_bounds)
+            observed = torch.clamp(observe_boats(world), *self._bounds["boats"])
             groups["boats"] = TensorDict({"observation": observed}, observed.shape[:2], device=self.device)
         return TensorDict({**groups, **ends}, batch_size=self.batch_size, device=self.device)
 
@@ -195,4 +180,3 @@ class DataCollectionTorchRLEnv(EnvBase):
         world = self.world
         first = secrets.randbits(63) if seed is None else seed
         self.world = World(world.scenario, world.num_worlds, first, self._usv, arch=self._arch)
-        self._begun = False
