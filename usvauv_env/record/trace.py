@@ -240,7 +240,7 @@ class Trace:
             if DERIVED not in arrays:
                 way = np.diff(arrays["boat_position"], axis=0, prepend=arrays["boat_position"][:1])
                 arrays[DERIVED] = headings(way / scenario.mission.step, scenario.mission.step)
-            about |= {"scenario": scenario, "reward_names": tuple(about["reward_names"].split(","))}
+            about |= {"scenario": scenario, "reward_names": tuple(about["reward_names"].split(",")), **arrays}
             _check_sizes(arrays, scenario, about["reward_names"])
             seed = attributes.get("seed")
             if not isinstance(seed, int | np.integer):
@@ -249,7 +249,7 @@ class Trace:
             raise TraceError(str(error)) from None
         except (TraceError, ScenarioError, OceanError, TextFileError) as error:
             raise TraceError(f"{path}: not a usvauv trace: {error}") from None
-        return cls(**about, seed=int(seed), start=start, **arrays)
+        return cls(**about, seed=int(seed), start=start)
 
     def _has(self, name: str) -> bool:
         return name not in OPTIONAL or getattr(self, name).size > 0
