@@ -61,11 +61,11 @@ class _Passes(threading.local):
 
     Attributes:
         made: None: there are none.
-        shape: of the observations that they take.
+        bound: shape of the observations that they take, and where in memory they find the statistics of features.
     """
 
     made: Passes | None = None
-    shape: torch.Size | None = None
+    bound: tuple[torch.Size, int, int] | None = None
 
 
 class LearnedPolicy(Policy):
@@ -129,8 +129,10 @@ class LearnedPolicy(Policy):
 
     def act(self, observation: Tensor) -> Tensor:
         own = self._passes
-        if own.shape != observation.shape:
-            own.made, own.shape = self._passes_for(observation.shape), observation.shape
+        # Torch moves tensors that it sends to another process.
+        bound = observation.shape, self.standardizer.mean.data_ptr(), self.standardizer.deviation.data_ptr()
+        if own.bound != bound:
+            own.made, own.bound = self._passes_for(observation.shape), bound
         if (passes := own.made) is None:
             return by_pieces(self.actions, observation)
         passes.observation.copy_(observation.detach())

@@ -6,6 +6,7 @@ import copy
 import pickle
 import re
 from concurrent.futures import ThreadPoolExecutor
+from multiprocessing.reduction import ForkingPickler
 
 import pytest
 import torch
@@ -47,6 +48,13 @@ class TestActing:
         for each in copies:
             for seen in (observation, observation[:1], observation[:, :1]):  # of one world, and one AUV of each
                 torch.testing.assert_close(each.act(seen), policy.actions(seen), rtol=0, atol=1e-5)
+
+    def test_after_it_was_sent_to_another_process(self):
+        """Torch moves tensors that it sends into shared memory."""
+        policy, observation = self.policy()
+        ForkingPickler.dumps(policy)
+        policy.standardizer.mean.add_(1.0)
+        torch.testing.assert_close(policy.act(observation), policy.actions(observation), rtol=0, atol=1e-5)
 
     def test_a_policy_of_the_passing_frame_can_be_copied(self):
         world = ToyWorld(Scenario.load("extreme-torpedo"), 3)
