@@ -197,28 +197,29 @@ def receive(worlds: ti.template(), pose: ArrayPose, arrival: IncomingSignal, w, 
     link = ti.static(worlds.link)
     draw = address(worlds, w, worlds.clock[w, 1], Draw.fix, k)
     sigma = acoustic_link.phase_deviation(link, k, arrival.slant_range, arrival.loss)
-    signal = usbl.Measurement(phase=vec2(0.0), residual=0.0, slant_range=arrival.path, amplitude=0.0, sigma=sigma)
+    phase, residual, slant_range, amplitude = vec2(0.0), 0.0, arrival.path, 0.0
     if ti.static(worlds.program.waveform):
         measured = sample(worlds, pose, arrival, sigma, draw, w, k)
-        signal.phase = vec2(measured[matched_filter.PHASE_X], measured[matched_filter.PHASE_Y])
-        signal.residual = measured[matched_filter.RESIDUAL]
-        signal.slant_range += measured[matched_filter.RANGE_ERROR]
-        signal.amplitude = measured[matched_filter.AMPLITUDE]
+        phase = vec2(measured[matched_filter.PHASE_X], measured[matched_filter.PHASE_Y])
+        residual = measured[matched_filter.RESIDUAL]
+        slant_range += measured[matched_filter.RANGE_ERROR]
+        amplitude = measured[matched_filter.AMPLITUDE]
     else:
         body = arrival.body
         if ti.static(worlds.program.multipath):
             heard = sounds(worlds, pose, arrival, w, k)
             disturbed = matched_filter.disturbance(worlds.pulses, link, k, heard)
             body += vec3(disturbed[0], disturbed[1], 0.0) / link[k, acoustic_link.KAPPA]
-            signal.slant_range += disturbed[2]
+            slant_range += disturbed[2]
             sigma = ti.min(sigma / ti.max(disturbed[3], 1e-6), acoustic_link.LARGEST_DEVIATION)
         noise = random.normals(draw, key(worlds, w))
         residual_noise = 0.0
         if ti.static(worlds.program.turns):
             residual_noise = normals(worlds, w, Draw.residual, k)[0]
-        signal = usbl.measure(link, k, body, signal.slant_range, sigma, noise, residual_noise)
-        signal.phase = vec2(usbl.wrap(signal.phase[0]), usbl.wrap(signal.phase[1]))
-    return signal
+        signal = usbl.measure(link, k, body, slant_range, sigma, noise, residual_noise)
+        phase = vec2(usbl.wrap(signal.phase[0]), usbl.wrap(signal.phase[1]))
+        residual, slant_range, amplitude = signal.residual, signal.slant_range, signal.amplitude
+    return usbl.Measurement(phase=phase, residual=residual, slant_range=slant_range, amplitude=amplitude, sigma=sigma)
 
 
 @func
