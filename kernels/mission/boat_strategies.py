@@ -29,7 +29,7 @@ def centroid(worlds: ti.template(), w, b) -> vec2:
 
 @func
 def visit(worlds: ti.template(), w, b) -> vec2:
-    """Goes to the AUV that is least certain of its own position, where it expects it to be."""
+    """Goes to the predicted position of the AUV that is least certain of its own position."""
     goal = boat_motion.boat_place(worlds, w, b)
     least = belief_planner.least_certain(worlds, w, b)
     if least != belief_planner.NO_AUV:
@@ -39,7 +39,7 @@ def visit(worlds: ti.template(), w, b) -> vec2:
 
 @func
 def agent(worlds: ti.template(), w, b) -> vec2:
-    """Goes where the actions lead that `World.step(action, boat_action)` is given: to train boats from Python."""
+    """Is commanded by the actions given to `World.step(action, boat_action)`: to train boats from Python."""
     return boat_motion.goal_place(worlds, w, b)
 
 
@@ -92,7 +92,7 @@ def fim(worlds: ti.template(), w, b) -> vec2:
 
 @func
 def fim_greedy(worlds: ti.template(), w, b) -> vec2:
-    """As `fim`, but looks only at places so near that the boat slows down towards them."""
+    """As `fim`, but only among places so near that the boat slows down towards them."""
     disc = boat_motion.reach(worlds, w, b)
     return best_place(worlds, w, b, vec2(disc[0], disc[1]), disc[2], True)
 

@@ -20,7 +20,7 @@ SAME_GOAL = 0.1  # m, largest shift of a target that counts as the same one
 
 
 class Zermelo(Crab):
-    """Follows the quickest path at one speed through the water, with the whole current known: an upper bound.
+    """Follows the quickest path at one speed through the water, given the whole current: a reference.
 
     It uses the present current everywhere in the area, without the storm (Zermelo's problem, see
     `usvauv.kernels.planning.zermelo`). The path is solved for when the target changes and every `RENEWAL` seconds.

@@ -19,7 +19,7 @@ def evaluate(
     scenario: options.ScenarioName = "extreme",
     policy: Annotated[
         list[str] | None,
-        typer.Option(help=f"{options.POLICIES}; may be repeated. Default: that of simulate, and straight."),
+        typer.Option(help=f"{options.POLICIES}; may be repeated. Default: the one of simulate, and straight."),
     ] = None,
     usv: Annotated[
         list[str] | None,
@@ -33,22 +33,22 @@ def evaluate(
     seed: options.Seed = 0,
     out: Annotated[Path, typer.Option(help="CSV to write, one row an episode.")] = Path("metrics.csv"),
     resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with OUT.csv.partial, which the same command left when it stopped.")
+        bool, typer.Option("--resume", help="Continue from OUT.csv.partial, left by the same command when it stopped.")
     ] = False,
     chosen_score: Annotated[
         str | None,
         typer.Option(
             "--score",
             metavar="COLUMN",
-            help="Figure of merit that is compared in words, and whose interval --until-halfwidth watches."
-            " Default: data collected, or distance to stations, in words; else arps.",
+            help="Figure of merit for the comparison in words and for --until-halfwidth."
+            " Default: data collected, or distance to stations, in words; arps for --until-halfwidth.",
         ),
     ] = None,
     against: Annotated[
         str | None,
         typer.Option(
             metavar="NAME",
-            help="Policy, boat or rule; differences are to the first combination that has it. Default: the first.",
+            help="Policy, boat or rule; differences are from the first combination with it. Default: the first.",
         ),
     ] = None,
     until: Annotated[
@@ -56,7 +56,7 @@ def evaluate(
         typer.Option(
             "--until-halfwidth",
             metavar="X",
-            help="End when the 95 % intervals of all differences in --score are at most ± X, before --episodes.",
+            help="Stop before --episodes when the 95 % intervals of all differences in --score are at most ± X.",
         ),
     ] = None,
     wide: Annotated[bool, typer.Option("--wide", help="Print all figures, in tables wider than the terminal.")] = False,
@@ -69,11 +69,11 @@ def evaluate(
     force: options.Force = False,
     plugins: options.Plugins = None,
 ) -> None:
-    """Compare policies, boats and target rules in the same worlds: means, and who is ahead by how much.
+    """Compare policies, boats and target rules in the same worlds: means and differences.
 
-    Differences are to the first combination, with 95 % intervals. A CSV gets a row per episode.
+    Differences are from the first combination, with 95 % intervals. The CSV has a row per episode.
 
-    Rows are kept in OUT.csv.partial until all are there, so that `--resume` can go on after Ctrl-C or a crash.
+    Rows are kept in OUT.csv.partial until all are complete, so that `--resume` can continue after Ctrl-C or a crash.
 
     **Examples:**
 

@@ -16,14 +16,14 @@ def export(
     source: Annotated[
         str,
         typer.Argument(
-            metavar="SOURCE", help="With --to a trace, a .nc file; else a trained policy by name, or a checkpoint."
+            metavar="SOURCE", help="With --to a trace (.nc); else a trained policy by name, or a checkpoint."
         ),
     ],
     scenario: Annotated[
         str | None,
         typer.Argument(
             metavar="[SCENARIO]",
-            help="Of a policy: shipped name or path of a TOML file. Default: as it was trained.",
+            help="For a policy: shipped name or path of a TOML file. Default: the scenario of its training.",
         ),
     ] = None,
     to: Annotated[
@@ -33,14 +33,14 @@ def export(
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Of a trace: the file, or the folder of the tables, to write. Default: TRACE.mcap, TRACE.rrd, TRACE."
+            help="For a trace: the file, or the folder of tables, to write. Default: TRACE.mcap, TRACE.rrd, TRACE."
         ),
     ] = None,
     episode: Annotated[
-        int | None, typer.Option(help="Of a trace of several: the episode in mcap and rrd, from 0. Default: 0.")
+        int | None, typer.Option(help="Episode for mcap and rrd, if the trace has several, from 0. Default: 0.")
     ] = None,
     onnx: Annotated[
-        Path | None, typer.Option(help="Of a policy: the ONNX file to write. Default: POLICY.onnx.")
+        Path | None, typer.Option(help="For a policy: the ONNX file to write. Default: POLICY.onnx.")
     ] = None,
     overrides: options.Overrides = None,
     force: options.Force = False,
@@ -49,13 +49,13 @@ def export(
     """Write a recorded run for other tools, or a learned policy as ONNX.
 
     **A trace** of `simulate --trace`, with `--to`: *mcap* is one episode as messages of ROS 2, for Foxglove, RViz
-    and PlotJuggler; *rrd* is one for the Rerun viewer; *parquet* and *csv* are a folder of tables, all episodes in
-    them, for pandas, R, DuckDB and spreadsheets. *mcap* and *parquet* need the extra `export`, *rrd* the extra
+    and PlotJuggler; *rrd* is one for the Rerun viewer; *parquet* and *csv* are a folder of tables with all episodes,
+    for pandas, R, DuckDB and spreadsheets. *mcap* and *parquet* need the extra `export`, *rrd* the extra
     `rerun`.
 
     **A policy**, without `--to`: the world's observation (N, K, O) in, its action (N, K, A) out, any N.
-    Everything between the two is inside. What each number is, and how the policy was trained, travels as metadata.
-    It runs in onnxruntime and needs nothing of usvauv. Writing it needs the extra `onnx`.
+    The file contains all steps between the two, with the meaning of each number and the training settings as metadata.
+    It runs in onnxruntime without usvauv. Writing it needs the extra `onnx`.
 
     **Examples:**
 

@@ -63,15 +63,15 @@ Item = tuple[str, str]  # as it is written, and what it is
 def scenarios(
     scenario: Annotated[str | None, typer.Argument(metavar="[SCENARIO]", help="Name or path to print.")] = None,
     check: Annotated[
-        bool, typer.Option("--check", help="Say whether what it simulates occurs at sea, in place of printing it.")
+        bool, typer.Option("--check", help="Check whether what it simulates can occur at sea, instead of printing it.")
     ] = False,
     overrides: Overrides = None,
     plugins: Plugins = None,
 ) -> None:
     """List the shipped scenarios, or print one as TOML in which every field is explained.
 
-    With --check, a line for each check of its regime: verdict, field, value, limit. Exit code 2 where nothing can come
-    of a mission; commands that run a scenario end likewise, and print the warnings.
+    With --check, print a line for each check: verdict, field, value, limit. The exit code is 2 if no mission is
+    possible; commands that run such a scenario end in the same way, and print the warnings.
 
     **Examples:**
 
@@ -143,8 +143,8 @@ def difference(found: dict[str, Any], cpu: dict[str, Any]) -> str:
 def doctor() -> None:
     """Show what works here: versions, devices, a small mission on each compared with the CPU, speed, memory, disk.
 
-    Exit code 0 if the CPU and whatever else is found here work, 1 otherwise; what is broken is named. Takes up to a
-    minute on a CPU, several where a device has to compile its kernels first.
+    The exit code is 0 if the CPU and every device found work, else 1, with the broken ones listed. Takes up to a minute
+    on a CPU, several if the kernels have to be compiled for a device.
     """
     import torch
 
@@ -215,12 +215,12 @@ def policies(plugins: Plugins = None) -> None:
     users = _users(policies.default)
     learned = [(name, f"{policies.about(name)}. {users.get(name, '')}".rstrip()) for name in policies.trained()]
     show("Learned, shipped with usvauv:", learned)
-    run = "Checkpoint, or folder of a run of `usvauv train`, of which the best is taken."
+    run = "Checkpoint, or folder of a run of `usvauv train`, whose best checkpoint is used."
     show("Your own:", [("PATH", run), ("MODULE:CLASS", "Class of a Python file in this folder, or of a module.")])
 
 
 def boats(plugins: Plugins = None) -> None:
-    """List the boat strategies, which say where the boat goes: names for `--usv`, arguments, and what each does.
+    """List the boat strategies, which choose where the boat goes: names for `--usv`, arguments, and what each does.
 
     **Example:**
 
@@ -236,8 +236,7 @@ def boats(plugins: Plugins = None) -> None:
 
 
 def targets(plugins: Plugins = None) -> None:
-    """List the target rules, which say what node an AUV heads for next: names for `--targets`, arguments, and what each
-    does.
+    """List the target rules, which choose the next node of an AUV: names for `--targets`, arguments, what each does.
 
     **Example:**
 

@@ -24,21 +24,19 @@ if TYPE_CHECKING:
 
 ScenarioName = Annotated[str, typer.Argument(metavar="SCENARIO", help="Shipped name or path of a TOML file.")]
 Seed = Annotated[int, typer.Option(help="Random seed, 0 or more; the same seed gives the same result.")]
-Arch = Annotated[str, typer.Option(help="Where the kernels run: auto, cpu, cuda, vulkan (experimental).")]
+Arch = Annotated[str, typer.Option(help="Device for the kernels: auto, cpu, cuda, vulkan (experimental).")]
 Overrides = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="SECTION.FIELD=VALUE", help="Change one field of the scenario; may be repeated."),
 ]
 POLICIES = (
-    "Who steers the AUVs: a name of `usvauv policies`, a checkpoint or the folder of a run, or MODULE:CLASS of your own"
+    "Policy of the AUVs: a name from `usvauv policies`, a checkpoint, the folder of a run, or your own MODULE:CLASS"
 )
-Policy = Annotated[
-    str | None, typer.Option(help=f"{POLICIES}. Default: the one that usvauv policies lists for the scenario.")
-]
-BOATS = "Where the boat goes: a name of `usvauv boats`, such as fim or hold:X,Y"
+Policy = Annotated[str | None, typer.Option(help=f"{POLICIES}. Default: the one listed for the scenario.")]
+BOATS = "Boat strategy: a name from `usvauv boats`, such as fim or hold:X,Y"
 Usv = Annotated[str | None, typer.Option(help=f"{BOATS}. Default: the scenario's.")]
 
-TARGETS = "Which node is next: a name of `usvauv targets`, such as tour or learned:FILE"
+TARGETS = "Rule for the next node: a name from `usvauv targets`, such as tour or learned:FILE"
 Targets = Annotated[str | None, typer.Option(help=f"{TARGETS}. Default: the scenario's.")]
 
 VideoOut = Annotated[
@@ -52,8 +50,8 @@ Fps = Annotated[int | None, typer.Option(help="Frames a second; default 30, of a
 Speedup = Annotated[
     float | None,
     typer.Option(
-        help="Seconds of mission in a second of video, 1 is real time; default one mission step a frame, with"
-        " --view sea 4 and a minute of video."
+        help="Seconds of mission in a second of video, 1 is real time. Default: one mission step a frame; with"
+        " --view sea 4, and one minute of video."
     ),
 ]
 ViewOption = Annotated[str, typer.Option("--view", help="map (from above, with plots), sea (in perspective), or both.")]
@@ -62,11 +60,11 @@ At = Annotated[
     str | None,
     typer.Option(
         metavar="T|T1:T2",
-        help="Time in the mission that a picture shows, s, default the end; of a video begin and end.",
+        help="Time in the mission shown by a picture, s, default the end; for a video, begin and end.",
     ),
 ]
 Follow = Annotated[
-    str | None, typer.Option(metavar="usv|auv:N", help="Go along with a vehicle, nearer; usv:N with several boats.")
+    str | None, typer.Option(metavar="usv|auv:N", help="Follow a vehicle, nearer; usv:N with several boats.")
 ]
 
 Force = Annotated[bool, typer.Option("--force", help="Overwrite results that other arguments made.")]

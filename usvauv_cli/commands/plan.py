@@ -41,9 +41,7 @@ def plan(
     ] = None,
     beacon: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="NAME", help="A beacon in --log that is an AUV; may be repeated. Default: all under water."
-        ),
+        typer.Option(metavar="NAME", help="A beacon of --log to plan for; may be repeated. Default: all under water."),
     ] = None,
     scenario: Annotated[
         str, typer.Option(metavar="S", help="Array, sonar, noise and area: shipped name or path of a TOML file.")
@@ -51,7 +49,7 @@ def plan(
     objective: Annotated[
         str | None,
         typer.Option(
-            help="Of the information on all positions, d: largest determinant; a: least sum of all variances. sum:"
+            help="For the information on all positions, d: largest determinant; a: least sum of all variances. sum:"
             " largest determinant of the information on one offset common to all fixes, the paper's Eq. 2; paper: the"
             " paper's Eq. 3 as printed. Default: the scenario's."
         ),
@@ -92,25 +90,24 @@ def plan(
     force: Force = False,
     plugins: Plugins = None,
 ) -> None:
-    """Where should the boat be? Find the place from which a USBL locates all its AUVs best, and the errors to expect.
+    """Where should the boat be? Find the place from which a USBL locates its AUVs best, and the errors to expect.
 
-    Nothing is learned or simulated: the place maximises `--objective` of the fixes' Fisher information, in metres, over
-    the whole area. The table gives the error of one good fix of each AUV from there, from the AUVs' centroid and from
-    every `--compare`: standard deviations along the major and minor axis of its horizontal error ellipse, and of these
-    the geometric mean and the rms over the AUVs that are located. They include all that the tables by cause list but
-    reflections. The array lies level, or for the errors on `--slope`. Objective d finds the place of the smallest
-    mean, a that of the smallest rms; figures show the one that the objective makes least.
-    "detected" is the probability that the tone of a fix is detected, "good" that it is and the fix is also unambiguous
-    (no phase has wrapped) and has a real depth. An AUV is located where at least 90 % of its fixes are good; a line on
-    standard error says which AUVs are not from the optimum, why, and what would help.
+    Nothing is learned or simulated: the place maximises `--objective` of the fixes' Fisher information (in metres) over
+    the whole area. The table gives the error of one good fix of each AUV from this place, from the AUVs' centroid and
+    from every `--compare`: standard deviations along the axes of its horizontal error ellipse, and their
+    geometric mean and rms over the located AUVs. They include all causes in the tables except reflections. The array is
+    level; `--slope` tilts it for the errors. Objective d minimises the mean, a the rms; figures show the minimised one.
+    "detected" is the probability that the tone of a fix is detected, "good" that in addition the fix is unambiguous (no
+    phase has wrapped) and has a real depth. An AUV is located if at least 90 % of its fixes are good; a line on
+    standard error lists the AUVs not located from the optimum, with the reason and a remedy.
 
     Numbers are metres from the area's south-west corner. A scenario has a place on Earth where `water.latitude` and
     `water.longitude` of that corner are set or `water` names a file; then positions can be latitudes and longitudes
-    with their sides, and results have both.
+    with N, S, E or W, and results have both.
 
-    With `--log` each AUV is where the last seven of its fixes say; a table has that and how much its fixes scatter.
-    What its system calls no good fix, the ship itself and beacons at the surface are left out; a line on standard error
-    counts them. A log in degrees lays the area around its middle where the scenario has no place on Earth.
+    With `--log` the position of each AUV is estimated from its last seven fixes; a table has it with the scatter of the
+    fixes. Fixes that the system marks as bad, the ship itself and beacons at the surface are left out; a line on
+    standard error counts them. If the scenario has no place on Earth, a log in degrees becomes the centre of the area.
 
     **Examples:**
 

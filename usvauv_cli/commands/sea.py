@@ -56,9 +56,9 @@ def sea(
     force: options.Force = False,
     plugins: options.Plugins = None,
 ) -> None:
-    """Simulate the sea alone: long waves, storm and current, the same that `simulate` of this seed sails on.
+    """Simulate the sea alone: long waves, storm and current, the same as in `simulate` with this seed.
 
-    The ending of `--out` says what is made of it:
+    The ending of `--out` selects the format:
 
     **.mp4** a video: map with current, the surface from the side, a section along the waves, the level in the middle;
 
@@ -69,7 +69,7 @@ def sea(
     **.png**, **.pdf**, **.svg** a figure: maps at four times, a section over time, the level in the middle and its
     spectrum.
 
-    Ctrl-C ends it early and keeps what there is.
+    Ctrl-C ends it early and keeps what has been written.
 
     **Examples:**
 

@@ -50,7 +50,7 @@ def simulate(
     follow: options.Follow = None,
     trace: Annotated[
         Path | None,
-        typer.Option(help="Also save everything that happened, as NetCDF; with --compare in the first of the two."),
+        typer.Option(help="Also save the whole mission as NetCDF; with --compare the first of the two."),
     ] = None,
     arch: options.Arch = "auto",
     overrides: options.Overrides = None,
@@ -149,9 +149,9 @@ def replay(
     context: typer.Context,
     traces: Annotated[
         list[Path],
-        typer.Argument(metavar="TRACE.nc [TRACE.nc]", help="Of simulate --trace; two are compared."),
+        typer.Argument(metavar="TRACE.nc [TRACE.nc]", help="Trace from simulate --trace; two are compared."),
     ],
-    episode: Annotated[int, typer.Option(help="Which episode of a trace of several, from 0.")] = 0,
+    episode: Annotated[int, typer.Option(help="Episode to draw, if the trace has several, from 0.")] = 0,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -168,7 +168,7 @@ def replay(
     force: options.Force = False,
     plugins: options.Plugins = None,
 ) -> None:
-    """Draw a recorded mission as a video or a picture, without simulating it again, or write it for a map.
+    """Draw a recorded mission as a video or a picture, without simulating it again, or write it as GeoJSON.
 
     GeoJSON has the area, the tracks with their times, nodes and services, in longitude and latitude.
 
@@ -219,7 +219,7 @@ def live(
     usv: options.Usv = None,
     targets: options.Targets = None,
     seed: options.Seed = 0,
-    port: Annotated[int, typer.Option(help="Port of this machine to serve the tab at; 0 takes a free one.")] = 0,
+    port: Annotated[int, typer.Option(help="Port of this machine that serves the tab; 0 takes a free one.")] = 0,
     open_tab: Annotated[bool, typer.Option("--open/--no-open", help="Open the tab in the default browser.")] = False,
     arch: options.Arch = "auto",
     overrides: options.Overrides = None,
@@ -227,8 +227,8 @@ def live(
 ) -> None:
     """Simulate one mission in a browser tab, in perspective or as a map, and change it while it runs.
 
-    The address that is printed holds a secret, without which nobody on this machine gets anything; other machines
-    cannot connect. Needs the extra *live*: `pip install "usvauv[live]"`. Ctrl-C ends it.
+    The printed address contains a secret token, without which other users of this machine have no access; other
+    machines cannot connect. Needs the extra *live*: `pip install "usvauv[live]"`. Ctrl-C ends it.
 
     **Examples:**
 

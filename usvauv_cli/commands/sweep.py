@@ -27,7 +27,7 @@ Jobs = Annotated[
 
 def sweep(
     study: Annotated[Path, typer.Argument(metavar="STUDY.toml", help="File that names the runs.")],
-    out: Annotated[Path | None, typer.Option(help="Folder of everything; default studies/STUDY.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of all results; default studies/STUDY.")] = None,
     ray: Ray = None,
     slurm: Slurm = None,
     jobs: Jobs = None,
@@ -35,8 +35,8 @@ def sweep(
 ) -> None:
     """Train and evaluate what a study file names; write a CSV row per episode and a summary with intervals.
 
-    What is done is kept in the folder and not done again, whatever the engine. Ctrl-C ends it cleanly; the same command
-    goes on. A run that fails is shown with its last line; the others go on, and the exit code is 2.
+    Finished runs are kept in the folder and not repeated, whatever the engine. Ctrl-C ends the study cleanly; the same
+    command continues it. A run that fails is shown with its last line; the others continue, and the exit code is 2.
 
     **Examples:**
 
@@ -68,19 +68,19 @@ def sweep(
 
 def reproduce(
     target: Annotated[str | None, typer.Argument(metavar="[TARGET]", help="What to make; without it, a list.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder of everything; the same one goes on.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder of all results; the same folder continues.")] = None,
     quick: Annotated[bool, typer.Option("--quick", help="A small version, in minutes.")] = False,
     ray: Ray = None,
     slurm: Slurm = None,
     jobs: Jobs = None,
     plugins: options.Plugins = None,
 ) -> None:
-    """Make the paper's table and figures again: train, evaluate, and write a page with the paper's numbers beside ours.
+    """Reproduce the paper's table and figures: train, evaluate, and write a page with the paper's numbers beside ours.
 
-    Without a target: list them, with about how long each takes. A page comes with CSV, PNG and PDF, and names every
-    convention. `collaboration` is not of the paper: it compares boat strategies where they decide the mission.
+    Without a target: list them with their approximate times. A page comes with CSV, PNG and PDF, and lists every
+    convention. `collaboration` is not in the paper: it compares boat strategies where they decide the mission.
 
-    What is done is kept in the folder and not done again. Ctrl-C ends it cleanly; the same command goes on.
+    Finished parts are kept in the folder and not repeated. Ctrl-C ends it cleanly; the same command continues.
 
     **Examples:**
 

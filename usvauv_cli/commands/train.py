@@ -40,13 +40,15 @@ def train(
     worlds: Annotated[int | None, typer.Option(help="Worlds simulated in parallel. Default 256; with ppo 128.")] = None,
     seed: options.Seed = 0,
     seeds: Annotated[
-        int, typer.Option(help="Runs trained together, which differ in the seed alone: --seed and those after it.")
+        int, typer.Option(help="Runs trained together that differ only in the seed: --seed and the following ones.")
     ] = 1,
     out: Annotated[
         Path | None,
-        typer.Option(help="Folder of the run; default runs/SCENARIO-ALGORITHM-SEED. Of several seeds: with one each."),
+        typer.Option(
+            help="Folder of the run; default runs/SCENARIO-ALGORITHM-SEED. Several seeds: one folder each inside it."
+        ),
     ] = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in --out, as it was begun.")] = False,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue the run in --out with its own settings.")] = False,
     shared: Annotated[
         bool | None,
         typer.Option("--shared/--each", help="One network for all AUVs, or one each. Default each; with ppo shared."),
@@ -58,7 +60,7 @@ def train(
         ),
     ] = None,
     log: Annotated[
-        str, typer.Option(help="Where the curves go: tensorboard, beside the checkpoints, or wandb (extra `wandb`).")
+        str, typer.Option(help="Log for the curves: tensorboard, beside the checkpoints, or wandb (extra `wandb`).")
     ] = "tensorboard",
     usv: options.Usv = None,
     targets: options.Targets = None,
@@ -69,9 +71,9 @@ def train(
     """Train a policy with SAC, TD3, DDPG or PPO and keep its best and last checkpoint, with curves for TensorBoard
     beside them or in Weights & Biases.
 
-    An untrained network steers much like the heuristic `clear`. It is evaluated before training and ten times during
-    it, in other worlds and beside the default policy (most often `clear`): its margin is shown with a 95 % interval.
-    Ctrl-C ends the run cleanly; `--resume` goes on.
+    An untrained network steers much like the heuristic `clear`. The policy is evaluated before training and ten times
+    during it, in other worlds, against the default policy (most often `clear`): its margin is shown with a 95 %
+    interval. Ctrl-C ends the run cleanly; `--resume` continues it.
 
     **Examples:**
 

@@ -26,20 +26,22 @@ def train_targets(
     worlds: Annotated[int, typer.Option(help="Worlds simulated in parallel.")] = 128,
     seed: options.Seed = 0,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with OUT.json.partial, which the same command left when it stopped.")
+        bool, typer.Option("--resume", help="Continue from OUT.json.partial, left by the same command when it stopped.")
     ] = False,
-    policy: Annotated[str | None, typer.Option(help="Who steers; default: the scenario's best heuristic.")] = None,
+    policy: Annotated[
+        str | None, typer.Option(help="Policy of the AUVs; default: the scenario's best heuristic.")
+    ] = None,
     usv: options.Usv = "centroid",
     arch: options.Arch = "auto",
     overrides: options.Overrides = None,
     force: options.Force = False,
     plugins: options.Plugins = None,
 ) -> None:
-    """Learn a target rule: which node an AUV heads for next, from what `nodes.information` lets it know.
+    """Learn a target rule: which node an AUV heads for next, from the information that `nodes.information` gives it.
 
-    Every few iterations it is evaluated in other worlds, beside `tour` and `rollout` in the same; the best so far is in
-    the file, which `--targets learned:FILE` takes. The state of the run is kept in OUT.json.partial until all is done,
-    so that `--resume` can go on after Ctrl-C or a crash, to the same result.
+    Every few iterations the rule is evaluated in other worlds and compared with `tour` and `rollout` there. The best so
+    far is in the file, for `--targets learned:FILE`. The state of the run is kept in OUT.json.partial until the end, so
+    that `--resume` can continue after Ctrl-C or a crash, to the same result.
 
     **Examples:**
 

@@ -263,5 +263,5 @@ LEARNED = TargetRule(
     learned,
     workspace=workspace,
     read=read_weights,
-    about="The node that a network prefers, which `usvauv train-targets` trained",
+    about="The node preferred by a network from `usvauv train-targets`",
 )

@@ -175,7 +175,7 @@ def pace_of_data(worlds: ti.template(), w, k, i):
 
 @func
 def greedy(worlds: ti.template(), w, k):
-    """The node with the largest rate times filling, less ALPHA times its distance, as in the paper.
+    """The node with the largest rate times filling, minus ALPHA times its distance, as in the paper.
 
     λ b/C − α d with the horizontal distance d.
     """
@@ -190,7 +190,7 @@ def nearest(worlds: ti.template(), w, k):
 
 @func
 def rate(worlds: ti.template(), w, k):
-    """The node with the most data for the time to get there and SECONDS more."""
+    """The node with the most data per time to get there, with SECONDS added."""
     return best_free(worlds, pace_of_data, w, k)
 
 
