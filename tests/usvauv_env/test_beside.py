@@ -1,6 +1,7 @@
 """Worlds beside other code of Taichi in one process, in forked processes, and as copies."""
 
 import copy
+import multiprocessing
 import pickle
 import subprocess
 import sys
@@ -205,6 +206,16 @@ def test_a_copy_of_a_world_goes_on_as_it_does(copied, options):
         assert torch.equal(mine.observation, others.observation)
         assert torch.equal(mine.reward, others.reward)
         assert all(torch.equal(mine.info[part], others.info[part]) for part in mine.info)
+
+
+def test_a_world_is_an_argument_of_a_process_that_is_spawned():
+    """Torch sends tensors to it in a way of its own."""
+    world = World(Scenario.load("ideal", SIMPLE))
+    world.reset()
+    process = multiprocessing.get_context("spawn").Process(target=World.reset, args=(world,))
+    process.start()
+    process.join(120)
+    assert process.exitcode == 0
 
 
 def test_a_world_goes_on_outside_of_torchs_inference_mode():

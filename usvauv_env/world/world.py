@@ -423,8 +423,10 @@ class World:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """A copy, also by `pickle` in another process, is a world made anew that is brought to this one's state."""
-        last = {name: getattr(self, name).clone() for name in REWARDS} | {"rule_numbers": self.rule_numbers.clone()}
-        return _remade, (type(self), self.scenario, self._made_with, self.state(), last)
+        last = {name: getattr(self, name) for name in (*REWARDS, "rule_numbers")}
+        # Torch sends a tensor to a process that is being spawned as a file, which would be closed with these copies.
+        state, last = ({name: array.numpy(force=True) for name, array in part.items()} for part in (self.state(), last))
+        return _remade, (type(self), self.scenario, self._made_with, state, last)
 
     def set_parameters(self, scenario: Scenario) -> None:
         """Go on under a scenario that differs from the present one in the fields `ADJUSTABLE` alone.
@@ -653,7 +655,7 @@ def _remade(
     """The world that `World.__reduce__` describes."""
     num_worlds, seed, usv, first_world, batch, fine_sea, arch = made_with
     world = kind(*(scenario, num_worlds, seed, usv), first_world=first_world, batch=batch, fine_sea=fine_sea, arch=arch)
-    world.load_state(state)
+    world.load_state({name: torch.from_numpy(array) for name, array in state.items()})
     for name, array in last.items():
-        getattr(world, name).copy_(array)
+        getattr(world, name).copy_(torch.from_numpy(array))
     return world
