@@ -58,7 +58,7 @@ def _program(policy: LearnedPolicy) -> torch.onnx.ONNXProgram:
     """The policy's graph and what the file says of it."""
     scenario = policy.scenario
     layout = observed(Site(scenario))
-    example = torch.zeros((EXAMPLE_WORLDS, scenario.auv.count, len(layout)))
+    example = torch.zeros((EXAMPLE_WORLDS, scenario.auv.count, len(layout)), dtype=torch.float32)
     with _quiet():
         program = torch.onnx.export(
             _Graph(policy).eval(),

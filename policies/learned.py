@@ -30,7 +30,7 @@ class Standardizer:
     @classmethod
     def identity(cls, features: int, device: torch.device) -> Standardizer:
         """Zero mean and unit deviation: only features beyond ±`CLIP` change."""
-        return cls(torch.zeros(features, device=device), torch.ones(features, device=device))
+        return cls(*(torch.full((features,), value, dtype=torch.float32, device=device) for value in (0.0, 1.0)))
 
     @classmethod
     def of(cls, samples: Tensor, over_all: Callable[[Tensor], Tensor] | None = None) -> Standardizer:

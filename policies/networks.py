@@ -64,8 +64,8 @@ class StackedMLP(nn.Module):
         device = generator.device
         for inputs, outputs in pairwise(sizes):
             bound = 1.0 / math.sqrt(inputs)
-            weight = torch.rand((stack, inputs, outputs), generator=generator, device=device)
-            bias = torch.rand((stack, 1, outputs), generator=generator, device=device)
+            weight = torch.rand((stack, inputs, outputs), dtype=torch.float32, generator=generator, device=device)
+            bias = torch.rand((stack, 1, outputs), dtype=torch.float32, generator=generator, device=device)
             self.weights.append(nn.Parameter((2.0 * weight - 1.0) * bound))
             self.biases.append(nn.Parameter((2.0 * bias - 1.0) * bound))
         with torch.no_grad():

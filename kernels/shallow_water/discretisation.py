@@ -296,7 +296,7 @@ class Discretisation:
         changes = [] if depth.strides[0] == 0 else [i for i in range(1, ny) if (depth[i] != depth[i - 1]).any()]
         damped = np.flatnonzero(np.diff(sponge_y)) + 1
         rows = np.unique(np.array([0, 1, *changes, *(i + 1 for i in changes), *damped, ny], int))
-        C = torch.empty((2, len(rows), self.packing.columns, LANES), device=device)
+        C = torch.empty((2, len(rows), self.packing.columns, LANES), dtype=torch.float32, device=device)
         done = 0
         for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
             for first, last in self.chunks(run[0], run[-1] + 1):
@@ -333,7 +333,7 @@ class Discretisation:
     def _along_axes(self, fields: list[np.ndarray], used: bool) -> torch.Tensor:
         """Two fields along a row, (n ≤ nx + 1,), and two along a column, (n ≤ ny + 1,), as one array of vectors."""
         if not used:
-            return torch.zeros((1, LANES))
+            return torch.zeros((1, LANES), dtype=torch.float32)
         *rows, west, east = fields
         height = self.packing.ny + 1
         columns = [np.repeat(np.pad(f, (0, height - len(f)))[:, None], LANES, axis=1) for f in (west, east)]

@@ -210,10 +210,10 @@ class ShallowWater:
             self._packing, self.depth, spacing, gravity, drag, self.time_step, self.boundaries
         )
         self._C, self._coefficient_row = self._scheme.coefficients(device)
-        self._state = torch.zeros((3, blocks, self._backend.rows, columns, LANES), device=device)
+        self._state = torch.zeros((3, blocks, self._backend.rows, columns, LANES), dtype=torch.float32, device=device)
         self._held = DeviceArrays(tuple(self._state))
         self.fields = self._held.arguments
-        self._prescribed = torch.zeros((blocks, self.substeps, LANES), device=device)
+        self._prescribed = torch.zeros((blocks, self.substeps, LANES), dtype=torch.float32, device=device)
         damping = self._scheme.resistances().to(device), self._scheme.sponge_factors().to(device)
         self._constant = DeviceArrays((*self._C, self._prescribed, *damping))
         self._intervals, self._start = 0, 0.0

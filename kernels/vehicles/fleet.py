@@ -93,7 +93,7 @@ class Fleet:
         self._vehicle, self._blocks = vehicle, math.ceil(count / LANES)
         defaults = {name: number.default for name, number in vehicle.numbers.items()}
         self._table = torch.from_numpy(vehicle.table_of(defaults | dict(numbers or {}))).to(device)
-        packed = (torch.zeros(self._blocks, size, LANES, device=device) for size in SIZES)
+        packed = (torch.zeros(self._blocks, size, LANES, dtype=torch.float32, device=device) for size in SIZES)
         self.state, self.memory, self.command, self.actuators, self.water = packed
         self.field("q0")[:] = 1.0
         for name in ("mass", "drag", "fins"):

@@ -75,12 +75,12 @@ class Adam:
     def __init__(self, parameters: Iterable[nn.Parameter], rate: float) -> None:
         self.parameters: list[Tensor] = list(parameters)
         zeros = [torch.zeros_like(parameter) for parameter in self.parameters]
-        steps = [torch.zeros((), device=zero.device) for zero in zeros]
+        steps = [torch.zeros((), dtype=torch.float32, device=zero.device) for zero in zeros]
         self.moments: dict[str, list[Tensor]] = dict(
             zip(MOMENTS, (zeros, [zero.clone() for zero in zeros], steps), strict=True)
         )
         on_gpu = zeros[0].device.type == "cuda"  # where a number would be recorded as a constant
-        self._rate: Any = torch.tensor(rate, device=zeros[0].device) if on_gpu else rate  # either is taken
+        self._rate: Any = torch.full_like(steps[0], rate) if on_gpu else rate  # either is taken
 
     def set_rate(self, rate: float) -> None:
         """Set the learning rate η."""
@@ -210,7 +210,8 @@ class Learner(nn.Module, Generic[Actor]):
     def normal(self, shape: torch.Size) -> Tensor:
         """Standard normal numbers; the first axis of `shape` is the stack."""
         share = (shape[0] // len(self.generators), *shape[1:])
-        return torch.cat([torch.randn(share, generator=own, device=own.device) for own in self.generators])
+        draws = (torch.randn(share, dtype=torch.float32, generator=g, device=g.device) for g in self.generators)
+        return torch.cat([*draws])
 
     def permutation(self, count: int) -> Tensor:
         """An order of `count` items for each network of the stack, (S, count)."""

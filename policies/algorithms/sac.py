@@ -37,7 +37,7 @@ class SAC(Learner[GaussianActor]):
         self.critics = Critic(2, sizes, config.hidden, generator, config.layer_norm)
         self.target_critics = copy.deepcopy(self.critics).requires_grad_(False)
         # One temperature for each learner, small at first because rewards are of order one.
-        self.log_alpha = nn.Parameter(torch.full((sizes.stack, 1), -3.0, device=generator.device))
+        self.log_alpha = nn.Parameter(torch.full((sizes.stack, 1), -3.0, dtype=torch.float32, device=generator.device))
         self.target_entropy = -float(sizes.action)
         self.add_optimiser("critics", self.critics.parameters())
         self.add_optimiser("temperature", [self.log_alpha])

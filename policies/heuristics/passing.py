@@ -109,7 +109,7 @@ class Loiter(Clear):
     def plan(self, offset: Tensor, observation: Tensor) -> tuple[Tensor, Tensor]:
         """Direction over ground (W, K, 2) and highest speed over ground (W, K) with a node at an offset, m and m/s."""
         within = (observation[..., self._service][..., 0] > 0.5) | (offset.norm(dim=-1) < self.inside)
-        return self.circling(offset, observation), torch.where(within, 0.0, math.inf)
+        return self.circling(offset, observation), torch.where(within, 0.0, math.inf).to(offset)
 
     def steer(self, observation: Tensor) -> tuple[Tensor, Tensor]:
         """Heading (unit vectors, (W, K, 2)) and speed through the water (W, K), m/s."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -34,14 +35,15 @@ class Zermelo(Crab):
         area = self.scenario.area
         columns, rows = (max(LEAST_CELLS, math.ceil(side / SPACING)) + 1 for side in (area.width, area.length))
         team = (world.num_worlds, world.num_auvs)
+        alike: Any = {"dtype": torch.float32, "device": world.device}
 
         def zeros(*shape: int) -> Tensor:
-            return torch.zeros(shape, device=world.device)
+            return torch.zeros(shape, **alike)
 
         self.flow = zeros(world.num_worlds, rows, columns, 2)
         self.cost, self.velocity = zeros(*team, rows, columns), zeros(*team, 2)
-        self.goal, self.age = zeros(*team, 2), torch.full(team, math.inf, device=world.device)
-        self.speeds, self.rates = torch.tensor([argument], device=world.device), torch.ones(1, device=world.device)
+        self.goal, self.age = zeros(*team, 2), torch.full(team, math.inf, **alike)
+        self.speeds, self.rates = torch.tensor([argument], **alike), torch.ones(1, **alike)
 
     def act(self, observation: Tensor) -> Tensor:
         auv, area, world = self.scenario.auv, self.scenario.area, self.world

@@ -81,7 +81,7 @@ class CorrelatedNoise:
         self.value = self._draw(shape)
 
     def _draw(self, shape: tuple[int, ...]) -> Tensor:
-        return torch.randn(shape, generator=self.generator, device=self.generator.device)
+        return torch.randn(shape, dtype=torch.float32, generator=self.generator, device=self.generator.device)
 
     def step(self) -> Tensor:
         """The noise of the next step."""

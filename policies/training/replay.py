@@ -49,9 +49,9 @@ class Replay:
         numbers = rows * worlds * auvs * (features + actions + 2)
         require(4.0 * numbers, f"training: replay = {rows * worlds}", device)
         self.rows, self.worlds, self.shared, self.seeds, self.device = rows, worlds, shared, seeds, device
-        self.observation = torch.zeros((rows, worlds, auvs, features), device=device)
-        self.action = torch.zeros((rows, worlds, auvs, actions), device=device)
-        self.reward = torch.zeros((rows, worlds, auvs), device=device)
+        self.observation = torch.zeros((rows, worlds, auvs, features), dtype=torch.float32, device=device)
+        self.action = torch.zeros((rows, worlds, auvs, actions), dtype=torch.float32, device=device)
+        self.reward = torch.zeros((rows, worlds, auvs), dtype=torch.float32, device=device)
         self.horizon_ended = torch.zeros((rows, worlds, auvs), dtype=torch.bool, device=device)
         self.end = torch.zeros(rows, dtype=torch.bool, device=device)
         self.head = 0
@@ -171,7 +171,8 @@ class Replay:
         self.head = self.size = 0
         tensors = {name: value.unflatten(1, (len(starts), -1)) for name, value in vars(flat).items()}
         parts = math.ceil(flat.reward.shape[1] / batch - ROUNDING)
-        return Rollout(**tensors, follows=torch.tensor([*follows[1:], 0.0], device=self.device), parts=parts)
+        later = torch.tensor([*follows[1:], 0.0], dtype=torch.float32, device=self.device)
+        return Rollout(**tensors, follows=later, parts=parts)
 
     def _stack(self, value: Tensor) -> Tensor:
         """(B, K, ...) → (S, B, ...)"""

@@ -11,6 +11,8 @@ import torch
 
 from tests.nothing_waits import NothingWaits
 from tests.policies.toy import LEARNING, ToyWorld, mean_reward, scenario, seeded
+from usvauv import policies
+from usvauv.env import Scenario, World
 from usvauv.kernels.errors import UserError
 from usvauv.policies import PolicyError, Trainer, TrainingConfig
 from usvauv.policies.training.batched_runs import BatchedRuns
@@ -60,6 +62,28 @@ class TestTraining:
         action = trainer.replay.action[[row for row in range(59) if row != 50]]  # of an episode's end
         same = (action[1:] == action[:-1]).flatten(1).all(1).tolist()
         assert same == [step % 50 % 4 != 0 for step in range(1, 58)]
+
+    @pytest.mark.parametrize(
+        ("name", "algorithm", "heuristic", "changes"),
+        [
+            ("extreme", "sac", "zermelo", {"hidden": (8,), "batch": 8, "replay": 64, "warmup": 4}),
+            ("extreme-torpedo", "ppo", "loiter", {"shared": True, "batch": 8, "rollout": 6}),
+        ],
+    )
+    def test_what_torch_makes_by_default_changes_nothing(self, name, algorithm, heuristic, changes):
+        def run():
+            world = World(Scenario.load(name), 2)
+            trainer = Trainer(world, TrainingConfig(algorithm=algorithm, num_worlds=2, n_step=2, **changes))
+            trainer.train(32)
+            acting = trainer.policy(), policies.load(heuristic, world)
+            return [*trainer.learner.tensors().values(), *(policy.act(world.observation) for policy in acting)]
+
+        expected = run()
+        torch.set_default_dtype(torch.float64)
+        try:
+            assert all(map(torch.equal, run(), expected))
+        finally:
+            torch.set_default_dtype(torch.float32)
 
     def test_same_seed_same_result(self):
         def run(seed):

@@ -333,7 +333,7 @@ class ReplyField:
         self._variance = 0.5 * trace.estimate_covariance[:, 0][..., [0, 2]].sum(-1)
         self._distance = np.linspace(0.0, 1.5 * area.diagonal, DISTANCES)
         device = runtime.start().device
-        offset = torch.zeros((DISTANCES, 3), device=device)
+        offset = torch.zeros((DISTANCES, 3), dtype=torch.float32, device=device)
         offset[:, 0], offset[:, 2] = torch.from_numpy(self._distance), -auv.depth
         link = torch.from_numpy(link_table(Site(trace.scenario))).to(device)
         every = torch.arange(auv.count, dtype=torch.int32, device=device)[:, None].expand(-1, DISTANCES)

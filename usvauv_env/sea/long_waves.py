@@ -50,7 +50,7 @@ class NonlinearSeas:
         self._solvers = solvers
         self._packing = Packing(len(solvers), self.nx, self.ny)
         shape = 3, self._packing.blocks, self.ny + 1, self._packing.columns, LANES
-        self.eta, U, V = torch.zeros(shape, device=runtime.start().device)
+        self.eta, U, V = torch.zeros(shape, dtype=torch.float32, device=runtime.start().device)
         self.transports = U, V
         self.fields = self.eta, U, V
         self._pack()

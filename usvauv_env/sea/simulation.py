@@ -89,7 +89,8 @@ class SeaSimulation:
     ) -> None:
         whole_number("seed", seed, 0, LARGEST_SEED)
         self.scenario, self.seed, self.interval = scenario, seed, interval
-        self._vortex = torch.zeros((1, 0, 4), device=runtime.start().device) if vortices is None else vortices.clone()
+        none = torch.zeros((1, 0, 4), dtype=torch.float32, device=runtime.start().device)
+        self._vortex = none if vortices is None else vortices.clone()
         paced = scenario.sea.model_copy(update={"update_interval": interval})
         self.site = site = Site(scenario.model_copy(update={"sea": paced}))
         check_sea(site.scenario, shape, 1, VIEW_BYTES * shape[0] * shape[1])

@@ -442,7 +442,7 @@ def first_vortices(scenario: Scenario, seed: int, arch: str = "auto") -> torch.T
     """
     seeds = Seeds.of(seed, 1)
     device = runtime.start(arch).device
-    site, drawn = Site(scenario), torch.zeros((1, scenario.current.vortices, 4), device=device)
+    site, drawn = Site(scenario), torch.zeros((1, scenario.current.vortices, 4), dtype=torch.float32, device=device)
     if drawn.numel():
         parameters, fixed = (
             torch.from_numpy(np.ascontiguousarray(table, np.float32)).to(device)

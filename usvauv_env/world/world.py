@@ -193,7 +193,7 @@ class World:
         self.device, self._on_host = running.device, running.torch_on_host
         self._made_with = num_worlds, seed, usv, first_world, batch, fine_sea, arch
         self._first_world = first_world
-        self._area = torch.tensor([scenario.area.width, scenario.area.length], device=self.device)
+        self._area = torch.tensor([scenario.area.width, scenario.area.length], dtype=torch.float32, device=self.device)
 
         self._foresees = foresees = self.strategy.strategy.functions.foresees
         # Names in `state` of what is not of single worlds.
