@@ -279,7 +279,7 @@ def sail(worlds: ti.template(), w, b, way: vec2, current: vec2) -> vec2:
     command = command_to(worlds, w, b, way)
     speed = command.norm()
     air = vec2(p[Parameter.wind_y], p[Parameter.wind_x]) - vec2(current[1], current[0])
-    count = ti.ceil(p[Parameter.step] / otter.LONGEST - 1e-3)
+    count = ti.ceil(p[Parameter.step] / table[otter.Number.substep] - 1e-3)
     dt = p[Parameter.step] / count
     hull = otter.boat8(0.0)
     for c in ti.static(range(len(HullColumn.names))):

@@ -36,6 +36,7 @@ from usvauv.kernels.types import Columns, array1, array2, vec2, vec6
 from usvauv.kernels.vehicles.vehicle import cross_flow
 
 LONGEST = 0.2  # s, of a substep
+STABLE = 2.7  # of a substep over the time in which damping takes a motion away; Runge–Kutta's limit is 2.79
 AIR = 1.225  # kg/m³
 SEA_WATER = 1025.0  # kg/m³
 
@@ -71,6 +72,7 @@ class Number(Columns):
     speed_gain: int  # 1/s
     heading_sum: int  # gain of the error's integral, 1/s³
     speed_sum: int  # 1/s²
+    substep: int  # the longest, s
 
 
 def table_of(numbers: Mapping[str, float]) -> np.ndarray:
@@ -80,6 +82,13 @@ def table_of(numbers: Mapping[str, float]) -> np.ndarray:
     m22 = n["mass"] + n["added_sway"]
     m33 = n["inertia"] + n["mass"] * n["centre"] ** 2 + n["added_yaw"]
     determinant = m22 * m33 - m23**2
+    cross_flow = 0.5 * SEA_WATER * n["cross_flow"] * n["draught"]
+    turn = n["damping_turn"] + cross_flow * n["length"] ** 4 / 32
+    damping = (  # 1/s, of small changes of u, of v about 1 m/s, and of r about twice the rate of a turn
+        n["damping_surge"] / (n["mass"] + n["added_surge"]),
+        (n["damping_sway"] + 2 * cross_flow * n["length"]) * m33 / determinant,
+        (n["damping_yaw"] + 4 * turn * n["turn_rate"]) * m22 / determinant,
+    )
     return np.array(
         [
             n["mass"] + n["added_surge"],
@@ -94,7 +103,7 @@ def table_of(numbers: Mapping[str, float]) -> np.ndarray:
             n["damping_sway"],
             n["damping_yaw"],
             n["damping_turn"],
-            0.5 * SEA_WATER * n["cross_flow"] * n["draught"],
+            cross_flow,
             n["thrust_ahead"],
             n["thrust_astern"],
             n["thrust_ahead"] * n["most_ahead"] ** 2,
@@ -110,6 +119,7 @@ def table_of(numbers: Mapping[str, float]) -> np.ndarray:
             n["speed_gain"],
             0.1 * (n["heading_gain"] * n["rate_gain"]) ** 1.5,
             0.1 * n["speed_gain"] ** 2,
+            STABLE / max(STABLE / LONGEST, *damping),
         ],
         np.float32,
     )

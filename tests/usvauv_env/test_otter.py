@@ -9,6 +9,7 @@ import torch
 from tests.usvauv_env.test_boat_motion import PLACE, sailed
 from usvauv.env import Scenario, World
 from usvauv.env.record.recorder import record
+from usvauv.env.scenario.team import Otter
 from usvauv.env.world import tables
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn
 from usvauv.kernels.vehicles import otter
@@ -41,6 +42,14 @@ def test_it_arrives_without_overshoot_and_stays_within_the_dead_band(current, wi
     assert left.min() > -6
     assert np.linalg.norm(places[-60:], axis=-1).max() < 5
     assert np.abs(np.diff(places[-60:], axis=0)).max() < 0.1  # no cycle about it
+
+
+@pytest.mark.parametrize("name", ["damping_surge", "damping_sway", "damping_yaw", "damping_turn", "length"])
+def test_however_fast_it_is_damped_it_goes_no_faster(name):
+    most = next(allowed.le for allowed in Otter.model_fields[name].metadata if hasattr(allowed, "le"))
+    world = world_of("hold:900,500", 1, otter={name: most})
+    places = sailed(world, 20, (0.0, 0.0))
+    assert np.linalg.norm(np.diff(places, axis=0), axis=-1).max() < 2.1
 
 
 def test_a_uniform_current_is_a_moving_frame():
