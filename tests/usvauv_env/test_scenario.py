@@ -214,6 +214,8 @@ def test_any_other_name_is_one(name):
     [
         ("auv.x=1", "^ideal: auv.x: unknown field; allowed here: count, model, variation, depth"),
         ("auv.count=two", "^ideal: auv.count = 'two': input should be a valid integer"),
+        ("nodes.arrival_rates=1", "^ideal: nodes.arrival_rates = 1: must be a list$"),
+        ("boat=1", "^ideal: boat = 1: must be a section with fields$"),
         ("task=fishing", "^ideal: task: 'fishing': allowed are data-collection, station-keeping"),
         ("task_parameters.radius=3", "^ideal: task_parameters.radius: allowed for task 'data-collection': none"),
         ("nodes.target_rule=far", r"^ideal: nodes.target_rule: .*far.*greedy\[:ALPHA\]"),

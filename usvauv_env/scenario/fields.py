@@ -58,7 +58,8 @@ def one_line(error: ValidationError, source: str, model: type[Section]) -> str:
     """The first problem of a validation as one line: file, field, what is wrong, the value given."""
     problem = error.errors()[0]
     field = ".".join(str(part) for part in problem["loc"])
-    message = problem["msg"].removeprefix("Value error, ")
+    plain = {"tuple_type": "must be a list", "model_type": "must be a section with fields"}  # not Python's words
+    message = plain.get(problem["type"], problem["msg"]).removeprefix("Value error, ")
     if problem["type"] == "extra_forbidden":
         section: Any = model
         for part in problem["loc"][:-1]:
