@@ -22,6 +22,7 @@ from usvauv.env.world.boat_strategies import BoatStrategy, boat_strategies
 from usvauv.env.world.observation import ObservationTerm, observation_terms
 from usvauv.kernels.errors import UserError
 from usvauv.kernels.mission.target_rules import TargetRule, target_rules
+from usvauv.kernels.mission.tasks.task import tasks
 from usvauv.kernels.mission.worlds import Strategy
 from usvauv.kernels.positioning.sonar import ambient_noise_laws
 from usvauv.kernels.types import vec2
@@ -281,10 +282,24 @@ def test_what_runs_in_the_kernel():
         assert str(caught.value).isprintable()
 
 
-def test_an_observation_term_without_numbers():
-    observation_terms.register("wrong", ObservationTerm(no_vector, lambda num_auvs: 5, "1", 0.0, 1.0))
-    with pytest.raises(UserError, match=r"^observation term 'wrong' of .*: raised TypeError"):
+@pytest.mark.parametrize(("answer", "match"), [(5, "raised TypeError"), ("one text", "returned .*a list of texts")])
+def test_an_observation_term_without_numbers(answer, match):
+    observation_terms.register("wrong", ObservationTerm(no_vector, lambda num_auvs: answer, "1", 0.0, 1.0))
+    with pytest.raises(UserError, match=rf"^observation term 'wrong' of .*: {match}"):
         World(Scenario.load("ideal", ['observation.extra=["wrong"]']), 1)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "match"),
+    [
+        ({"observation": "attitude"}, "observation = 'attitude': must be a tuple"),
+        ({"parameters": {"radius": 5.0}}, "parameters = {'radius': 5.0}: must be a tuple"),
+        ({"parameters": ("radius", 5.0)}, "parameters: 'radius': must be a name and its default"),
+    ],
+)
+def test_a_task_whose_tuples_are_none(wrong, match):
+    with pytest.raises(TypeError, match=f"^{match}"):
+        dataclasses.replace(tasks["data-collection"], **wrong)
 
 
 def test_a_metric_of_another_shape():

@@ -72,10 +72,11 @@ def quantities(name: str, num_auvs: int) -> list[str]:
         ScenarioError: a plugin's term fails to say so.
     """
     with observation_terms.calling(name):
-        found = list(observation_terms[name].quantities(num_auvs))
-    if not all(isinstance(text, str) for text in found):
-        raise observation_terms.refuse(name, found, "texts, what each number is")
-    return found
+        found = observation_terms[name].quantities(num_auvs)
+        texts = list(found)
+    if isinstance(found, str) or not all(isinstance(text, str) for text in texts):
+        raise observation_terms.refuse(name, found, "a list of texts, what each number is")
+    return texts
 
 
 @dataclass(frozen=True)

@@ -59,6 +59,14 @@ class Task:
     observation: tuple[str, ...] = ()
     heuristic: str = "clear"
 
+    def __post_init__(self) -> None:
+        for field in ("reward_terms", "parameters", "observation"):
+            if not isinstance(given := getattr(self, field), tuple):
+                raise TypeError(f"{field} = {given!r:.80}: must be a tuple, (…,)")
+        for pair in self.parameters:
+            if not (isinstance(pair, tuple) and len(pair) == 2):
+                raise TypeError(f"parameters: {pair!r:.80}: must be a name and its default, (…, …)")
+
     @property
     def declared(self) -> tuple[str, ...]:
         """Names that the scenario's `task_parameters` may have."""
