@@ -165,9 +165,9 @@ def runs_an_hour(jobs: int) -> float:
 def on_paper(found: Costs, overheads: dict[str, float]) -> None:
     """Print what follows for 1,000 cores and 8 cards."""
     whole, written = found.whole, (EVALUATIONS + 1) * found.bytes
-    print(f"\na run on one core: {whole:.0f} s; 1,000 cores: {3.6e6 / whole:,.0f} runs an hour")
+    print(f"\na run on one core: {whole:.0f} s; 1,000 cores: {3.6e6 / whole:,.0f} runs per hour")
     for name, overhead in overheads.items():
-        print(f"{name}: one process that deals out runs keeps up with {whole / overhead:,.0f} cores")
+        print(f"{name}: one process that dispatches runs supplies {whole / overhead:,.0f} cores")
     print(f"checkpoints, {DISK / 1e9:g} GB/s assumed: {DISK * whole / written:,.0f} cores fill the file system")
     bucket = found.gradients * 2 * 7 / 8 / LINK
     exchange = found.exchanges * LATENCY + bucket
@@ -196,10 +196,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         "checkpoint": f"{found.save * 1e3:.0f} ms, {found.bytes / 1e6:.1f} MB",
     }
     overheads = engines()
-    rows |= {f"a run dealt out, {name}": f"{overhead * 1e3:.1f} ms" for name, overhead in overheads.items()}
+    rows |= {f"dispatch of a run, {name}": f"{overhead * 1e3:.1f} ms" for name, overhead in overheads.items()}
     print("| piece, one core | cost |\n| --- | --- |")
     print("\n".join(f"| {name} | {cost} |" for name, cost in rows.items()))
-    print("\n| workers | runs an hour: 64 episodes of `clear` each |\n| --- | --- |")
+    print("\n| workers | runs per hour: 64 episodes of `clear` each |\n| --- | --- |")
     for jobs in chosen.jobs:
         print(f"| {jobs} | {runs_an_hour(jobs):.0f} |", flush=True)
     on_paper(found, overheads)
