@@ -134,7 +134,7 @@ def main() -> None:
             )
             rows.append(row)
     costs = cost(arguments.worlds, arguments.seed)
-    print("| model | µs a step and AUV |")
+    print("| model | µs per step and AUV |")
     print("| --- | --- |")
     for name, value in costs.items():
         print(f"| {name} | {value:.2g} |")

@@ -82,7 +82,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=2026)
     arguments = parser.parse_args()
     print(f"extreme, {arguments.episodes} episodes, seed {arguments.seed}; {describe()}")
-    print("| boat | d, m | tracker | wrapped | as they are: rms, p95, m | estimates: rms, p95, m | used | wrong |")
+    print("| boat | d, m | tracker | wrapped | raw: rms, p95, m | estimates: rms, p95, m | used | wrong |")
     print("| --- | --- | --- | --- | --- | --- | --- | --- |")
     rows = []
     for boat in BOATS:
