@@ -53,7 +53,7 @@ TESTED = {
     "a third of the fixes lost": ("extreme", ("usbl.packet_loss=0.33",), "fim"),
 }
 ABLATIONS = {
-    "as it is": ("extreme", "extreme", (), "fim"),
+    "complete": ("extreme", "extreme", (), "fim"),
     "no current observed (Eq. 4)": ("no current observed", "extreme", ("observation.current=none",), "fim"),
     "no reward for nearness (Eq. 5)": ("no reward for nearness", "extreme", (), "fim"),
     "boat held at (100, 100)": ("extreme", "extreme", (), "hold:100,100"),
