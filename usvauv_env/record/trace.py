@@ -117,20 +117,22 @@ class Trace:
     time: np.ndarray = _array(("time",), "s", "time since the start of the mission, at the end of each step")
     auv_position: np.ndarray = _array(_AUV_XY, "m", "true position")
     auv_velocity: np.ndarray = _array(_AUV_XY, "m s-1", "velocity through the water, 0 while hovering")
-    fix: np.ndarray = _array(_AUV_XY, "m", "measured position; NaN where nothing was detected")
-    heard_position: np.ndarray = _array(_AUV_XY, "m", "where the AUV was when the signal of its last fix left it")
-    fix_covariance: np.ndarray = _array(_COVARIANCE, "m2", "covariance predicted of the error of a fix")
-    fix_flags: np.ndarray = _array(_AUV, "1", "bits of kernels.positioning.usbl; good where DETECTED and nothing else")
+    fix: np.ndarray = _array(_AUV_XY, "m", "measured position; NaN if nothing was detected")
+    heard_position: np.ndarray = _array(_AUV_XY, "m", "position of the AUV when the signal of its last fix left it")
+    fix_covariance: np.ndarray = _array(_COVARIANCE, "m2", "predicted covariance of the error of a fix")
+    fix_flags: np.ndarray = _array(_AUV, "1", "bits of kernels.positioning.usbl; good if only DETECTED is set")
     fix_boat: np.ndarray = _array(_AUV, "1", "index of the boat that made the fix")
     served_by: np.ndarray = _array(_AUV, "1", "index of the boat that serves the AUV")
     estimate: np.ndarray = _array(
-        _AUV_XY, "m", "where the boat takes the AUV to be: its last usable fix, or a filter's"
+        _AUV_XY, "m", "boat's estimate of the AUV's position: its last usable fix, or a filter's"
     )
-    own_position: np.ndarray = _array(_AUV_XY, "m", "where the AUV takes itself to be; else the estimate")
+    own_position: np.ndarray = _array(
+        _AUV_XY, "m", "AUV's estimate of its own position; without one the boat's estimate"
+    )
     foreseen_position: np.ndarray = _array(
-        _AUV_XY, "m", "where the boat foresees the AUV; the estimate where its strategy does not"
+        _AUV_XY, "m", "AUV's position predicted by the boat; the estimate if its strategy predicts none"
     )
-    estimate_covariance: np.ndarray = _array(_COVARIANCE, "m2", "covariance that the boat gives its estimate")
+    estimate_covariance: np.ndarray = _array(_COVARIANCE, "m2", "covariance of the boat's estimate")
     target: np.ndarray = _array(_AUV, "1", "index of the node or station headed for")
     hovering: np.ndarray = _array(_AUV, "1", "1 while the AUV serves its node")
     power: np.ndarray = _array(_AUV, "W", "power of the AUV in this step")
@@ -140,9 +142,9 @@ class Trace:
     reward_terms: np.ndarray = _array((*_AUV, "reward_term"), "1", "weighted terms of the reward, which is their sum")
     boat_position: np.ndarray = _array(_BOAT_XY, "m", "position of the boat")
     boat_heading: np.ndarray = _array(
-        _BOAT, "rad", "where its bow points, anticlockwise from east, not reduced to one turn"
+        _BOAT, "rad", "direction of its bow, anticlockwise from east, not reduced to one turn"
     )
-    boat_goal: np.ndarray = _array(_BOAT_XY, "m", "where the boat heads for")
+    boat_goal: np.ndarray = _array(_BOAT_XY, "m", "goal of the boat")
     boat_surface: np.ndarray = _array(
         (*_BOAT, "surface_component"), None, "elevation under the boat, m, and its two slopes"
     )
