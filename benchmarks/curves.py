@@ -127,7 +127,7 @@ def main() -> None:
     print(json.dumps(describe()))
     machine = limits_of_machine()
     print(f"{machine['bytes'] / 1e9:.1f} GB/s, {machine['operations'] / 1e9:.0f} G operations/s")
-    print("| of | number | worlds | M agent-steps/s | limit of memory | limit of operations | share of the nearer |")
+    print("| item | number | worlds | M agent-steps/s | limit of memory | limit of operations | share of the nearer |")
     found: dict[str, list[dict[str, float]]] = {}
     for name, (_, field, counts) in CURVES.items():
         for count in counts:

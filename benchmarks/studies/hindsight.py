@@ -211,14 +211,14 @@ def main() -> None:
         line([name, interval(values), interval(values - against)])
 
     for known in ("visits", "own-visits"):
-        head([f"`{known}`", "Mbit", "less as it is"])
+        head([f"`{known}`", "Mbit", "gain"])
         for horizon in HORIZONS:
             scenario = Scenario.load(arguments.scenario, [f"nodes.information={known}"])
             all_known = Scenario.load(arguments.scenario, ["nodes.information=full"])
             as_it_is = data(run(scenario, f"rollout:{horizon}", episodes, seed))
             row(f"`rollout:{horizon}`", as_it_is, as_it_is)
-            row("told the rates of nodes served", data(run(scenario, f"told:{horizon}", episodes, seed)), as_it_is)
-            row("knowing everything", data(run(all_known, f"rollout:{horizon}", episodes, seed)), as_it_is)
+            row("given the rates of nodes served", data(run(scenario, f"told:{horizon}", episodes, seed)), as_it_is)
+            row("full information", data(run(all_known, f"rollout:{horizon}", episodes, seed)), as_it_is)
         print()
 
     scenario = Scenario.load(arguments.scenario, ["nodes.information=full", *STILL])
@@ -234,10 +234,10 @@ def main() -> None:
     speed = max(tried, key=tried.__getitem__)
     first, tour = run(scenario, rule, episodes, seed), run(scenario, "tour", episodes, seed)
     expected, brought = found(first, seed, speed)
-    head([f"still water, plan at {speed:g} m/s", "Mbit", "less the plan's"])
+    head([f"still water, plan at {speed:g} m/s", "Mbit", "minus the plan"])
     row("plan, followed", brought, brought)
-    row("plan, as it expected", expected, brought)
-    row(f"`{rule}`, knowing everything", data(first), brought)
+    row("plan, its own prediction", expected, brought)
+    row(f"`{rule}`, full information", data(first), brought)
     row("`tour`", data(tour), brought)
 
 
