@@ -83,10 +83,10 @@ class Sea(Section):
     """Shallow-water surface (Eq. 6) and its forcing at one edge."""
 
     equations: Literal["linear", "nonlinear"] = Field(
-        "linear", description="linear long waves, or nonlinear ones with bores and dry shores, which cost far more"
+        "linear", description="linear long waves, or nonlinear ones with bores and dry shores, which are far slower"
     )
     cell_size: float = Field(
-        4.0, ge=0.05, le=1000, description="grid spacing while training and evaluating, m; about: cells fill the area"
+        4.0, ge=0.05, le=1000, description="approximate grid spacing in training and evaluation, m; cells fill the area"
     )
     fine_cells: int = Field(512, ge=16, le=8192, description="cells along the longer side when simulated live")
     gravity: float = Field(9.81, ge=1, le=30, description="gravitational acceleration g, m/s²")
@@ -98,22 +98,22 @@ class Sea(Section):
         1.0,
         ge=0.01,
         le=86400,
-        description="time between updates of the long waves, s, whatever the mission step: they stand for up to it",
+        description="time between updates of the long waves, s, at any mission step; they are constant in between",
     )
     realisations: int = Field(
-        16, ge=1, le=4096, description="different seas in a batch; world w sails on sea w modulo this"
+        16, ge=1, le=4096, description="number of different seas in a batch; world w has sea w modulo this"
     )
     forced_edge: Literal["none", "west", "east", "south", "north"] = Field(
         "none", description="edge where the elevation is prescribed"
     )
     forcing: Literal["elevation", "incident"] = Field(
         "elevation",
-        description="what is prescribed there: the elevation, or the wave that comes in, while others leave",
+        description="quantity prescribed there: the elevation, or the incoming wave, while outgoing waves leave",
     )
     radiating_edges: tuple[Side, ...] = Field(
         (), description="edges that long waves leave through; edges not named anywhere are reflecting walls"
     )
-    sponge_edges: tuple[Side, ...] = Field((), description="edges with a layer in front that absorbs waves")
+    sponge_edges: tuple[Side, ...] = Field((), description="edges with an absorbing layer in front")
     sponge_width: float = Field(40.0, ge=0.1, le=20000, description="width of that layer, m")
     regular_amplitude: float = Field(
         0.0, ge=0, le=30, description="amplitude of the regular wave or tide at the forced edge, m"
@@ -220,13 +220,13 @@ class Current(Section):
     viscosity: float = Field(
         0.0, ge=0, le=1000, description="eddy viscosity ν by which cores spread, dδ²/dt = 4ν, m²/s"
     )
-    mutual: bool = Field(False, description="vortices carry one another")
+    mutual: bool = Field(False, description="vortices advect one another")
     period: float = Field(
         0.0,
         ge=0,
         le=1e5,
-        description="side of the square in which the pattern of vortices repeats, m; 0: it does not; below the area's"
-        " longer side it is in the area more than once",
+        description="period of the vortex pattern in x and y, m; 0: not periodic; below the area's longer side it"
+        " repeats within the area",
     )
     decay_depth: float = Field(
         0.0, ge=0, le=1e5, description="depth at which vortices have 1/e of their speed at the surface, m; 0: the same"
@@ -264,8 +264,8 @@ class Acoustics(Section):
         0.0,
         ge=0,
         le=50,
-        description="standard deviation of the water's true speed of sound about that which fixes are computed with,"
-        " all through a mission, m/s",
+        description="standard deviation of the water's true speed of sound about the value used for fixes,"
+        " constant in a mission, m/s",
     )
     source_level: float = Field(
         187.0, ge=0, le=260, description="source level of the positioning signal, dB re 1 µPa at 1 m"
@@ -297,13 +297,13 @@ class Acoustics(Section):
     wind: Annotated[float, Field(ge=0, le=60)] | Literal["storm"] = Field(
         "storm", description="wind speed in noise and bubbles, m/s, or that of the storm; without one 0"
     )
-    bubbles: bool = Field(False, description="the wind's bubbles weaken what comes to the array")
+    bubbles: bool = Field(False, description="bubbles from the wind attenuate sound on its way to the array")
     rain: float = Field(0.0, ge=0, le=200, description="rain in the noise, mm/h")
     multipath: bool = Field(
-        False, description="the array also hears reflections of coded pulses from the surface and the bottom"
+        False, description="the array also receives reflections of coded pulses from the surface and the bottom"
     )
     sediment: Annotated[str, one_of(SEDIMENTS)] = Field(
-        "sand", description="of the bottom, for its reflections: clay, silt, sand, gravel, moraine"
+        "sand", description="sediment of the bottom, for its reflections: clay, silt, sand, gravel, moraine"
     )
     bandwidth: Bandwidth = Field(4000.0, description="bandwidth of the positioning link, Hz")
     noise_law: Literal["density", "demonstration"] = Field(
@@ -334,9 +334,9 @@ class Usbl(Section):
         "statistical", description="fixes drawn from their distribution, or measured from sampled signals in noise"
     )
     propagation: bool = Field(
-        False, description="a fix is of where the AUV was when its sound left it, not of where it is"
+        False, description="a fix gives the AUV's position when its sound left it, not its present one"
     )
-    latency: float = Field(0.0, ge=0, le=10, description="time that then passes until a fix can be used, s")
+    latency: float = Field(0.0, ge=0, le=10, description="further delay until a fix can be used, s")
     packet_loss: float = Field(0.0, ge=0, lt=1, description="probability that a fix never arrives")
     tilt: bool = Field(False, description="the array tilts with the surface under the boat")
     attitude_error: float = Field(
@@ -357,7 +357,7 @@ class Usbl(Section):
     gnss_error: float = Field(
         0.0, ge=0, le=100, description="standard deviation of the boat's own position, per axis, m"
     )
-    gnss_correlation_time: float = Field(60.0, ge=0.1, le=1e6, description="time in which that error changes, s")
+    gnss_correlation_time: float = Field(60.0, ge=0.1, le=1e6, description="correlation time of that error, s")
 
     @model_validator(mode="after")
     def _check(self) -> Usbl:
@@ -383,8 +383,8 @@ class Channel(Section):
 
     schedule: Literal["every-step", "all", "round-robin", "by-need"] = Field(
         "every-step",
-        description="fixes in each step for nothing; or by exchanges that take their time: with all AUVs at once, in"
-        " turn, or by what a reply is expected to tell times how long ago an AUV was asked",
+        description="fixes in each step at no cost; or by exchanges that take time: with all AUVs at once, in"
+        " turn, or by the expected information of a reply times the time since the last interrogation",
     )
     turn_around: float = Field(
         0.1, ge=0, le=10, description="time from the interrogation to the transponder's reply, s"
@@ -396,6 +396,6 @@ class Channel(Section):
         0.0,
         ge=0,
         le=60,
-        description="least E/N0 of a coded pulse at which the data that a reply carries can be read, dB; below 9:"
-        " wherever the pulse is detected",
+        description="least E/N0 of a coded pulse at which the data in a reply can be decoded, dB; below 9:"
+        " whenever the pulse is detected",
     )

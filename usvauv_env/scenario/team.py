@@ -26,8 +26,8 @@ class Navigation(Section):
 
     sensor: Literal["none", "ground", "water"] = Field(
         "none",
-        description="an AUV has its position from the boat; or it reckons with its velocity over ground (Doppler log)"
-        " or through the water, and receives its fixes by interrogations",
+        description="an AUV has its position from the boat; or by dead reckoning with its velocity over ground"
+        " (Doppler log) or through the water, and receives its fixes by interrogations",
     )
     velocity_noise: float = Field(
         0.02, ge=0, le=10, description="standard deviation of that velocity's white error in one second, per axis, m/s"
@@ -35,9 +35,9 @@ class Navigation(Section):
     velocity_bias: float = Field(
         0.03, ge=0, le=10, description="standard deviation of its bias, log and compass together, per axis, m/s"
     )
-    bias_correlation_time: float = Field(300.0, ge=0.1, le=1e7, description="time in which the bias changes, s")
+    bias_correlation_time: float = Field(300.0, ge=0.1, le=1e7, description="correlation time of the bias, s")
     homing_range: Distance = Field(
-        0.0, description="horizontal distance within which an AUV hears its node and can head for it, m"
+        0.0, description="horizontal distance within which an AUV detects its node and can head for it, m"
     )
 
 
@@ -51,17 +51,17 @@ class Boat(Section):
         " speed, 20 dB a decade of frequency; 0: none",
     )
     model: Literal["point", "otter"] = Field(
-        "point", description="it turns on the spot, or is a catamaran with the numbers of [otter]"
+        "point", description="a point that turns on the spot, or a catamaran with the parameters of [otter]"
     )
     top_speed: float = Field(
-        4.0, ge=1e-4, le=1e4, description="top speed through the water, m/s; of an otter also what its thrust gives"
+        4.0, ge=1e-4, le=1e4, description="top speed through the water, m/s; an otter's is also limited by its thrust"
     )
     drifts: bool = Field(True, description="the current carries the boat")
     response_time: float = Field(
         0.0,
         ge=0,
         le=600,
-        description="time in which a point's velocity through the water follows, s; 0: it is where it wants to at once",
+        description="time constant of a point's velocity through the water, s; 0: no lag",
     )
     windage: float = Field(
         0.0,
@@ -71,9 +71,10 @@ class Boat(Section):
     )
     dead_band: Distance = Field(
         0.0,
-        description="distance from its goal within which it only stems the drift, m; a point's needs a response_time",
+        description="distance from its goal within which it only compensates drift, m; for a point needs a"
+        " response_time",
     )
-    strategy: str = Field("fim", description="where it goes, as the option --usv takes it")
+    strategy: str = Field("fim", description="boat strategy, as in the option --usv")
 
     @model_validator(mode="after")
     def _check(self) -> Boat:
@@ -132,10 +133,10 @@ class Otter(Section):
     wind_sway: float = Field(0.8, ge=0, le=2, description="c_y, 1; Fossen (2021): 0.7 to 0.95")
     wind_yaw: float = Field(0.1, ge=0, le=1, description="c_n, 1; Fossen (2021): 0.05 to 0.2")
     turn_rate: float = Field(
-        0.26, ge=0.02, le=1, description="greatest rate that its autopilot asks for, rad/s; chosen"
+        0.26, ge=0.02, le=1, description="largest yaw rate commanded by its autopilot, rad/s; chosen"
     )
     heading_gain: float = Field(
-        0.6, ge=0.05, le=3, description="rate it asks for over the error of heading, 1/s; chosen"
+        0.6, ge=0.05, le=3, description="commanded yaw rate over the heading error, 1/s; chosen"
     )
     rate_gain: float = Field(3.5, ge=0.1, le=5, description="gain of that rate's error over the inertia, 1/s; chosen")
     speed_gain: float = Field(1.0, ge=0.05, le=5, description="gain of the error of speed over the mass, 1/s; chosen")
@@ -152,8 +153,9 @@ class Planner(Section):
     )
     objective: Literal["d", "a", "sum", "paper"] = Field(
         "d",
-        description="information on all positions, all errors counted, by its determinant (d) or its inverse's trace"
-        " (a); by noise and attitude, determinant of the paper's sum (sum), or what Eq. 3 prints (paper)",
+        description="information on all positions with all errors, by its determinant (d) or its inverse's trace"
+        " (a); with noise and attitude only, determinant of the paper's sum (sum), or Eq. 3 as"
+        " printed (paper)",
     )
 
 
@@ -202,7 +204,7 @@ class Auv(Section):
         0.0,
         ge=0,
         le=10,
-        description="standard deviation of that velocity's error, per axis, m/s; it changes in speed_lag",
+        description="standard deviation of that velocity's error, per axis, m/s; its correlation time is speed_lag",
     )
     depth_noise: float = Field(
         0.0,
@@ -212,8 +214,8 @@ class Auv(Section):
     )
     action: Literal["vector", "polar", "vector-depth", "fins"] = Field(
         "vector",
-        description="action as a velocity vector, or as (heading, speed); of a vehicle also as a vector and the depth,"
-        " or as (rudder, stern plane, propeller)",
+        description="action as a velocity vector, or as (heading, speed); for a vehicle also as a vector and the"
+        " depth, or as (rudder, stern plane, propeller)",
     )
     start_margin: Distance = Field(10.0, description="least distance from the border at the start, m")
     start_separation: Distance = Field(20.0, description="least distance between AUVs at the start, m")
@@ -283,7 +285,7 @@ class Nodes(Section):
     )
     service: Literal["hover", "passing"] = Field(
         "hover",
-        description="data flow while an AUV hovers over its node, or whatever it does within service_range (passing)",
+        description="data flow while an AUV hovers over its node, or always within service_range (passing)",
     )
     service_range: float = Field(
         40.0, ge=1, le=20000, description="slant range up to which a node is served in passing, m"
@@ -301,8 +303,8 @@ class Nodes(Section):
     )
     information: Literal["full", "rates", "visits", "own-visits"] = Field(
         "full",
-        description="what the rule has: backlogs and rates, rates only, what all AUVs' visits have found, or only the"
-        " own ones (no communication)",
+        description="information of the rule: backlogs and rates, rates only, findings of all AUVs' visits, or"
+        " only of its own visits (no communication)",
     )
     source_power: float = Field(0.03, ge=1e-6, le=1e5, description="acoustic source power, W")
     frequency: Carrier = Field(150000.0, description="carrier of the data link, Hz")
@@ -310,7 +312,7 @@ class Nodes(Section):
     rate_law: Annotated[str, one_of(rate_laws)] = Field(
         "modem",
         description="rate of the data link by its SNR: shannon (B log2(1 + 10^(SNR/10)), a bound), modem (steps of"
-        " modulations and codes, up to rate_max), optical (rate_max as far as light reaches), demonstration"
+        " modulations and codes, up to rate_max), optical (rate_max within the light's range), demonstration"
         " (B log2(1 + 10^SNR) with SNR in dB), or a plugin's law",
     )
     rate_max: float = Field(62500.0, ge=1, le=1e8, description="highest rate of the modem or of the light, bit/s")
@@ -353,8 +355,8 @@ class PluginNumbers(Section):
 class Observation(Section):
     current: Literal["none", "speed", "vector", "profile"] = Field(
         "speed",
-        description="the perceived current: not at all, its speed (Eq. 4), speed and both components, or these and "
-        "what a current profiler measures 25 and 50 m away",
+        description="the observed current: none, its speed (Eq. 4), speed and both components, or these and the"
+        " readings of a current profiler 25 and 50 m away",
     )
     extra: tuple[str, ...] = Field((), description="further terms of the observation, a plugin's")
 
@@ -382,15 +384,15 @@ class Reward(Section):
     service: Number = Field(0.0, description="weight of a service")
     power: Number = Field(-0.01, description="weight of the power, 1/W")
     collaboration: Number = Field(0.1, description="weight of Eq. 5's l_max / l")
-    data: Number = Field(60.0, description="weight of the data that an AUV brings in, 1/Mbit")
-    lost: Number = Field(-60.0, description="weight of the data that full buffers lose, shared by the AUVs, 1/Mbit")
+    data: Number = Field(60.0, description="weight of the data that an AUV collects, 1/Mbit")
+    lost: Number = Field(-60.0, description="weight of the data lost by full buffers, shared by the AUVs, 1/Mbit")
     service_terminates: bool = Field(False, description="a service ends the learner's value horizon (the paper's form)")
 
 
 class Reference(Section):
     """Best speeds and prices of time of the heuristics, found once by `usvauv eval` and recorded here."""
 
-    policy: str = Field("", description="default policy where it fits; empty: the task's heuristic")
+    policy: str = Field("", description="default policy, if applicable; empty: the task's heuristic")
     straight_speed: float = Field(1.2, ge=0.01, le=10, description="best constant speed of `straight`, m/s")
     crab_speed: float = Field(1.2, ge=0.01, le=10, description="best constant speed of `crab`, m/s")
     pace_price: Price = Field(0.0, description="best price of time of `pace`, W")
