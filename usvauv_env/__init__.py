@@ -1,10 +1,10 @@
-"""The world of usvauv: scenarios, sites and seas, the batched world, its record, pictures and faces.
+"""The simulator: scenarios, sites and seas, the batched world, its records, pictures and environments (`faces`).
 
-From outside: the names below, `plugins.load`, and what the rooms' own pages name. Importing it registers the Gymnasium
-environments.
+Public: the names below, `plugins.load`, and the names that the subpackages' docstrings list. Importing this package
+registers the Gymnasium environments.
 """
 
-# Before torch: while Taichi is imported, it looks through all modules that are, again and again.
+# Before torch: while Taichi is imported, it repeatedly searches all modules imported so far.
 from usvauv.kernels import runtime  # noqa: F401
 
 # isort: split

@@ -25,11 +25,11 @@ _paths: list[Path] = []
 
 
 class PluginError(errors.UserError, ValueError):
-    """A plugin cannot be loaded; the message is one line that names its file."""
+    """A plugin cannot be loaded; the message is one line with its file."""
 
 
 def _reason(error: BaseException) -> str:
-    """Why importing failed, also where a package has the name that it had in version 0.2."""
+    """Why importing failed, also if the plugin uses a package's name of version 0.2."""
     if isinstance(error, ModuleNotFoundError) and error.name:
         package, dot, rest = error.name.partition(".")
         if package in BEFORE_03:
@@ -38,10 +38,10 @@ def _reason(error: BaseException) -> str:
 
 
 def load(path: str | Path) -> None:
-    """Import a plugin; one that is loaded already is left as it is.
+    """Import a plugin, unless it is loaded already.
 
     Raises:
-        PluginError: there is no such file, or importing it raises.
+        PluginError: the file does not exist, or importing it raises.
     """
     if not os.path.isfile(path) or Path(path).suffix != ".py":  # false, unlike an error, for paths no system allows
         raise PluginError(f"plugin {path}: must be a Python file")

@@ -1,10 +1,10 @@
 """USV-AUV collaboration under extreme seas: the names that most programs need.
 
-`Scenario` says what to simulate and `World` simulates a batch of it; `record` runs one mission into a `Trace`,
-`evaluate` compares policies, boat strategies and target rules in a table, `play` shows traces in a notebook and
-`write_video` as a film. They are imported when they are first used, so that `import usvauv` takes no time.
-`usvauv.extend` is the one import of a plugin. `usvauv.env`, `usvauv.policies` and `usvauv.kernels` have the rest,
-`usvauv.cli` is the command.
+`Scenario` defines what to simulate and `World` simulates a batch of missions; `record` runs a policy and returns a
+`Trace`, `evaluate` compares policies, boat strategies and target rules in a table, `play` shows traces in a notebook
+and `write_video` writes them as a video. Each is imported at its first use, so `import usvauv` takes no time.
+`usvauv.extend` has all that a plugin needs. `usvauv.env`, `usvauv.policies` and `usvauv.kernels` contain the rest,
+`usvauv.cli` the command.
 """
 
 import sys
@@ -40,7 +40,7 @@ def __getattr__(name: str) -> Any:
 
 
 def _show_traces_in_notebooks() -> None:
-    """A trace at the end of a cell is played; the class is known by name, because nothing is imported here."""
+    """Play a trace that ends a cell; the class is registered by name, because nothing is imported here."""
     shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
     if shell is not None:
         html = shell.display_formatter.formatters["text/html"]

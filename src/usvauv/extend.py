@@ -1,20 +1,20 @@
-"""All that a plugin needs, in one import: registries, the classes of their items, and what their functions read.
+"""All that a plugin needs, in one import: registries, classes of their items, and helpers for their functions.
 
     registry              item                 adds
     `tasks`               `Task`               what AUVs do: `RewardTerm`, `rewards`, `travel`, `distance_to_target`
-    `task_metrics`        `Metric`             a figure of merit of a task, a column of the metrics CSV
-    `boat_strategies`     `BoatStrategy`       where a boat goes: `Strategy`, `serves`, `vec2`
+    `task_metrics`        `Metric`             a task's figure of merit, a column of the metrics CSV
+    `boat_strategies`     `BoatStrategy`       a boat's goal: `Strategy`, `serves`, `vec2`
     `target_rules`        `TargetRule`         which node an AUV heads for: `best_free`, `knowledge`
-    `observation_terms`   `ObservationTerm`    numbers of an AUV's observation
+    `observation_terms`   `ObservationTerm`    numbers in an AUV's observation
     `ambient_noise_laws`  a function           ambient noise (frequency, shipping, wind) → dB re 1 µPa²/Hz
     `HEURISTICS`          `Heuristic`          a policy without learning: `command`, `crab`, `unit`, `SpeedToFly` …
     `ALGORITHMS`          `Learner`            an update of actor and critics: `Batch`, `Rollout`, `Sizes` …
     `FRAMES`              `Frame`              features and actions of a network
     `vehicles`            `Vehicle`            a model of an AUV: `Body`, `Surroundings`, `Command`, `Actuators` …
 
-`registry.register(name, item)` adds an item; a name that is taken is refused. Functions with `@ti.func` get `worlds`
-(`Worlds`), the arrays of all worlds, whose columns are `AuvColumn`, `NodeColumn` and so on and whose random numbers are
-`uniforms` and `normals`. `docs/extending.md` has an example of each.
+`registry.register(name, item)` adds an item; a name already in use is refused. Functions with `@ti.func` receive
+`worlds` (`Worlds`), the arrays of all worlds; `AuvColumn`, `NodeColumn` and so on name their columns, `uniforms` and
+`normals` draw random numbers. `docs/extending.md` has an example of each.
 """
 
 from usvauv.env.record.metrics import Metric, mean_figures, position_error, task_metrics

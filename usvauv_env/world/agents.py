@@ -1,8 +1,8 @@
-"""Spaces of the agents, what boats observe as agents (strategy "agent"), and the global state of a mission.
+"""Spaces of the agents, observations of boats as agents (strategy "agent"), and the global state of a mission.
 
-Observation of boat b, float32, with D the area's diagonal, K AUVs and B boats: `boat_observed` tabulates it. What a
-boat's action is says `World.step`. The global state is truth, without noise, for critics that see everything while
-agents see their own.
+`boat_observed` tabulates the observation of boat b, float32, with D the area's diagonal, K AUVs and B boats.
+`World.step` describes a boat's action. The global state has true values, without noise, for centralised critics, which
+receive everything while each agent receives its own observation.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn
 from usvauv.kernels.positioning import tracker
 
 SILENCE = 300.0  # s, the unit of times
-LONGEST = 10.0  # of these units, beyond which all are alike
+LONGEST = 10.0  # of these units; longer times are clamped to it
 
 
 def auv_observation_space(site: Site) -> Box:
-    """What one AUV can observe, (O,), as `usvauv.env.world.observation` tabulates it.
+    """Observations of one AUV, (O,), as `usvauv.env.world.observation` tabulates them.
 
-    Fixes and storm waves have no hard bound of their own: the rare observation farther out (fixes at a low
-    signal-to-noise ratio in very large areas, freak waves) is clamped into the space.
+    Fixes and storm waves have no hard bounds: the rare observation beyond (fixes at a low signal-to-noise ratio in very
+    large areas, freak waves) is clamped into the space.
     """
     return _box(observed(site))
 
 
 def boat_observation_space(site: Site) -> Box:
-    """What one boat can observe with the strategy "agent", as `boat_observed` tabulates it."""
+    """Observations of one boat with the strategy "agent", as `boat_observed` tabulates them."""
     return _box(boat_observed(site.scenario))
 
 
@@ -44,7 +44,7 @@ def _box(rows: Sequence[Quantity]) -> Box:
 
 
 def action_space(size: int = 2) -> Box:
-    """What one boat can do, (2,), or an AUV, (`World.action_size`,)."""
+    """Actions of one boat, (2,), or of an AUV, (`World.action_size`,)."""
     return Box(-1.0, 1.0, (size,), np.float32)
 
 
@@ -68,7 +68,7 @@ def boat_observed(scenario: Scenario) -> list[Quantity]:
 
 
 def observe_boats(world: World) -> torch.Tensor:
-    """What all boats observe, (W, B, number of `boat_observed`)."""
+    """Observations of all boats, (W, B, length of `boat_observed`)."""
     scale = 1.0 / world.scenario.area.diagonal
     own = world.boat[..., BoatColumn.span("x", "y")]
     boats = own.shape[1]
@@ -86,13 +86,13 @@ def observe_boats(world: World) -> torch.Tensor:
 
 
 def global_state_size(scenario: Scenario) -> int:
-    """Numbers of the state."""
+    """Length of the global state."""
     return 6 * scenario.auv.count + 2 * scenario.boat.count + scenario.targets
 
 
 def global_state(world: World) -> torch.Tensor:
-    """The state (W, `global_state_size`): true x and y of each AUV over the area's diagonal D; where it takes itself to
-    be, less that, over D; the current there, m/s; x and y of each boat over D; the filled share of each node's buffer.
+    """The state (W, `global_state_size`): true x and y of each AUV over the area's diagonal D; its own position
+    estimate minus these, over D; the current there, m/s; x and y of each boat over D; each buffer's filled share.
     """
     scale = 1.0 / world.scenario.area.diagonal
     place = world.auv[..., AuvColumn.span("x", "y")]

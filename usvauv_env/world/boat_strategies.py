@@ -1,4 +1,4 @@
-"""Boat strategies by name, as `--usv` gives them: where the boat goes."""
+"""Boat strategies by name, as in `--usv`: where the boat goes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from usvauv.kernels.mission import boat_strategies as kernel
 from usvauv.kernels.mission.worlds import Strategy
 from usvauv.kernels.registry import Registry
 
-AGENT = "agent"  # the strategy of boats that act
+AGENT = "agent"  # the strategy of boats that are agents
 RETIRED = ("fim-horizon", "learned")  # since 0.3
 
 
@@ -22,13 +22,13 @@ class BoatStrategy:
     """A strategy of the boat.
 
     Attributes:
-        functions: what it is in Taichi.
-        arguments: what the numbers after its name are, as in "hold:X,Y"; the functions read them from
+        functions: its Taichi functions.
+        arguments: names of the numbers after its name, as in "hold:X,Y"; the functions read the numbers from
             `worlds.strategy_arguments`. X and Y, m, can be given as latitude and longitude, see `site.positions`.
         refuse: (scenario, numbers) → why they cannot be used together, or an empty text.
         repeats: the numbers can also be given for each boat, one boat after the other.
-        units: of the arguments, one for all.
-        about: what it does, in a sentence; default: the docstring of `functions.goal`.
+        units: one unit for all arguments.
+        about: one sentence about what it does; default: the docstring of `functions.goal`.
     """
 
     functions: Strategy
@@ -49,9 +49,9 @@ class StrategyChoice:
     """A boat strategy with its numbers.
 
     Attributes:
-        name: as tables show it, with the numbers.
+        name: as shown in tables, with the numbers.
         strategy: the strategy.
-        numbers: that it was given.
+        numbers: its arguments.
     """
 
     name: str
@@ -60,7 +60,7 @@ class StrategyChoice:
 
     @classmethod
     def parse(cls, given: str | None, scenario: Scenario) -> StrategyChoice:
-        """Read a strategy by name; where none is given, the scenario's.
+        """Read a strategy by name; the default is the scenario's.
 
         Raises:
             ScenarioError: unknown strategy, wrong numbers, or one that cannot be used in the scenario.
@@ -87,7 +87,7 @@ class StrategyChoice:
 
 
 def _numbers_of(field: str, text: str, scenario: Scenario) -> tuple[float, ...]:
-    """The numbers of a strategy that was given by a name that is known."""
+    """The numbers in the text of a registered strategy."""
     name, _, rest = text.partition(":")
     strategy = boat_strategies[name]
     parts = rest.split(",")
@@ -108,7 +108,7 @@ def _numbers_of(field: str, text: str, scenario: Scenario) -> tuple[float, ...]:
 
 
 def usage(name: str) -> str:
-    """How a strategy is written: its name, and the numbers that follow."""
+    """A strategy's name followed by its arguments, as a user writes them."""
     arguments = boat_strategies[name].arguments
     return f"{name}:{','.join(arguments)}" if arguments else name
 

@@ -1,8 +1,8 @@
-"""The current at the AUVs by the scenario: its mean square, and its model as a process for the tracker.
+"""Statistics of the current at a scenario's AUVs: its mean square, and its model as a process for the tracker.
 
-The current of a moving AUV is not an Ornstein–Uhlenbeck process but a sum of eddies it passes through, orbital motion
-and long waves, each smooth. For a filter with the memory m only its mean square increment D(m) matters. So the model is
-the random walk with that increment, q = D(m)/m, at the filter's own memory m = (R t_fix/q)^¼: that of the stationary
+The current at a moving AUV is not an Ornstein–Uhlenbeck process but a sum of eddies that it passes through, orbital
+motion and long waves, each smooth. For a filter with memory m only the mean square increment D(m) matters. So the model
+is the random walk with that increment, q = D(m)/m, at the filter's own memory m = (R t_fix/q)^¼: that of the stationary
 filter, whose characteristic polynomial is s⁴ + q/(R t_fix). σ² is the variance of all parts and τ = 2σ²/q; σ² bounds
 the variance of the current while fixes are lost. See `ornstein_uhlenbeck`.
 
@@ -59,7 +59,7 @@ def drift_speed(site: Site, level: int) -> float:
 
 
 def _eddy_part(scenario: Scenario) -> tuple[float, float]:
-    """Variance per axis (m²/s²) and frequency (rad/s) of a scenario's vortices at the surface; none without."""
+    """Variance per axis (m²/s²) and frequency (rad/s) of a scenario's vortices at the surface; 0 without vortices."""
     current, area = scenario.current, scenario.area
     if not current.vortices or current.circulation_max == 0:
         return 0.0, 0.0
@@ -79,10 +79,10 @@ def _forced_waves(site: Site) -> list[tuple[float, float]]:
 
 
 def _forced_share(scenario: Scenario, period: float) -> float:
-    """Mean square current per axis over that of the elevation (1/s²) in long waves forced at an edge.
+    """Mean square current per axis over the mean square elevation (1/s²) in long waves forced at an edge.
 
-    u = η √(g/h) in a wave that leaves at the other side; where that is a wall at the distance L, u = η √(g/h)
-    sin kx/cos kL, x from the wall, at resonance at most twice the wave that comes in.
+    u = η √(g/h) in a wave that leaves at the other side; with a wall there, at the distance L, u = η √(g/h)
+    sin kx/cos kL, x from the wall, at resonance at most twice the incident wave.
     """
     sea, area = scenario.sea, scenario.area
     progressive = 0.5 * sea.gravity / area.depth
@@ -95,7 +95,7 @@ def _forced_share(scenario: Scenario, period: float) -> float:
 
 
 def _real_part(scenario: Scenario, stream: np.ndarray, speed: float) -> tuple[float, float]:
-    """A current from a file, (rows, columns, 2), m/s, as an AUV meets it that crosses it at a speed."""
+    """Variance and frequency of a current from a file, (rows, columns, 2), m/s, for an AUV crossing it at a speed."""
     variance = float(np.mean(np.square(stream)))
     steps = scenario.area.length / (stream.shape[0] - 1), scenario.area.width / (stream.shape[1] - 1)
     slopes = [np.mean(np.square(np.diff(stream, axis=axis) / steps[axis])) for axis in (0, 1)]
@@ -107,7 +107,7 @@ def current_model(site: Site, link: np.ndarray) -> tuple[float, float]:
     """Variance (m²/s²) and correlation time (s) of the current for the tracker.
 
     Args:
-        link: `acoustic_link.link_table` of the AUVs; fixes count as from a quarter of the area's smaller side away.
+        link: `acoustic_link.link_table` of the AUVs; fixes are taken at a quarter of the area's smaller side.
     """
     scenario = site.scenario
     z = scenario.auv.depth
@@ -128,15 +128,15 @@ def eddies(
 ) -> tuple[float, float]:
     """Variance per axis (m²/s²) and frequency (rad/s) of the current along a path through random Lamb–Oseen vortices.
 
-    Of N vortices with |Γ| and δ uniform between limits and centres spread over an area a, the vorticity has the mean
-    square N E[Γ²] E[1/δ²]/(2π a), and a quarter of that is the mean square per axis of the change of velocity a metre.
+    With N vortices, |Γ| and δ uniform between limits and centres spread over an area a, the vorticity has the mean
+    square N E[Γ²] E[1/δ²]/(2π a); a quarter of that is the mean square per axis of the change of velocity per metre.
     The variance is that within a disc of the same area round each, N E[Γ²] (ln(a/(πδ²)) + 0.5772 − ln 2)/(8π a). In a
     pattern of period L = √a it is the sum over wave numbers k = 2πn/L, N E[Γ²]/(8π² a) Σ' e^{−k²δ²/2}/n², which
     is N E[Γ²] (ln(a/(πδ²)) + C/π − ln 2π)/(8π a) where cores are small; C = Σ' of −π ln α + C at small α, 0.7716.
 
     Args:
         count: N. circulation, core_radius: limits of |Γ| (m²/s) and δ (m). area: m².
-        speed: of the AUV over ground, m/s. periodic: the centres are those of a pattern in a square of that area.
+        speed: of the AUV over ground, m/s. periodic: the vortices are a periodic pattern in a square of that area.
     """
     low, high = circulation
     strength = count * (low * low + low * high + high * high) / 3.0 / area
@@ -150,7 +150,7 @@ def eddies(
 def orbital_motion(
     omega: np.ndarray, S: np.ndarray, significant_height: float, z: float, depth: float, gravity: float
 ) -> tuple[float, float]:
-    """Variance per axis (m²/s²) and mean square frequency's root (rad/s) of the orbital velocity of short waves at z.
+    """Variance per axis (m²/s²) and root mean square frequency (rad/s) of the orbital velocity of short waves at z.
 
     Args:
         omega, S: frequencies (rad/s), evenly spaced, and spectral density up to a factor, (n,).

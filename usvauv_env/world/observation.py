@@ -1,7 +1,7 @@
-"""What an AUV observes and commands: a table of terms, from which offsets, spaces, names and documentation follow.
+"""Observations and actions of AUVs: a table of terms, from which offsets, spaces, names and documentation follow.
 
-A term of an AUV's observation is present or not by the scenario. Present terms stand one after the other in the order
-of `observation_terms`.
+The scenario decides which terms an AUV's observation has. They follow one another in the order of
+`observation_terms`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from usvauv.kernels.mission import observation as kernel
 from usvauv.kernels.mission.observation import BEAM_ANGLE, BEAM_CELL, BEAMS, PROFILE_POINTS
 from usvauv.kernels.registry import Registry
 
-POSITION_BOUND = 2.0  # of the area's diagonal: the area itself spans 1, the rest is for fixes that lie outside it
+POSITION_BOUND = 2.0  # over the area's diagonal: the area itself spans 1, the rest is for fixes outside it
 CURRENT = math.inf  # stands for the largest current of the scenario
 
 
@@ -27,9 +27,9 @@ class Quantity(NamedTuple):
     """One number of a vector.
 
     Attributes:
-        index: place in the vector.
-        quantity: what it is; x points east, y north.
-        unit: what 1 stands for.
+        index: position in the vector.
+        quantity: its meaning; x points east, y north.
+        unit: the quantity that 1 stands for.
         low, high: bounds in the spaces of the Gymnasium, PettingZoo and TorchRL environments.
     """
 
@@ -46,11 +46,11 @@ class ObservationTerm:
 
     Attributes:
         write: Taichi function (worlds, w, k, first) that writes the numbers of AUV k from index `first` on.
-        quantities: the number K of AUVs → what each number is, in order.
+        quantities: function: number K of AUVs → meanings of the numbers, in order.
         unit: "D", the area's diagonal; "m/s"; or "1".
         low, high: bounds in the spaces, in that unit; ±inf stands for ± the largest current of the scenario.
         condition: when the term is present, in words.
-        present: whether it is present. None: where `observation.extra` or the task names it.
+        present: whether it is present; None: if `observation.extra` or the task names it.
     """
 
     write: Callable[..., Any]
@@ -66,10 +66,10 @@ observation_terms: Registry[ObservationTerm] = Registry("observation term", Scen
 
 
 def quantities(name: str, num_auvs: int) -> list[str]:
-    """What each number of an observation term is, in order; none where a term has no numbers for so many AUVs.
+    """Meanings of an observation term's numbers, in order; empty if it has no numbers for this many AUVs.
 
     Raises:
-        ScenarioError: a plugin's term fails to say so.
+        ScenarioError: a plugin's term fails to give them.
     """
     with observation_terms.calling(name):
         found = observation_terms[name].quantities(num_auvs)
@@ -81,7 +81,7 @@ def quantities(name: str, num_auvs: int) -> list[str]:
 
 @dataclass(frozen=True)
 class ObservationLayout:
-    """Where the terms of a scenario stand in an AUV's observation (..., O): `observation[..., layout.slice("target")]`.
+    """Indices of a scenario's terms in an AUV's observation (..., O): `observation[..., layout.slice("target")]`.
 
     Attributes:
         num_auvs: number K of AUVs.
@@ -121,7 +121,7 @@ class ObservationLayout:
 
     @property
     def size(self) -> int:
-        """Numbers O in one AUV's observation."""
+        """Length O of one AUV's observation."""
         return max(place.stop for _, place in self)
 
     def slice(self, name: str) -> slice:
@@ -190,7 +190,7 @@ def _shows(words: str, *choices: str) -> When:
 
 
 def _of_vehicles(name: str) -> When:
-    """All terms of vehicles with dynamics are there where fins are commanded, else those that are named."""
+    """Terms of vehicles with dynamics: all are present where fins are commanded, else those that are named."""
     return (
         'named in `observation.extra`, or `auv.action` is "fins"',
         lambda scenario: name in scenario.observation.extra or scenario.auv.action == "fins",
@@ -208,7 +208,7 @@ def _ship(
     observation_terms.register(name, ObservationTerm(write, quantities, *kind, *when))
 
 
-# In the order in which they stand in an observation.
+# In the order of an observation.
 _ship("others", kernel.others, _others, POSITION)
 _ship(
     "target", kernel.target, [f"{axis} of the target, a node or station, minus own {axis}" for axis in "xy"], POSITION

@@ -1,8 +1,8 @@
-"""Whether what a scenario simulates can occur: resonance, waves, currents against vehicles, links, the boat's response.
+"""Whether a scenario's conditions can occur: resonance, waves, currents against vehicles, links, the boat's response.
 
-The solvers are also right where no sea is, and a mission there teaches nothing. Each check has a value, the limit that
-it is held against, and a verdict. Where a scenario names a convention of the paper's demonstration, as `paper-*` do,
-that is said and not judged.
+The solvers also give correct results for conditions that no sea has, from which nothing can be learned. Each check has
+a value, a limit and a verdict. Conventions of the paper's demonstration that a scenario names, as `paper-*` do, are
+stated and not judged.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ class Finding(NamedTuple):
     """One check of a scenario.
 
     Attributes:
-        check: what is looked at.
-        value: of the scenario, with its unit.
-        limit: against which it is held.
-        verdict: fine; warning: such a thing does not occur, or hardly; error: nothing can come of it; convention: the
-            demonstration's, by name.
-        field: of the scenario that decides it.
+        check: the quantity checked.
+        value: its value in the scenario, with its unit.
+        limit: the limit of the value.
+        verdict: fine; warning: such conditions do not occur, or hardly; error: the mission cannot succeed; convention:
+            a named one of the demonstration.
+        field: the scenario's field that decides it.
     """
 
     check: str
@@ -60,7 +60,7 @@ def check(scenario: Scenario) -> list[Finding]:
     """All checks of a scenario.
 
     Raises:
-        UserError: a file of the scenario does not serve.
+        UserError: a file of the scenario cannot be used.
     """
     site = Site(scenario)
     found = [*_long_waves(site), *_short_waves(site), *_currents(site), _replies(site)]

@@ -1,4 +1,4 @@
-"""The state of worlds: shapes and memory of the arrays, possible states, and what a scenario may change meanwhile."""
+"""The state of worlds: shapes and memory of its arrays, possible states, and fields that may change meanwhile."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.env.world.observation import ObservationLayout
 from usvauv.kernels.mission.worlds import REWARDS, STATE
 
-Numbers = torch.Tensor | np.ndarray | Sequence[Any]  # what `World.step` takes
+Numbers = torch.Tensor | np.ndarray | Sequence[Any]  # arguments of `World.step`
 ALIGNMENT = 16  # numbers
 ANYTHING = 1e12  # bound of a number without a range: of an observation, a reward
 LARGEST = max(float(r.high) for array in STATE.values() for r in array.ranges if not isinstance(r.high, str))
-LATEST = 1_000_000_000  # episode or step that a clock can show
-# Fields that only numbers of the kernels' tables, the storm and the forcing of the sea depend on.
+LATEST = 1_000_000_000  # largest episode or step of a clock
+# Fields on which only numbers in the kernels' tables, the storm and the forcing of the sea depend.
 ADJUSTABLE = (
     "current.circulation_min",
     "current.circulation_max",
@@ -31,10 +31,10 @@ DECISIONS = ("boat.strategy", "nodes.target_rule")
 
 
 def unused_arrays(scenario: Scenario, foresees: bool) -> tuple[str, ...]:
-    """Names of the arrays that a scenario does without.
+    """Names of the arrays that a scenario does not use.
 
     Args:
-        foresees: the boat's strategy foresees the AUVs.
+        foresees: the boat's strategy predicts the AUVs' positions.
     """
     reckons = scenario.navigation.sensor != "none"
     in_use = {
@@ -49,7 +49,7 @@ def unused_arrays(scenario: Scenario, foresees: bool) -> tuple[str, ...]:
 
 
 def array_shapes(scenario: Scenario, num_worlds: int, foresees: bool) -> dict[str, tuple[int, ...]]:
-    """Shape of each array of `STATE` and of the rewards; a row for all worlds where it is unused."""
+    """Shape of each array of `STATE` and of the rewards; an unused array has one row for all worlds."""
     lengths = {
         "W": num_worlds,
         "K": scenario.auv.count,
@@ -68,12 +68,12 @@ def array_shapes(scenario: Scenario, num_worlds: int, foresees: bool) -> dict[st
 
 
 def padded_length(shape: Sequence[int]) -> int:
-    """Numbers that an array takes beside others, each aligned."""
+    """Length of an array with the padding that aligns the next one."""
     return -(-math.prod(shape) // ALIGNMENT) * ALIGNMENT
 
 
 def allocate(shapes: Mapping[str, Sequence[int]], device: torch.device) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
-    """All arrays as views of one of zeros, so that one look finds any fault: that one, (N,) float32, and the views."""
+    """One array of zeros, (N,) float32, so that one check finds any fault, and all arrays as views of it."""
     numbers = torch.zeros(sum(map(padded_length, shapes.values())), dtype=torch.float32, device=device)
     parts = numbers.split([padded_length(shape) for shape in shapes.values()])
     named = zip(parts, shapes.items(), strict=True)
@@ -82,7 +82,7 @@ def allocate(shapes: Mapping[str, Sequence[int]], device: torch.device) -> tuple
 
 
 def bounds_of(scenario: Scenario) -> dict[str, np.ndarray]:
-    """Bounds of the columns of each array of `STATE`, (2, columns) float64: low, high."""
+    """Bounds of each column of the arrays of `STATE`, (2, columns) float64: low, high."""
     numbers: dict[Any, float] = {
         "width": float(np.float32(scenario.area.width)),
         "length": float(np.float32(scenario.area.length)),
@@ -99,11 +99,11 @@ def bounds_of(scenario: Scenario) -> dict[str, np.ndarray]:
 def first_outside(
     name: str, values: torch.Tensor, bounds: Mapping[str, np.ndarray], columns: Sequence[str] = ()
 ) -> tuple[int, str] | None:
-    """World and words for the first number of an array (W, ..., columns) that its column may not hold; None if all may.
+    """World and description of an array's first number (W, ..., columns) outside its column's bounds; None without one.
 
     Args:
-        name: of the array. bounds: of `bounds_of`.
-        columns: what the numbers are in an array whose columns have no ranges.
+        name: of the array. bounds: from `bounds_of`.
+        columns: names of the numbers in an array whose columns have no ranges.
     """
     values = values.detach().double().cpu()
     array = STATE.get(name)
@@ -132,7 +132,7 @@ def first_outside(
 def first_fault(
     arrays: Mapping[str, torch.Tensor], scenario: Scenario, columns: Mapping[str, Sequence[str]]
 ) -> tuple[int, str]:
-    """World and words for the first number of some arrays that cannot be; `columns` as of `first_outside`, by array."""
+    """World and description of the first impossible number in arrays; `columns` as in `first_outside`, by array."""
     bounds = bounds_of(scenario)
     for name, values in arrays.items():
         if (problem := first_outside(name, values, bounds, columns.get(name, ()))) is not None:
@@ -144,10 +144,10 @@ def check_state(given: Mapping[str, torch.Tensor], own: Mapping[str, torch.Tenso
     """Refuse a state that a world of this scenario cannot have.
 
     Args:
-        given: to be loaded. own: of the world as it is, for names, shapes and types.
+        given: the state to load. own: the world's present state, for names, shapes and types.
 
     Raises:
-        ScenarioError: it is another world's, or a number is not one that it can hold.
+        ScenarioError: it is another world's state, or a number is out of range.
     """
 
     def refuse(problem: str) -> None:
@@ -176,10 +176,10 @@ def check_state(given: Mapping[str, torch.Tensor], own: Mapping[str, torch.Tenso
 
 
 def check_same(before: Scenario, after: Scenario, but_for: Collection[str], problem: str) -> None:
-    """Refuse a scenario that differs from another in a field that is not among those named, see `problem`.
+    """Refuse a scenario that differs from another in a field outside `but_for`; `problem` is part of the message.
 
     Raises:
-        ScenarioError: it does.
+        ScenarioError: it differs.
     """
     for name, value, _ in after.differences(before):
         if name not in but_for:
@@ -187,10 +187,10 @@ def check_same(before: Scenario, after: Scenario, but_for: Collection[str], prob
 
 
 def numbers_of(name: str, given: object, shape: Sequence[int]) -> torch.Tensor:
-    """What `World.step` was given, as a tensor of that shape.
+    """An argument of `World.step` as a tensor of that shape.
 
     Raises:
-        ScenarioError: it is no real numbers, or of another shape.
+        ScenarioError: it does not hold real numbers, or has another shape.
     """
     if not isinstance(given, torch.Tensor):
         try:
@@ -209,10 +209,10 @@ def numbers_of(name: str, given: object, shape: Sequence[int]) -> torch.Tensor:
 
 
 def mask_of(given: object, num_worlds: int, begun: bool) -> torch.Tensor:
-    """The mask that `World.reset` was given; `begun` where all worlds have an episode.
+    """The mask given to `World.reset`; `begun` if all worlds have an episode.
 
     Raises:
-        ScenarioError: it is no bool of each world, or leaves out a world that has not begun.
+        ScenarioError: it is not one bool per world, or leaves out a world that has not begun.
     """
     try:
         mask = torch.as_tensor(given)

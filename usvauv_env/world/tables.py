@@ -1,4 +1,4 @@
-"""From a scenario and its site to the plain numbers that the kernels read."""
+"""Conversion of a scenario and its site into the numbers that the kernels read."""
 
 from __future__ import annotations
 
@@ -49,21 +49,21 @@ from usvauv.kernels.positioning.sonar import (
 from usvauv.kernels.vehicles import otter
 from usvauv.kernels.vehicles.vehicle import vehicles
 
-OWN_NOISE_FREQUENCY = 15000.0  # Hz, at which a scenario gives it
-DEPTH_TIME = 20.0  # s, in which the error of an AUV's depth changes
+OWN_NOISE_FREQUENCY = 15000.0  # Hz, at which a scenario states own noise
+DEPTH_TIME = 20.0  # s, correlation time of the error of an AUV's depth
 SPEED_RESPONSE = Parameter.names[Parameter.span("speed_memory", "speed_noise_rest")]
 BOUNDARIES = Parameter.names[Parameter.span("array_depth", "bottom_absorption")]
-SERVICE_FILL = 0.65  # share of a full buffer that a typical service takes, for the boat's foresight
+SERVICE_FILL = 0.65  # share of a full buffer collected in a typical service, for the boat's prediction
 GATE = 16  # of the receiver of coded pulses, chips
-STRONGEST = 50.0  # m/s, up to which Wu's drag of the sea surface is meant
+STRONGEST = 50.0  # m/s, upper limit of Wu's law for the drag of the sea surface
 LOUDEST = 200.0  # dB re 1 µPa²/Hz, of ambient noise
 
 
 def noise_law(scenario: Scenario) -> NoiseLaw:
-    """The law of the ambient noise, rain included; the function it gives checks what a plugin's law returns.
+    """The law of the ambient noise, rain included, as a function that checks the result of a plugin's law.
 
     Raises:
-        UserError: by that function: the law fails, or returns no level in dB.
+        UserError: from that function, if the law fails or does not return a level in dB.
     """
     name = scenario.acoustics.ambient_noise
 
@@ -80,8 +80,8 @@ def noise_law(scenario: Scenario) -> NoiseLaw:
 def wind(site: Site) -> float:
     """Wind speed over the sea, m/s.
 
-    "storm" is the wind that makes the wind sea grow to its height and period, at most `STRONGEST`; with a file of waves
-    the wind in it, or else that of a developed sea as high as its wind sea.
+    "storm" is the wind under which the wind sea reaches its height and period, at most `STRONGEST`; with a wave file,
+    the wind given there, or else that of a fully developed sea as high as its wind sea.
     """
     scenario = site.scenario
     if scenario.acoustics.wind != "storm":
@@ -95,9 +95,9 @@ def wind(site: Site) -> float:
 
 
 def wind_direction(site: Site) -> float:
-    """Where the wind blows, rad anticlockwise from east.
+    """Direction that the wind blows to, rad anticlockwise from east.
 
-    It blows as the storm travels, or the first system of a file of waves.
+    It is that of the storm, or of the first system in a wave file.
     """
     scenario = site.scenario
     systems = wave_systems(site) if site.waves is not None else ()
@@ -105,19 +105,19 @@ def wind_direction(site: Site) -> float:
 
 
 def top_speed(scenario: Scenario) -> float:
-    """Of a boat through the water, m/s."""
+    """Top speed of a boat through the water, m/s."""
     most = otter.top_speed(scenario.otter.model_dump()) if scenario.boat.model == "otter" else math.inf
     return min(scenario.boat.top_speed, most)
 
 
 def response_time(scenario: Scenario) -> float:
-    """Time in which a boat's velocity through the water follows, s."""
+    """Time constant of a boat's velocity through the water, s."""
     boat = scenario.boat
     return otter.response_time(scenario.otter.model_dump()) if boat.model == "otter" else boat.response_time
 
 
 def control_time(scenario: Scenario) -> float:
-    """Way to a goal over the speed that a boat asks for it, s: what is left falls as e^{−t/`CONTROL_TIME`}."""
+    """Distance to a goal over a boat's commanded speed, s: the distance decreases as e^{−t/`CONTROL_TIME`}."""
     step = scenario.mission.step
     return step / -math.expm1(-step / CONTROL_TIME) if response_time(scenario) else step
 
@@ -130,11 +130,11 @@ def absorption(scenario: Scenario, frequency: float) -> float:
 
 
 class DataLink(NamedTuple):
-    """What decides the rate of the data link at a slant range.
+    """Constants that decide the data link's rate at a slant range.
 
     Attributes:
-        level: SNR at 1 m without loss, dB; of light, over what the receiver needs.
-        spreading: dB a decade of range.
+        level: SNR at 1 m without loss, dB; for light relative to the SNR that the receiver needs.
+        spreading: dB per decade of range.
         absorption: dB/km.
     """
 
@@ -161,8 +161,8 @@ class DataLink(NamedTuple):
 
 
 def reference_rate(site: Site) -> float:
-    """Rate of the data link in a typical service over the mean bed: at the hover radius, or half way in the range of
-    one in passing, Mbit/s.
+    """Rate of the data link in a typical service over the mean bed, Mbit/s: at the hover radius, or in passing at half
+    the range of service.
     """
     share = 0.5 if site.scenario.nodes.service == "passing" else 1.0
     slant = math.hypot(site.scenario.height_over_nodes, share * site.scenario.service_radius)
@@ -170,7 +170,7 @@ def reference_rate(site: Site) -> float:
 
 
 def sound_profile(site: Site) -> SoundSpeedProfile:
-    """The speed of sound at as few depths as the rays of the site need."""
+    """The speed of sound at as few depths as the site's rays need."""
     s = site.scenario
     profile = site.sound_speed or SoundSpeedProfile.constant(s.acoustics.sound_speed)
     trough = min(total_height(wave_systems(site)) or s.storm.significant_height, 0.5 * s.auv.depth)
@@ -178,13 +178,13 @@ def sound_profile(site: Site) -> SoundSpeedProfile:
 
 
 def sound_speed(site: Site) -> float:
-    """The one speed of sound by which the array turns phases into cosines and delays into metres, m/s."""
+    """The speed of sound with which the array converts phases into cosines and delays into distances, m/s."""
     scenario, profile = site.scenario, site.sound_speed
     return profile.harmonic_mean(0.0, scenario.auv.depth) if profile else scenario.acoustics.sound_speed
 
 
 def program(site: Site, strategy: BoatStrategy, link: np.ndarray) -> Program:
-    """What the mission's kernels are compiled for; `link` of `link_table`.
+    """The options for which the mission's kernels are compiled; `link` is from `link_table`.
 
     Raises:
         ScenarioError: an unknown observation term.
@@ -245,14 +245,14 @@ def kernel_tables(site: Site, strategy: StrategyChoice) -> dict[str, np.ndarray]
 
 
 def rule_workspace(scenario: Scenario) -> int:
-    """How many numbers of its own the target rule needs in each world, ≥ 1."""
+    """Length of the target rule's workspace in each world, ≥ 1."""
     rule, _ = target_rules.parse(scenario.nodes.target_rule)
     with target_rules.target_rules.calling(scenario.nodes.target_rule.partition(":")[0]):
         return max(1, rule.workspace(scenario.targets, scenario.auv.count))
 
 
 def own_noise(scenario: Scenario, frequency: float) -> float:
-    """Noise density of the boat at its array at top speed, dB re 1 µPa²/Hz, −∞ for none."""
+    """The boat's own noise density at its array at top speed, dB re 1 µPa²/Hz; −∞ for none."""
     boat = scenario.boat
     if boat.noise_level == 0.0:
         return -math.inf
@@ -298,13 +298,13 @@ def pulse_tables(scenario: Scenario, device: torch.device) -> pulse.Pulses:
 
 
 def roughness(site: Site) -> float:
-    """Standard deviation of the surface in short waves: of the storm, or without one of the wind's sea, m."""
+    """Standard deviation of the surface in short waves, m: in the storm, or without one in the wind's sea."""
     systems = wave_systems(site)
     return 0.25 * (total_height(systems) if systems else height_of_developed_sea(wind(site)))
 
 
 def boundaries(site: Site) -> tuple[float, ...]:
-    """Fields of `usvauv.kernels.positioning.reflections.Boundaries` for AUVs whose depth is that below the array."""
+    """Fields of `usvauv.kernels.positioning.reflections.Boundaries` for AUVs at their depth below the array."""
     s = site.scenario
     depth = s.usbl.array_depth
     return depth, depth + site.mean_depth, roughness(site), *SEDIMENTS[s.acoustics.sediment]
@@ -313,7 +313,7 @@ def boundaries(site: Site) -> tuple[float, ...]:
 def speed_response(scenario: Scenario) -> dict[str, float]:
     """Parameters of `usvauv.kernels.mission.motion.respond` for the time constant and the error of an AUV's velocity.
 
-    The noise of the velocity at a step's end and of its mean over the step have the covariance of a Gauss–Markov
+    The errors of the velocity at a step's end and of its mean over the step have the covariance of a Gauss–Markov
     process and its integral (Gelb, "Applied Optimal Estimation" (1974), §3.6).
     """
     step, lag, deviation = scenario.mission.step, scenario.auv.speed_lag, scenario.auv.speed_noise
@@ -329,10 +329,10 @@ def speed_response(scenario: Scenario) -> dict[str, float]:
 def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
     """All numbers of a scenario in the order of `usvauv.kernels.mission.columns.Parameter`, float32.
 
-    A parameter of the name of a field is that field; the others are computed here.
+    A parameter named like a field has that field's value; the others are computed here.
 
     Args:
-        link: of `link_table`.
+        link: from `link_table`.
     """
     s = site.scenario
     current_variance, correlation_time = 0.0, FOREVER
@@ -402,14 +402,14 @@ def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
 
 
 def vehicle_motion(scenario: Scenario) -> Motion:
-    """What moves the vehicles of a scenario whose AUVs have dynamics."""
+    """The motion model of a scenario whose AUVs are vehicles with dynamics."""
     auv = scenario.auv
     action = {"vector-depth": Action.vector_depth, "fins": Action.fins}.get(auv.action, Action.vector)
     return Motion.of(vehicles[auv.model], action, scenario.mission.step)
 
 
 def vehicle_table(scenario: Scenario) -> np.ndarray:
-    """The numbers of the vehicle, as its functions read them: those of the scenario, or else its own."""
+    """The vehicle's numbers, as its functions read them: the scenario's, or else the model's defaults."""
     name = scenario.auv.model
     vehicle = vehicles[name]
     given = dict(scenario.torpedo) if name == "torpedo" else scenario.vehicle_parameters.numbers
@@ -419,10 +419,10 @@ def vehicle_table(scenario: Scenario) -> np.ndarray:
 
 
 def fixed_vortices(scenario: Scenario) -> np.ndarray:
-    """Vortices at given centres, (V, 4), of mean circulation and core radius; one of no circulation for none.
+    """Vortices at given centres, (V, 4), of mean circulation and core radius; without any, one of zero circulation.
 
     Raises:
-        UserError: a centre in degrees is none, or too far away.
+        UserError: a centre in degrees is invalid, or too far away.
     """
     current = scenario.current
     table = np.tile(np.array([0.0, 0.0, 0.0, 1.0], np.float32), (max(current.vortices, 1), 1))
@@ -434,7 +434,7 @@ def fixed_vortices(scenario: Scenario) -> np.ndarray:
 
 
 def first_vortices(scenario: Scenario, seed: int, arch: str = "auto") -> torch.Tensor:
-    """The vortices of world 0 of a seed as its first episode begins, (1, V, 4) as in `usvauv.kernels.flow.vortex`.
+    """The vortices of a seed's world 0 as its first episode begins, (1, V, 4) as in `usvauv.kernels.flow.vortex`.
 
     Raises:
         ScenarioError: the seed is out of range.

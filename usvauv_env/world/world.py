@@ -64,22 +64,22 @@ ARRAYS = *STATE, *REWARDS
 MAX_WORLDS = 1 << 22
 MOST_WORLDS = 1 << 32  # of a seed
 MEASURED, CURRENT = AuvColumn.span("power", "position_error"), AuvColumn.span("current_x", "current_y")
-WORKSPACE = 1.5  # memory of worlds and of what a step makes anew, over that of their state
+WORKSPACE = 1.5  # memory of worlds, including temporary arrays of a step, over the memory of their state
 
 
 class Step(NamedTuple):
-    """What a step of `World` gives. W worlds, K AUVs.
+    """The result of a step of `World`. W worlds, K AUVs.
 
     `observation`, `reward` and the tensors of `info` are views of the worlds' memory: the next step or reset overwrites
-    them. Whoever keeps them takes a `clone`.
+    them. To keep them, take a `clone`.
 
     Attributes:
         observation: (W, K, O) float32, the terms of `World.observation_layout`.
         reward: (W, K) float32, the sum of the weighted reward terms.
         horizon_ended: (W, K) bool, a service ended the learner's value horizon; the episode goes on.
         truncated: (W, K) bool, the episode's time is over: call `World.reset`.
-        info: "reward_terms" (W, K, R) float32, weighted, named `World.reward_names`; "measures" (W, K, 6) float32, what
-            the step cost and brought, named `World.measure_names`.
+        info: "reward_terms" (W, K, R) float32, weighted, named `World.reward_names`; "measures" (W, K, 6) float32, cost
+            and yield of the step, named `World.measure_names`.
     """
 
     observation: torch.Tensor
@@ -89,7 +89,7 @@ class Step(NamedTuple):
     info: dict[str, torch.Tensor]
 
     def clone(self) -> Step:
-        """Copies, which later steps leave as they are."""
+        """Copies, which later steps do not change."""
         info = {name: part.clone() for name, part in self.info.items()}
         parts = (self.observation, self.reward, self.horizon_ended, self.truncated)
         return Step._make([*(part.clone() for part in parts), info])
@@ -98,14 +98,14 @@ class Step(NamedTuple):
 class World:
     """Many independent missions of one scenario, advanced together.
 
-    World w of seed s is the same mission, bit for bit, whatever `num_worlds`, the number of threads and what the other
-    worlds do: every random number is addressed by (seed, first_world + w, episode, step, draw). World w sails on sea
+    World w of seed s is the same mission, bit for bit, for any `num_worlds`, number of threads and actions in other
+    worlds: every random number is addressed by (seed, first_world + w, episode, step, draw). World w uses sea
     (first_world + w) modulo `sea.realisations` of the seed; the seas start anew when all worlds are reset together and
-    run on when only some are. Where each world has a seed of its own, it is world 0 of that seed, on its sea 0.
+    continue when only some are. If each world has its own seed, it is world 0 of that seed, on its sea 0.
 
     Observation of AUV k, float32 (num_worlds, num_auvs, observation_size): the terms of `observation_layout`, which
-    `usvauv.env.world.observation` and `docs/interfaces.md` tabulate. Positions are the estimated ones: of the last fix,
-    or of the tracker.
+    `usvauv.env.world.observation` and `docs/interfaces.md` tabulate. Positions are estimates: from the last fix, or
+    from the tracker.
 
     Action, float32 (num_worlds, num_auvs, action_size) in [−1, 1]: with auv.action = "vector" the velocity through the
     water over speed_max, its norm clamped into [speed_min, speed_max]; with "polar" heading/π and speed, linear
@@ -114,30 +114,30 @@ class World:
     "fins" the action is rudder (to starboard), stern plane (diving) and propeller, as shares of their limits.
 
     Args:
-        scenario: what to simulate, or its shipped name or path.
+        scenario: a scenario, or its shipped name or path.
         num_worlds: W ≥ 1.
-        seed: any integer from 0 to 2⁶⁴ − 1, or one for each world; then as many seas are solved as seeds differ.
+        seed: any integer from 0 to 2⁶⁴ − 1, or one for each world; then a sea is solved for each different seed.
         usv: strategy of the boats, in place of the scenario's `boat.strategy`: "fim", "fim-greedy",
             "visit", "belief", "hold:X,Y" (or a point for each boat, "hold:X,Y,X,Y"), "centroid",
             "agent" (see `step`) or a plugin's.
         targets: rule by which AUVs choose nodes, in place of the scenario's `nodes.target_rule`.
         first_world: index of the first world; World(n, first_world=f) are worlds f .. f+n−1 of a larger batch. Only
             with one seed.
-        batch: worlds of that larger batch: all their seas are solved here, so that the states of its parts can be
-            joined. Default: those that these worlds sail on.
+        batch: number of worlds in that larger batch: all its seas are solved here, so that the states of its parts can
+            be joined. Default: only the seas that these worlds use.
         fine_sea: solve one sea on `sea.fine_cells` cells instead of a pool on `sea.cell_size`; for one world only.
         arch: where to run, see `usvauv.kernels.runtime.start`.
 
     Raises:
         ScenarioError: an argument out of range, or an unknown strategy.
-        OceanError: a file of `water` does not serve.
+        OceanError: a file of `water` cannot be used.
         MemoryNeeded: worlds or seas do not fit into memory.
         RuntimeUnavailable: `arch` cannot be used here.
     """
 
     measure_names = AuvColumn.names[MEASURED]
 
-    # Arrays of `usvauv.kernels.mission.worlds`: the kernels work on them in place, and so does who writes into them.
+    # Arrays of `usvauv.kernels.mission.worlds`: the kernels change them in place, and callers may write into them.
     auv: torch.Tensor
     body: torch.Tensor
     node: torch.Tensor
@@ -157,7 +157,7 @@ class World:
     reward_terms: torch.Tensor
 
     @runtime.alone()
-    @torch.inference_mode(False)  # what is made within torch's inference mode could not be written outside it
+    @torch.inference_mode(False)  # tensors made in torch's inference mode could not be written outside it
     def __init__(
         self,
         scenario: Scenario | str | Path,
@@ -196,7 +196,7 @@ class World:
         self._area = torch.tensor([scenario.area.width, scenario.area.length], dtype=torch.float32, device=self.device)
 
         self._foresees = foresees = self.strategy.strategy.functions.foresees
-        # Names in `state` of what is not of single worlds.
+        # Names in `state` of arrays that all worlds share.
         self.common_state = ("sea", "sea_clock", "sea_episode", *unused_arrays(scenario, foresees))
         shapes = array_shapes(scenario, num_worlds, foresees)
         self._pulses = pulse.Pulses(self._zeros(1, 1), self._zeros(1, 1, 1), self._zeros(1))
@@ -210,7 +210,7 @@ class World:
         for name, array in arrays.items():
             setattr(self, name, array)
         self._clock = torch.full((num_worlds, 2), -1, dtype=torch.int32, device=self.device)
-        # Views that each step takes; to make them anew would take a tenth of a single world's step.
+        # Views that each step uses; making them anew would take a tenth of a single world's step.
         self._service_rate, self._measures = self.auv[..., AuvColumn.service_rate], self.auv[..., MEASURED]
         self._steps_done = self._clock[:, 1:].expand(-1, self.num_auvs)
         self._chosen = torch.ones(num_worlds, dtype=torch.uint8, device=self.device)
@@ -237,13 +237,13 @@ class World:
         return torch.zeros(shape, dtype=torch.float32, device=self.device)
 
     def __setattr__(self, name: str, value: object) -> None:
-        """Refuse to rebind a public attribute: the kernels would go on with the old one."""
+        """Refuse to rebind a public attribute: the kernels would continue to use the old one."""
         if name[0] != "_" and name in self.__dict__:
             raise AttributeError(f"World.{name}: cannot be rebound; a tensor can be written in place, {name}[:] = ...")
         super().__setattr__(name, value)
 
     def __repr__(self) -> str:
-        """Number of missions, seed and device, what policies meet, and the scenario."""
+        """Number of missions, seed and device, boat strategy and target rule, and the scenario."""
         scenario, seed = self.scenario, self._made_with[1]
         targets = f", targets {scenario.nodes.target_rule}" if scenario.task_definition.targets == "nodes" else ""
         of = f"seeds {reprlib.repr(list(seed))}" if isinstance(seed, Sequence | np.ndarray) else f"seed {seed}"
@@ -258,12 +258,12 @@ class World:
 
     @property
     def seed(self) -> int:
-        """The seed of all worlds; a ScenarioError where each has one of its own."""
+        """The seed of all worlds; a ScenarioError if each world has its own."""
         return self.seeds.common()
 
     @property
     def sea(self) -> LongWaves:
-        """The long waves that the worlds sail on."""
+        """The long waves of the worlds."""
         return self._water.long_waves
 
     @property
@@ -273,12 +273,12 @@ class World:
 
     @property
     def rule_numbers(self) -> torch.Tensor:
-        """Numbers of the target rule, (≥ 1,); what is written there holds from the next step on."""
+        """Numbers of the target rule, (≥ 1,); changes take effect from the next step on."""
         return self._constants["rule_numbers"]
 
     @property
     def rule_workspace(self) -> torch.Tensor:
-        """What the target rule has left in its workspace, (W, ≥ 1)."""
+        """The target rule's workspace after the last step, (W, ≥ 1)."""
         return self._constants["workspace"][:, : tables.rule_workspace(self.scenario)]
 
     @property
@@ -290,8 +290,8 @@ class World:
         """Begin the next episode of all worlds, or of those where `mask` (num_worlds,) is true; returns observation.
 
         Raises:
-            ScenarioError: the mask is no bool of each world, or leaves one out of the first reset.
-            DivergenceError: as `step`; after one, all worlds can be reset, or all those whose state has run away.
+            ScenarioError: the mask is not one bool per world, or leaves a world out of the first reset.
+            DivergenceError: as `step`; after one, reset all worlds, or all those whose state has diverged.
         """
         self._follow_taichi()
         if mask is None:
@@ -312,7 +312,7 @@ class World:
         return self.observation
 
     def _forget_divergence(self) -> None:
-        """Take what is not finite or has run away from the worlds that are to begin anew."""
+        """Clear the arrays of the worlds that begin anew."""
         for name in ARRAYS:
             array = getattr(self, name)
             if len(array) == self.num_worlds:
@@ -324,19 +324,19 @@ class World:
         """Advance all worlds by one mission step.
 
         Args:
-            action: (num_worlds, num_auvs, action_size) in [−1, 1]; a tensor of any real type on any device, or what
-                NumPy makes an array of.
-            boat_action: (num_worlds, boats, 2) in [−1, 1], with the strategy "agent" and no other: velocity through
-                the water over the boat's top speed, its norm clamped to 1.
+            action: (num_worlds, num_auvs, action_size) in [−1, 1]; a tensor of any real type on any device, or anything
+                that NumPy converts to an array.
+            boat_action: (num_worlds, boats, 2) in [−1, 1], only with the strategy "agent": velocity through the water
+                over the boat's top speed, its norm clamped to 1.
 
         Returns:
-            what the worlds are like afterwards, valid until the next step: take a `Step.clone` to keep it.
+            the result of the step, valid until the next one: take a `Step.clone` to keep it.
 
         Raises:
-            ScenarioError: `reset` was not called; an action is no numbers, of another shape, or on a CPU not finite; a
-                boat's action is missing, or there is one and the strategy is not "agent".
-            DivergenceError: a number of the state is not finite or has run away, on a GPU also after an action that is
-                not finite; there it is raised by the step after.
+            ScenarioError: `reset` was not called; an action is not numeric, has another shape, or on a CPU is not
+                finite; a boat's action is missing, or is given although the strategy is not "agent".
+            DivergenceError: a number of the state is not finite or out of range, on a GPU also after an action that is
+                not finite; there the next step raises it.
         """
         if not self._begun:
             raise ScenarioError(NOT_BEGUN)
@@ -369,7 +369,7 @@ class World:
         return Step(self.observation, self.reward, horizon_ended, truncated, info)
 
     def _steer_boats(self, action: torch.Tensor) -> None:
-        """Give each boat the goal for which it asks for the velocity through the water of an action (W, B, 2)."""
+        """Set each boat's goal so that it commands the velocity through the water in its action (W, B, 2)."""
         if not torch.isfinite(action).all():
             raise ScenarioError("boat_action: all numbers must be finite")
         boat = self.scenario.boat
@@ -387,13 +387,13 @@ class World:
 
     @property
     def own_position(self) -> torch.Tensor:
-        """Where each AUV takes itself to be, (W, K, 2), m: by dead reckoning, or as the boat has it."""
+        """Each AUV's own position estimate, (W, K, 2), m: by dead reckoning, or else the boat's estimate."""
         reckons = self.scenario.navigation.sensor != "none"
         return self.own[..., [tracker.X, tracker.Y]] if reckons else self.estimate[..., EstimateColumn.span("x", "y")]
 
     @property
     def foreseen_position(self) -> torch.Tensor:
-        """Where the boats foresee each AUV, (W, K, 2), m; by a strategy that does not, where they take it to be."""
+        """Each AUV's position as the boats predict it, (W, K, 2), m; their estimate if their strategy does not."""
         places, names = (self.foresight, ForesightColumn) if self._foresees else (self.estimate, EstimateColumn)
         return places[..., names.span("x", "y")]
 
@@ -403,15 +403,15 @@ class World:
         self._begun = False
 
     def state(self) -> dict[str, torch.Tensor]:
-        """Everything that decides the future of the worlds, as copies; `load_state` brings it back bit for bit."""
+        """Everything that decides the worlds' future, as copies; `load_state` restores it bit for bit."""
         own = {name: getattr(self, name).clone() for name in STATE}
         return {**own, "clock": self._clock.clone(), **self._water.state()}
 
     def load_state(self, state: Mapping[str, torch.Tensor]) -> None:
-        """Go back to a state that `state` gave for a world of the same scenario, seed and size.
+        """Restore a state that `state` returned for a world of the same scenario, seed and size.
 
         Raises:
-            ScenarioError: a tensor is missing, has another shape or type, or a number that it cannot have.
+            ScenarioError: a tensor is missing, has another shape or type, or a number out of range.
         """
         check_state(state, self.state(), self.scenario)
         self._water.load_state(state)
@@ -422,18 +422,18 @@ class World:
         self._begun = bool((self._clock >= 0).all())
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """A copy, also by `pickle` in another process, is a world made anew that is brought to this one's state."""
+        """A copy, also by `pickle` in another process, is a new world with this one's state."""
         last = {name: getattr(self, name) for name in (*REWARDS, "rule_numbers")}
         # Torch sends a tensor to a process that is being spawned as a file, which would be closed with these copies.
         state, last = ({name: array.numpy(force=True) for name, array in part.items()} for part in (self.state(), last))
         return _remade, (type(self), self.scenario, self._made_with, state, last)
 
     def set_parameters(self, scenario: Scenario) -> None:
-        """Go on under a scenario that differs from the present one in the fields `ADJUSTABLE` alone.
+        """Continue under a scenario that differs from the present one only in the fields `ADJUSTABLE`.
 
-        It holds from the next step on, and the state stays. Vortices stay where they are, with the circulations that
-        the beginning of their episode draws from the new bounds. Forced long waves change at their edge and run in from
-        there.
+        It takes effect from the next step on, and the state is kept. Vortices keep their positions; their circulations
+        are those that the beginning of the episode draws from the new bounds. Forced long waves change at their edge
+        and propagate from there.
 
         Raises:
             ScenarioError: another field differs.
@@ -455,13 +455,13 @@ class World:
         self.vortex[..., Vortex.Gamma] = drawn[..., Vortex.Gamma]
 
     def continue_from(self, other: World) -> None:
-        """Go on where `other` is: with its state, bit for bit, but for what another strategy or rule decides.
+        """Continue from the state of `other`, bit for bit, except for what another strategy or rule decides.
 
-        An AUV keeps its target until the next one is due. Tours and sectors are those that this world's rule makes of
-        where the nodes are as the episode begins. A boat that foresees AUVs begins with their last replies.
+        An AUV keeps its target until it chooses the next one. This world's rule makes tours and sectors from the nodes'
+        positions as the episode begins. A boat that predicts AUVs starts from their last replies.
 
         Args:
-            other: a world of the same size and seed and of the same scenario, but for the strategy of the boat and
+            other: a world of the same size, seed and scenario, except for the boat's strategy and
                 `nodes.target_rule`, on the same kind of sea.
 
         Raises:
@@ -480,7 +480,7 @@ class World:
         self.load_state(taken)
 
     def _last_told(self, taken: Mapping[str, torch.Tensor]) -> torch.Tensor:
-        """Foresight of the AUVs from their last replies."""
+        """Prediction of the AUVs from their last replies."""
         foresight, exchange, track = torch.zeros_like(self.foresight), taken["exchange"], taken["track"]
         place = track[..., [tracker.X, tracker.Y]]
         foresight[..., ForesightColumn.span("x", "y")] = place.clamp(torch.zeros_like(self._area), self._area)
@@ -490,10 +490,10 @@ class World:
         return foresight
 
     def _stop_at_fault(self) -> None:
-        """Look at all numbers of the worlds; on a GPU without waiting, at what they were a step ago.
+        """Check all numbers of the worlds; on a GPU without waiting, as they were a step ago.
 
         Raises:
-            DivergenceError: one is not finite or has run away; names world, quantity and time.
+            DivergenceError: one is not finite or out of range; the message has world, quantity and time.
         """
         if self._fault.raised():
             self._diverged = True
@@ -508,7 +508,7 @@ class World:
             )
 
     def _parts(self) -> list[tuple[Registry[Any], str]]:
-        """The parts of these worlds that plugins can register, each with its registry."""
+        """Registered parts of these worlds, which may be a plugin's, each with its registry."""
         scenario = self.scenario
         return [
             (tasks, scenario.task),
@@ -519,11 +519,11 @@ class World:
         ]
 
     def _plugins(self) -> str:
-        """The parts of these worlds that plugins have registered, in words; empty where there are none."""
+        """The parts of these worlds that plugins have registered, in words; empty without any."""
         return ", ".join(filter(None, (registry.described(name) for registry, name in self._parts())))
 
     def measures(self) -> torch.Tensor:
-        """What the last step cost and brought, (num_worlds, num_auvs, 6), columns `measure_names`."""
+        """Cost and yield of the last step, (num_worlds, num_auvs, 6), columns `measure_names`."""
         return self._measures
 
     def current(self) -> torch.Tensor:
@@ -541,7 +541,7 @@ class World:
 
         Args:
             flow: (num_worlds, rows, columns, 2) float32 on a grid of at least 2 rows and columns, row 0 in the south.
-            mask: (num_worlds,) bool, the worlds of which it is wanted; the others' stays.
+            mask: (num_worlds,) bool, the worlds to compute; `flow` of the others is not changed.
             margin: distance of the grid's edges from those of the area, m.
         """
         current.on_grid(
@@ -561,11 +561,11 @@ class World:
         )
 
     def _upload_tables(self) -> dict[str, Any]:
-        """What the mission's kernel reads and nothing changes, and its workspaces, by the names of its arguments."""
+        """The constant arguments of the mission's kernel, and its workspaces, by name."""
         uploaded = tables.kernel_tables(self.site, self.strategy)
         program = tables.program(self.site, self.strategy.strategy, uploaded["link"])
         serial = runtime.better_alone(self.num_worlds * self.num_auvs)
-        known = not self._plugins()  # of plugins' functions nobody knows what they read and whether they compile so
+        known = not self._plugins()  # plugins' functions may read anything, and may not compile so
         on_cpu = runtime.start().on_cpu
         in_lanes, in_threads = known and on_cpu and not serial, known and not on_cpu
         program = program._replace(serial=serial, in_lanes=in_lanes, in_threads=in_threads)
@@ -582,7 +582,7 @@ class World:
         }
 
     def _bind(self) -> None:
-        """Compile the mission's kernels, where they are not, for the tables and the sea as they are now."""
+        """Compile the mission's kernels, unless compiled already, for the present tables and sea."""
         arguments = {
             **self._constants,
             **self._water.arguments(),
@@ -610,7 +610,7 @@ class World:
         return Launch(run, *given, settings={**runtime.quickly(), **settings})
 
     def _moving(self, phase: int, arguments: Mapping[str, Any]) -> Launch:
-        """What deploys the vehicles with dynamics, or moves them through a mission step."""
+        """The kernel that deploys the vehicles with dynamics, or moves them through a mission step."""
         table = torch.from_numpy(tables.vehicle_table(self.scenario)).to(self.device)
         given = (arguments[name] for name in ("key", "clock", "chosen", "action", "auv"))
         serial = runtime.better_alone(self._blocks.shape[0])
@@ -631,7 +631,7 @@ class World:
         )
 
     def _follow_taichi(self) -> None:
-        """Other code may have started it anew."""
+        """Bind the kernels again if other code has started Taichi anew."""
         if runtime.start() is not self._bound_in:
             self._bind()
 
@@ -641,11 +641,11 @@ class World:
         return elevation + self.storm.elevation(int(self._water.sea_index[world]), x, y)
 
     def short_waves(self, world: int = 0) -> np.ndarray:
-        """The waves of the storm upon a world's sea, (N, 5), see `usvauv.env.sea.water.AirySea.components`."""
+        """The storm waves on a world's sea, (N, 5), see `usvauv.env.sea.water.AirySea.components`."""
         return self.storm.components(int(self._water.sea_index[world]))
 
     def long_waves(self, pixels: int, world: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The same of the long waves alone, and the middles x (X,) and y (Y,) of what is averaged, m."""
+        """The same for the long waves alone, and x (X,) and y (Y,) of the centres of the averaged cells, m."""
         return self._water.mean_elevation(pixels, world)
 
 
