@@ -22,7 +22,7 @@ Act = Callable[[Tensor], Tensor]
 
 
 class Actor(Protocol):
-    """What acts: observations (W, K, O) → actions (W, K, 2) in [−1, 1]."""
+    """An object that acts: observations (W, K, O) → actions (W, K, 2) in [−1, 1]."""
 
     def act(self, observation: Tensor, /) -> Tensor:
         """Actions for observations."""
@@ -45,23 +45,23 @@ def evaluate(
     on_batch: Callable[[list[EpisodeMetrics]], None] = lambda rows: None,
     on_trace: Callable[[Trace, int], None] = lambda trace, first: None,
 ) -> list[EpisodeMetrics]:
-    """Run each policy on the same seeded worlds; one row for each policy and episode, in this order.
+    """Run each policy on the same seeded worlds; returns one row for each policy and episode, in this order.
 
     Episode e of every policy takes place in world e of the seed, so rows of the same episode are paired. Worlds are
     stepped in batches, see `batch_size`.
 
     Args:
-        scenario: a scenario, or what `Scenario.load` takes.
-        policies: name in the rows → class or function that takes the world and gives something with `act`, or a
+        scenario: a scenario, or an argument of `Scenario.load`.
+        policies: name in the rows → class or function that takes the world and returns an object with `act`, or a
             function: observations (W, K, O) → actions (W, K, 2) in [−1, 1]. Called anew for each batch.
-        episodes: of each policy, at least 1.
-        seed, usv, targets, arch: as `World` takes them.
-        on_step: called after each step with the number of worlds that made it.
+        episodes: per policy, at least 1.
+        seed, usv, targets, arch: as for `World`.
+        on_step: called after each step with the number of worlds stepped.
         on_batch: called with the rows of each batch when its episodes are complete.
         on_trace: called before that with the batch's trace and the number of its first episode.
 
     Raises:
-        UserError: `episodes` is below 1, or what `Scenario.load`, `World` and `record` raise.
+        UserError: `episodes` is below 1; also errors of `Scenario.load`, `World` and `record`.
     """
     if episodes < 1:
         raise UserError(f"episodes = {episodes}: must be at least 1")
@@ -78,11 +78,10 @@ def evaluate(
 
 
 def batch_size(scenario: Scenario, episodes: int, usv: str | None = None, arch: str = "auto") -> int:
-    """Number of worlds that are stepped together: `WORLDS_PER_BATCH`, or a half of it, a quarter … whose records fit
-    into memory, or 1.
+    """Number of worlds that are stepped together: `WORLDS_PER_BATCH`, halved until their records fit into memory, or 1.
 
-    The batch changes no world. What depends on it is a policy that draws numbers for all worlds together, such as
-    `random`, and the last bit of a network's actions.
+    The batch changes no world. Only a policy that draws numbers for all worlds together, such as `random`, and the last
+    bit of a network's actions depend on it.
 
     Raises:
         UserError: as `World`.
@@ -104,10 +103,10 @@ def evaluate_batch(
     on_step: Callable[[int], None] = lambda world_steps: None,
     on_trace: Callable[[Trace, int], None] = lambda trace, first: None,
 ) -> list[EpisodeMetrics]:
-    """Rows of a policy in one episode of some worlds, of which the first has number `first`; see `evaluate`.
+    """Rows of a policy in one episode of some worlds, the first of which has number `first`; see `evaluate`.
 
     Raises:
-        UserError: what `record` raises.
+        UserError: as `record`.
     """
     count = worlds.num_worlds
     trace = record(worlds, act_of(make(worlds)), name, on_step=lambda _: on_step(count))
@@ -117,5 +116,5 @@ def evaluate_batch(
 
 
 def act_of(policy: Any) -> Act:
-    """The method `act` of an object that has it; a function itself."""
+    """The method `act` of an object that has one; a function itself."""
     return getattr(policy, "act", policy)

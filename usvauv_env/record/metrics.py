@@ -1,8 +1,8 @@
-"""Figures of merit of an episode, made from a trace and nothing else.
+"""Figures of merit of an episode, computed from a trace alone.
 
-`sdr`, `ec` and `arps` are Table 2's sum data rate, energy consumption and average reward per time step. They miss
-where data come from and how old they are: visiting near nodes often raises all three. The figures of the task
-data-collection are not raised by it: the age of the data, how evenly they come in, what they cost and what is lost.
+`sdr`, `ec` and `arps` are Table 2's sum data rate, energy consumption and average reward per time step. They ignore
+where data come from and how old they are: visiting near nodes often raises all three. It does not improve the figures
+of the task data-collection: age of the data, fairness between nodes, energy per Mbit and lost data.
 
 Source of the age of information: S. Kaul, R. Yates, M. Gruteser, "Real-time status: How often should one update?", IEEE
 INFOCOM 2012, doi 10.1109/INFCOM.2012.6195689; of the index of fairness: R. Jain, D. Chiu, W. Hawe, DEC Research Report
@@ -29,9 +29,9 @@ class EpisodeMetrics:
     """One row of the metrics CSV; T mission steps of dt seconds, K AUVs.
 
     Attributes:
-        scenario, policy, usv, seed, episode: what was run; rows with equal seed and episode are the same world.
+        scenario, policy, usv, seed, episode: the run; rows with equal seed and episode are the same world.
         sdr: sum over services of the data rate, Mbit/s.
-        ec: mean over AUVs of energy/(T dt − hovering time), W; see `nodes.hovering_time`; in passing none hovers.
+        ec: mean over AUVs of energy/(T dt − hovering time), W; see `nodes.hovering_time`; in passing no AUV hovers.
         arps: (1/T) Σ over steps and AUVs of the reward.
         services: number of completed services. delivered_mbit: their data, Mbit.
         energy_wh: energy of all AUVs, Wh.
@@ -40,15 +40,15 @@ class EpisodeMetrics:
         collisions: pair-steps below the collision distance. border: refused moves.
         surfaced, grounded: AUV-steps in which a vehicle with dynamics touched the surface, or the bed.
         position_error_mean, _median, _rms, _p95: of |estimate − truth| over all AUVs and steps, m.
-        own_error_mean, _median, _rms, _p95: of where an AUV takes itself to be, likewise.
-        fix_error_mean, _median, _rms, _p95: of |fix − where the AUV was when its signal left| over all usable fixes, m;
+        own_error_mean, _median, _rms, _p95: the same for the AUVs' own position estimates.
+        fix_error_mean, _median, _rms, _p95: of |fix − the AUV's position as its signal left| over all usable fixes, m;
             NaN without one, see `usable`.
-        fix_availability: share of steps and AUVs with a usable fix. fix_wrapped: share of the usable fixes that
-            are wrong by whole turns of a phase; NaN without one. fix_dropped: share of the detected fixes that the
-            receiver does not use, see `usbl.UNUSABLE`; NaN without one.
+        fix_availability: share of steps and AUVs with a usable fix. fix_wrapped: share of usable fixes that are wrong
+            by whole turns of a phase; NaN without one. fix_dropped: share of detected fixes that the receiver does not
+            use, see `usbl.UNUSABLE`; NaN without one.
         outage_longest: longest time of an AUV without a usable fix, s.
-        targets: rule by which the AUVs chose their targets; empty where the task has none.
-        of_task: the figures of `task_metrics` that belong to the task, by name.
+        targets: rule by which the AUVs chose their targets; empty if the task has no targets.
+        of_task: the task's figures in `task_metrics`, by name.
     """
 
     scenario: str
@@ -98,11 +98,11 @@ FIGURES = COLUMNS[5:-1]
 
 @dataclass(frozen=True)
 class Metric:
-    """A figure of merit of one task.
+    """A task's figure of merit.
 
     Attributes:
         task: name of the task.
-        values: trace → one number for each world, (W,).
+        values: function: trace → one number for each world, (W,).
     """
 
     task: str
@@ -115,20 +115,20 @@ def position_error(trace: Trace) -> np.ndarray:
 
 
 def own_error(trace: Trace) -> np.ndarray:
-    """Distance between where the AUVs take themselves to be and where they are, (T, W, K), m."""
+    """Distance between the AUVs' own position estimates and their true positions, (T, W, K), m."""
     return np.linalg.norm(trace.own_position - trace.auv_position, axis=-1)
 
 
 def usable(trace: Trace) -> np.ndarray:
-    """Whether the boat has a fix that it can use, (T, W, K), as far as a receiver can tell: see `usbl.UNUSABLE`.
+    """Whether the boat has a usable fix, (T, W, K), as far as a receiver can tell: see `usbl.UNUSABLE`.
 
-    A signal that is lost, not due, or that no direct ray brings, is not detected.
+    A signal that is lost, not due, or without a direct ray, is not detected.
     """
     return (trace.fix_flags & (DETECTED | UNUSABLE)) == DETECTED
 
 
 def distribution(error: np.ndarray) -> dict[str, float]:
-    """Mean, median, rms and 95th percentile of errors of any shape, by these names; NaN where there are none."""
+    """Mean, median, rms and 95th percentile of errors of any shape, by these names; NaN without errors."""
     if not error.size:
         return dict.fromkeys(("mean", "median", "rms", "p95"), math.nan)
     return {
@@ -146,7 +146,7 @@ def target_distance(trace: Trace) -> np.ndarray:
 
 
 def hovering_time(trace: Trace) -> np.ndarray:
-    """What EC leaves out at each step, (T, W, K), s, see `nodes.hovering_time`; a step may correct those before it."""
+    """Time that EC excludes at each step, (T, W, K), s, see `nodes.hovering_time`; a step may correct earlier ones."""
     step = trace.scenario.mission.step
     if trace.scenario.nodes.service == "passing":
         return np.zeros(trace.hovering.shape)
@@ -159,7 +159,7 @@ def hovering_time(trace: Trace) -> np.ndarray:
 
 
 def _longest_run(flags: np.ndarray) -> np.ndarray:
-    """Most steps in a row with a flag (T, W, K), of any AUV of each world, (W,)."""
+    """Largest number of successive steps with a flag (T, W, K) of any AUV in each world, (W,)."""
     run = longest = np.zeros(flags.shape[1:], int)
     for row in flags:
         run = (run + 1) * row
@@ -176,21 +176,21 @@ def energy_consumption(trace: Trace) -> np.ndarray:
 
 
 def served(trace: Trace) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Step, world, AUV and node of every completed service, each (S,), in the order of time."""
+    """Step, world, AUV and node of every completed service, each (S,), ordered by time."""
     step, world, auv = np.nonzero(trace.service_rate > 0)
     return step, world, auv, _served_node(trace, step, world, auv)
 
 
 def _served_node(trace: Trace, step: np.ndarray, world: np.ndarray, auv: np.ndarray) -> np.ndarray:
-    """The node that an AUV served in a step, (S,); after its service it has a new one."""
+    """The node that an AUV served in a step, (S,); after the service the AUV has a new target."""
     return trace.target[np.maximum(step - 1, 0), world, auv].astype(np.intp)
 
 
 def newest_birth(trace: Trace) -> np.ndarray:
-    """U, (T, W, M), s: when the newest of the data collected so far from a node were born, at the end of each step.
+    """U, (T, W, M), s: birth time of a node's newest data collected so far, at the end of each step.
 
-    A service takes what had arrived at its node when the AUV did; a node found empty counts as sampled, one that
-    the AUV left before it was empty does not. At the start everything that has been born counts as known.
+    A service collects the data that arrived at its node before the AUV did; a node found empty counts as sampled, one
+    that the AUV left before it was empty does not. At the start all data born so far count as collected.
     """
     dt = trace.scenario.mission.step
     steps, worlds, nodes = trace.backlog.shape
@@ -207,7 +207,7 @@ def age(trace: Trace) -> np.ndarray:
 
 
 def peak_age(trace: Trace) -> np.ndarray:
-    """Mean of the ages just before the services, (W,), s; NaN without a service."""
+    """Mean age just before a service, (W,), s; NaN without a service."""
     t, w, _, i = served(trace)
     before = np.concatenate([np.zeros_like(trace.backlog[:1], float), age(trace)[:-1]])
     peaks = before[t, w, i] + trace.scenario.mission.step
@@ -216,7 +216,7 @@ def peak_age(trace: Trace) -> np.ndarray:
 
 
 def fairness(trace: Trace) -> np.ndarray:
-    """Jain's index (Σx)²/(n Σx²) of the n nodes' collected data x, (W,): 1 if all are equal, 1/n if one has all."""
+    """Jain's index (Σx)²/(n Σx²) of the data x collected from n nodes, (W,): 1 if all are equal, 1/n if one has all."""
     t, w, k = np.nonzero(trace.delivered > 0)
     _, worlds, nodes = trace.backlog.shape
     data = np.zeros((worlds, nodes))
@@ -226,13 +226,13 @@ def fairness(trace: Trace) -> np.ndarray:
 
 
 def lost_data(trace: Trace) -> np.ndarray:
-    """Data that full buffers lost, (W,), Mbit."""
+    """Data lost at full buffers, (W,), Mbit."""
     nodes = trace.scenario.nodes
     return trace.packets_lost.sum(axis=0) * (nodes.payload / nodes.buffer)
 
 
 def energy_per_data(trace: Trace) -> np.ndarray:
-    """Energy of all AUVs over the data collected, (W,), J/Mbit; NaN where none were."""
+    """Energy of all AUVs divided by the data collected, (W,), J/Mbit; NaN without data."""
     energy = trace.power.sum(axis=(0, 2), dtype=np.float64) * trace.scenario.mission.step
     data = trace.delivered.sum(axis=(0, 2), dtype=np.float64)
     return np.divide(energy, data, out=np.full(len(data), np.nan), where=data > 0)
@@ -254,7 +254,7 @@ def _of_task(name: str, trace: Trace) -> np.ndarray:
     """A figure of the task for each world, (W,).
 
     Raises:
-        UserError: a plugin's metric fails, or returns something else.
+        UserError: a plugin's metric fails, or does not return this.
     """
     with task_metrics.calling(name):
         values = task_metrics[name].values(trace)
@@ -315,12 +315,12 @@ def episode_metrics(trace: Trace, first_episode: int = 0) -> list[EpisodeMetrics
 
 
 def values_of(rows: Sequence[EpisodeMetrics], name: str) -> list[float]:
-    """A figure in the episodes that have it, such as the age before a service in those with a service; else one NaN."""
+    """A figure's values in the episodes that have it, such as the age before a service; without any, one NaN."""
     values = [row.columns()[name] for row in rows]
     return [value for value in values if not math.isnan(value)] or [math.nan]
 
 
 def mean_figures(rows: Sequence[EpisodeMetrics]) -> dict[str, float]:
-    """Mean of every figure over the episodes that have it; without those that none has."""
+    """Mean of every figure over the episodes that have it; figures that no episode has are left out."""
     means = {name: statistics.fmean(values_of(rows, name)) for name in (*FIGURES, *rows[0].of_task)}
     return {name: mean for name, mean in means.items() if not math.isnan(mean)}

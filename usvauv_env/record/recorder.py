@@ -1,4 +1,4 @@
-"""Run a policy in a world and record what happens."""
+"""Run a policy in a world and record the states."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from usvauv.kernels.types import Level
 from usvauv.kernels.vehicles.otter import HullColumn
 
 SURFACE_PIXELS = 128
-COPIES = 2.5  # of a state in memory: as recorded, together with the others, and what is made of it
-EACH = 1000.0  # bytes of Python's own for a state
+COPIES = 2.5  # of a state in memory: as recorded, joined with the others, and derived arrays
+EACH = 1000.0  # bytes of Python objects per state
 NO_BODY = torch.zeros(0)
 NO_STORM = np.zeros((0, 5))
 
 
 class Diverged(DivergenceError):
-    """Worlds that were recorded have left finite numbers.
+    """Recorded worlds diverged: a number is not finite or out of range.
 
     Attributes:
-        trace: of the steps before.
+        trace: the steps before.
     """
 
     def __init__(self, message: str, trace: Trace) -> None:
@@ -38,14 +38,14 @@ class Diverged(DivergenceError):
 
 
 def trace_bytes(world: World, steps: int) -> float:
-    """Estimate of the memory that recording some steps takes at its peak, bytes; the surface is on the disk."""
+    """Estimated peak memory for recording some steps, bytes; the surface is on the disk."""
     states = world.auv, world.boat, world.node[..., NodeColumn.backlog], world.reward_terms, world.estimate
     numbers = sum(tensor.numel() for tensor in states) + 4 * world.num_worlds * world.scenario.current.vortices
     return steps * (EACH + 4.0 * COPIES * numbers)
 
 
 class Recorder:
-    """Copies the states of a world one by one and makes a trace of them."""
+    """Copies the states of a world one by one and converts them into a trace."""
 
     def __init__(self, world: World) -> None:
         self.world = world
@@ -92,17 +92,17 @@ class Recorder:
         start: float = 0.0,
         worlds: slice = slice(None),
     ) -> Trace:
-        """The trace from state number `first` on; nodes are where they are now.
+        """The trace from state number `first` on; nodes have their present positions.
 
         Args:
             policy: name of the policy.
             surface, storm: as in `Trace`.
             first: number of the first state.
             start: time of that state, s.
-            worlds: the worlds to take.
+            worlds: the worlds to include.
 
         Raises:
-            ScenarioError: each has a seed of its own.
+            ScenarioError: each world has its own seed.
         """
         world = self.world
         vehicles, boats, hull, tally, backlog, terms, known, own, foreseen, vortex, body = (
@@ -168,7 +168,7 @@ class Recorder:
 
 
 def of_bodies(body: np.ndarray) -> dict[str, np.ndarray]:
-    """The arrays of a trace that vehicles with dynamics have, from their bodies (..., Y)."""
+    """The arrays of a trace for vehicles with dynamics, from their bodies (..., Y)."""
     q0, q1, q2, q3 = np.moveaxis(body[..., BodyColumn.span("q0", "q3")], -1, 0)
     yaw = np.arctan2(2 * (q1 * q2 + q0 * q3), 1 - 2 * (q2**2 + q3**2))
     pitch = np.arcsin(np.clip(2 * (q0 * q2 - q3 * q1), -1, 1))
@@ -191,21 +191,21 @@ def record(
     surface: bool = False,
     on_step: Callable[[int], None] = lambda done: None,
 ) -> Trace:
-    """Reset the world, run it for `steps` mission steps (default: an episode) and return the trace.
+    """Reset the world, run it for `steps` mission steps (default: one episode) and return the trace.
 
     Args:
         act: observation (W, K, O) → action (W, K, 2).
         policy: name of the policy.
-        surface: also record the elevation of world 0's sea, at most `SURFACE_PIXELS` on a side, on the disk.
-        on_step: called with the number of steps done; an exception it raises ends the run.
+        surface: also record the elevation of world 0's sea, at most `SURFACE_PIXELS` per side, on the disk.
+        on_step: called with the number of steps done; an exception that it raises ends the run.
 
     Raises:
-        ScenarioError: each world has a seed of its own.
+        ScenarioError: each world has its own seed.
         MemoryNeeded: the record does not fit into memory.
         OutputError: the surface does not fit on the disk.
-        Diverged: the worlds have left finite numbers; it has the trace of the steps before.
+        Diverged: a number is not finite or out of range; the error has the trace of the steps before.
     """
-    world.seeds.common()  # refuses before the run what has no trace
+    world.seeds.common()  # refuses, before the run, worlds of which there can be no trace
     steps = steps or world.steps
     what = f"a record of {steps} steps of {world.num_worlds} worlds"
     require(trace_bytes(world, steps), what)

@@ -28,12 +28,12 @@ from usvauv.env.storage.netcdf import OceanError
 from usvauv.kernels.errors import UserError
 from usvauv.kernels.interruption import deferred
 
-if TYPE_CHECKING:  # most runs read and write no NetCDF
+if TYPE_CHECKING:  # most runs neither read nor write NetCDF
     import h5netcdf
 
 
 class Variable(NamedTuple):
-    """An array of a trace: its dimensions, its unit (None where its parts have different ones), what it is."""
+    """An array of a trace: its dimensions, its unit (None if its parts have different ones), its description."""
 
     dimensions: tuple[str, ...]
     units: str | None
@@ -56,9 +56,9 @@ OPTIONAL = (  # may be empty
     *("stream_time", "stream", "surface", "storm"),
 )
 DERIVED = "boat_heading"  # missing in files of earlier versions
-PLACED = ("node", "auv", "boat")  # whose `…_position` also is in longitude and latitude where the area has a place
+PLACED = ("node", "auv", "boat")  # whose `…_position` is also in longitude and latitude if the area has a place
 
-PARTS = {  # along the dimensions of one length
+PARTS = {  # names along the dimensions of fixed length
     "axis": ("x", "y"),
     "component": ("xx", "xy", "yy"),
     "angle": ("heading", "pitch", "roll"),
@@ -72,20 +72,20 @@ INTEGERS = (
     *("packets_created", "packets_lost", "packets_delivered", "auv_touched"),
 )
 LARGEST = 1e12  # of any number in a trace
-# Of `turned`; conventions of this model, not measurements of a boat: at 4 m/s the turn has a radius of 11 m.
+# For `turned`; conventions of this model, not measurements of a boat: at 4 m/s the turn has a radius of 11 m.
 TURN_RATE = math.radians(20)  # rad/s
 SLOWEST = 0.1  # m/s
-AT_REST = 1e-3  # m/s, up to which an AUV that is a point keeps its direction
+AT_REST = 1e-3  # m/s; up to this speed a point AUV keeps its direction
 TOGETHER = 64  # steps of the surface that are read together
 
 
 def _empty(dimensions: tuple[str, ...]) -> np.ndarray:
-    """An array of `OPTIONAL` that is empty: its parts have their number, all else is 0."""
+    """An empty array of `OPTIONAL`: dimensions in `PARTS` keep their length, all others are 0."""
     return np.zeros([len(PARTS.get(dimension, ())) for dimension in dimensions], np.float32)
 
 
 def _array(dimensions: tuple[str, ...], units: str | None, long_name: str, optional: bool = False) -> Any:
-    """A field that is a variable of a trace's file; an `optional` one is empty where nothing is given for it."""
+    """A field that is a variable of a trace's file; an `optional` one is empty by default."""
     about = {"variable": Variable(dimensions, units, long_name)}
     return field(default_factory=partial(_empty, dimensions), metadata=about) if optional else field(metadata=about)
 
@@ -99,11 +99,11 @@ class Trace:
     """One recorded run of W paired episodes.
 
     Attributes:
-        scenario, policy, usv, seed: what was run; world w of seed s is episode w.
+        scenario, policy, usv, seed: the run; world w of seed s is episode w.
         reward_names: names of the R reward terms.
-        start: date and time at which the mission begins, ISO 8601, UTC; "" where the scenario has none.
-        all others: arrays, see `VARIABLES`; those of `OPTIONAL` may be empty. In every step the backlogs of a world
-            grow by what is created less what is lost and delivered, to the packet.
+        start: date and time at which the mission begins, ISO 8601, UTC; "" if the scenario has none.
+        all others: arrays, see `VARIABLES`; those in `OPTIONAL` may be empty. In every step a world's backlogs
+            grow by the packets created minus those lost and delivered, exactly.
     """
 
     scenario: Scenario
@@ -189,7 +189,7 @@ class Trace:
     )
 
     def __repr__(self) -> str:
-        """Number of missions and steps, seed, who acted, and the scenario."""
+        """Number of missions and steps, seed, policy and boat strategy, and the scenario."""
         steps, worlds = self.collisions.shape
         lines = [
             f"Trace of {worlds} mission{'s' * (worlds > 1)} of {steps} steps, seed {self.seed}",
@@ -215,7 +215,7 @@ class Trace:
 
     @classmethod
     def load(cls, path: str | Path) -> Trace:
-        """Read what `save` wrote.
+        """Read a file that `save` wrote.
 
         Raises:
             TraceError: not such a file: a missing field, another type or size, a number that is not finite or beyond
@@ -227,7 +227,7 @@ class Trace:
                 arrays = {name: _read(file, name, path) for name in stored}
                 attributes = dict(file.attrs)
                 units = str(file.variables["time"].attrs.get("units", ""))
-            start = units.partition(" since ")[2].replace(" ", "T")  # as `place.time_attributes` was given it
+            start = units.partition(" since ")[2].replace(" ", "T")  # as given to `place.time_attributes`
             if start:
                 parse_time(start)
             for name in OPTIONAL:
@@ -257,7 +257,7 @@ class Trace:
         return name not in OPTIONAL or getattr(self, name).size > 0
 
     def _attributes(self, name: str, placed: bool) -> dict[str, str]:
-        """Attributes of a variable of the file; `placed` where there is a grid mapping."""
+        """Attributes of a variable of the file; `placed`: with a grid mapping."""
         about = VARIABLES[name]
         attributes = {"long_name": about.long_name} | ({"units": about.units} if about.units else {})
         if name in ("time", "stream_time"):
@@ -269,7 +269,7 @@ class Trace:
         return attributes
 
     def _coordinates(self, frame: LocalFrame | None) -> dict[str, Stored]:
-        """Coordinates of the grids, and longitudes and latitudes of grids and positions where there is a place."""
+        """Coordinates of the grids, and longitudes and latitudes of grids and positions if the area has a place."""
         area = self.scenario.area
         coordinates: dict[str, Stored] = {}
 
@@ -329,14 +329,14 @@ class Trace:
 
     @property
     def depth(self) -> np.ndarray:
-        """Depth of the AUVs below the mean surface, (T, W, K), m; of points the cruise depth."""
+        """Depth of the AUVs below the mean surface, (T, W, K), m; for points the cruise depth."""
         return self.auv_depth if self.auv_depth.size else np.full(self.power.shape, self.scenario.auv.depth)
 
     @property
     def attitude(self) -> np.ndarray:
         """Heading (anticlockwise from east, continuous), pitch and roll of the AUVs, (T, W, K, 3), rad.
 
-        A point is level and heads where it moves through the water.
+        A point is level, and its heading is the direction of its velocity through the water.
         """
         if not self.auv_attitude.size:
             heading = directions(self.auv_velocity)[..., None]
@@ -345,11 +345,11 @@ class Trace:
         return np.concatenate([np.unwrap(heading, axis=0), rest], axis=-1)
 
     def stream_at(self, t: float) -> np.ndarray:
-        """Real current at cruise depth at a time (s), (rows, columns, 2), m/s; empty where there is none."""
+        """Real current at cruise depth at a time (s), (rows, columns, 2), m/s; empty without one."""
         return at_time(self.stream_time, self.stream, t) if len(self.stream) else self.stream.reshape(0, 0, 2)
 
     def episode(self, world: int) -> Trace:
-        """The same trace for one world only (the world axis stays, with length 1)."""
+        """The same trace for one world only (the world axis is kept, with length 1)."""
         picked = {
             name: getattr(self, name).take([world], axis=about.dimensions.index("world"))
             for name, about in VARIABLES.items()
@@ -358,7 +358,7 @@ class Trace:
         return replace(self, **picked)
 
 
-# Every array field, in the order of the file. Units are spelled as UDUNITS does, Mbit apart.
+# Every array field, in the order of the file. Units are spelled as in UDUNITS, except Mbit.
 VARIABLES: dict[str, Variable] = {
     each.name: each.metadata["variable"] for each in fields(Trace) if "variable" in each.metadata
 }
@@ -385,7 +385,7 @@ def _read(file: h5netcdf.File, name: str, path: str | Path) -> np.ndarray:
 
 
 def _surface(variable: h5netcdf.Variable, where: str) -> np.ndarray:
-    """The surface, by some rows at a time on the disk."""
+    """The surface, read a few steps at a time into a file on the disk."""
     count, *shape = variable.shape
     with RowsOnDisk(count, tuple(shape), "its surface") as rows:
         for first in range(0, count, TOGETHER):
@@ -396,7 +396,7 @@ def _surface(variable: h5netcdf.Variable, where: str) -> np.ndarray:
 
 
 def _check_numbers(values: np.ndarray, name: str) -> None:
-    for row in values:  # one by one, because each is made wider
+    for row in values:  # one by one, because each is converted to a wider type
         within = abs(row.astype(np.float64)) <= LARGEST
         if name == "fix":
             within |= np.isnan(row)
@@ -405,7 +405,7 @@ def _check_numbers(values: np.ndarray, name: str) -> None:
 
 
 def _check_sizes(arrays: Mapping[str, np.ndarray], scenario: Scenario, reward_names: Sequence[str]) -> None:
-    """Refuse sizes that are not those of the scenario, and indices beyond them."""
+    """Refuse sizes that differ from the scenario's, and indices beyond them."""
     expected = {name: len(parts) for name, parts in PARTS.items()} | {
         "auv": scenario.auv.count,
         "boat": scenario.boat.count,
@@ -430,15 +430,15 @@ def _check_sizes(arrays: Mapping[str, np.ndarray], scenario: Scenario, reward_na
 
 
 def turned(heading: np.ndarray, velocity: np.ndarray, step: float) -> np.ndarray:
-    """Headings (…) of boats that are simulated as points after a step of some seconds; NaN is none yet.
+    """Headings (…) of boats simulated as points, after a step of some seconds; NaN: none yet.
 
-    It is where the bow points, and nothing in a mission depends on it; an Otter has one of its own. The boat turns
-    towards its velocity through the water v, at most at `TURN_RATE`, and keeps its heading where |v| does not exceed
+    A heading is the bow's direction; nothing in a mission depends on it, and an Otter has its own. The boat turns
+    towards its velocity through the water v, at most at `TURN_RATE`, and keeps its heading while |v| does not exceed
     `SLOWEST`, so that a boat on station in a current points against it:
 
         ψ(t + Δt) = ψ(t) + clip(wrap(arg v − ψ(t)), ±TURN_RATE Δt),   wrap(α) in [−π, π).
 
-    ψ is in rad, anticlockwise from east, and not reduced to one turn, so that it can be interpolated.
+    ψ is in rad, anticlockwise from east, and not wrapped, so that it can be interpolated.
 
     Args:
         velocity: v, (…, 2), m/s.
@@ -451,9 +451,9 @@ def turned(heading: np.ndarray, velocity: np.ndarray, step: float) -> np.ndarray
 
 
 def headings(velocity: np.ndarray, step: float) -> np.ndarray:
-    """Headings (T, …) float32 of `turned` at the ends of steps in which boats move through the water by (T, …, 2), m/s.
+    """Headings (T, …) float32 of `turned` after steps in which boats move through the water at (T, …, 2), m/s.
 
-    The first is that of the first velocity above `SLOWEST`, before it the same, and east where there is none.
+    The first is that of the first velocity above `SLOWEST`, also before it, and east without one.
     """
     made = np.full(velocity.shape[:-1], np.nan)
     now = np.full(velocity.shape[1:-1], np.nan)
@@ -464,13 +464,13 @@ def headings(velocity: np.ndarray, step: float) -> np.ndarray:
 
 
 def latest(happened: np.ndarray) -> np.ndarray:
-    """Row (T, …) in which something last happened, for each row of flags (T, …); −1 before the first."""
+    """Last row (T, …) with a flag set, for each row of flags (T, …); −1 before the first."""
     rows = np.arange(len(happened)).reshape(-1, *[1] * (happened.ndim - 1))
     return np.maximum.accumulate(np.where(happened, rows, -1))
 
 
 def directions(velocity: np.ndarray) -> np.ndarray:
-    """Directions (T, …) of velocities (T, …, 2), rad, continuous; at rest the last one, at first the next."""
+    """Directions (T, …) of velocities (T, …, 2), rad, continuous; at rest the last one, before the first the next."""
     angle = np.arctan2(velocity[..., 1], velocity[..., 0])
     moving = np.hypot(velocity[..., 0], velocity[..., 1]) > AT_REST
     last = latest(moving)
