@@ -1,7 +1,7 @@
-"""BenchMARL's view of the TorchRL face: `DataCollectionTask`, for its experiments, algorithms and models.
+"""The TorchRL environment as a task of BenchMARL: `DataCollectionTask`, for its experiments, algorithms and models.
 
-Groups, keys and seeds are those of `usvauv.env.faces.torchrl_env`. This module needs the extra `benchmarl`, which goes
-with a TorchRL below 0.12; nothing else in the package imports it.
+Groups, keys and seeds are those of `usvauv.env.faces.torchrl_env`. This module needs the extra `benchmarl`, which needs
+TorchRL below 0.12; nothing else in the package imports it.
 """
 
 from __future__ import annotations
@@ -30,14 +30,14 @@ from usvauv.env.faces.torchrl_env import DataCollectionTorchRLEnv
 
 
 class DataCollectionTask(TaskClass):
-    """A scenario as the `task` of a BenchMARL experiment; as many missions are stepped at a time as it asks for.
+    """A scenario as the `task` of a BenchMARL experiment, which sets the number of missions stepped together.
 
     Args:
         scenario: a `Scenario`, a shipped name or a path.
-        usv: the boat's strategy, see `World`; with "agent" the boats are a group of their own.
+        usv: the boat's strategy, see `World`; with "agent" the boats are a separate group.
 
     Raises:
-        ScenarioError: the scenario is wrong.
+        ScenarioError: the scenario is invalid.
     """
 
     def __init__(self, scenario: Scenario | str | Path = "extreme", usv: str | None = None) -> None:
@@ -47,7 +47,7 @@ class DataCollectionTask(TaskClass):
     def get_env_fun(
         self, num_envs: int, continuous_actions: bool, seed: int | None, device: torch.device | str | int
     ) -> Callable[[], EnvBase]:
-        """What makes the environment, on the device that sampling is done on."""
+        """A function that makes the environment, on the sampling device."""
         arch, usv = torch.device(device).type, self.config["usv"]
         return lambda: DataCollectionTorchRLEnv(self.scenario, num_envs, seed, usv, arch)
 
@@ -86,7 +86,7 @@ class DataCollectionTask(TaskClass):
         return "usvauv"
 
     def _observed(self, env: EnvBase, kept: str) -> Composite:
-        """The specs of one mission's observations, of each group that has it only the entry `kept`."""
+        """The specs of one mission's observations, with only the entry `kept` of each group that has it."""
         spec = env.full_observation_spec_unbatched.clone()
         for group in self.group_map(env):
             for name in set(spec[group].keys()) - {kept}:

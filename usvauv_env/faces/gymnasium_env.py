@@ -1,15 +1,15 @@
-"""Gymnasium faces of the world: `DataCollectionVectorEnv` (many missions) and `DataCollectionEnv` (one).
+"""Gymnasium environments of the world: `DataCollectionVectorEnv` (many missions) and `DataCollectionEnv` (one).
 
-Both control the team: K AUVs, O numbers in an AUV's observation, W worlds. NumPy in and out, new arrays each call.
+Both control the team: K AUVs, O numbers in an AUV's observation, W worlds. NumPy in and out, new arrays in each call.
 
     observation  (K, O) float32   as `usvauv.env.world.world.World` tabulates it, clamped into `observation_space`
-    action       (K, A) float32   in [−1, 1], as in `World`; what lies outside is clipped
+    action       (K, A) float32   in [−1, 1], as in `World`; values outside are clipped
     reward       sum of the AUVs' rewards
-    terminated   always False: nothing ends a mission before its time
+    terminated   always False: a mission never ends early
     truncated    the mission's time is over
     info         "auv_reward" (K,); "reward_terms" (K, R), columns `reward_names`; "measures" (K, 6), columns
                  `measure_names`; "horizon_ended" (K,) bool: a service ended this AUV's value horizon, which only
-                 scenarios with reward.service_terminates do; the mission goes on
+                 scenarios with reward.service_terminates do; the mission continues
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def _team_reward(info: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def _masked(info: dict[str, np.ndarray], mask: np.ndarray) -> dict[str, np.ndarray]:
-    """Gymnasium's vector info of the worlds in `mask`: zeros elsewhere, beside each key its mask; no world, no key."""
+    """Gymnasium's vector info for the worlds in `mask`: zeros elsewhere, and a mask for each key; no world, no key."""
     if not mask.any():
         return {}
     out = {}
@@ -66,7 +66,7 @@ def _masked(info: dict[str, np.ndarray], mask: np.ndarray) -> dict[str, np.ndarr
 
 
 class Camera:
-    """Pictures for `render`: keeps the states of every world since its episode began, and draws the last one."""
+    """Pictures for `render`: records the states of each world's episode, and draws the last one."""
 
     def __init__(self, world: World) -> None:
         what = f"render_mode: a record of {world.steps} steps of {world.num_worlds} worlds"
@@ -89,7 +89,7 @@ class Camera:
 
     def picture(self, world: int) -> np.ndarray:
         """A world as it is now, (720, 1280, 3) uint8, RGB."""
-        from usvauv.env.render.frames import frames_of  # brings matplotlib, which most runs need not
+        from usvauv.env.render.frames import frames_of  # imports matplotlib, which most runs do not need
 
         now = self._recorder.world.surface(SURFACE_PIXELS, world)
         first = int(self._first[world])
@@ -103,8 +103,8 @@ class Camera:
 class DataCollectionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     """One mission, the team controlled as one agent: `gymnasium.make("usvauv/DataCollection-v0")`.
 
-    Spaces and info are those of the module's table. `reset(seed=s)` begins the first episode of
-    `World(scenario, 1, s)`, `reset()` the next one. With render_mode "rgb_array" `render()` gives a picture of
+    Spaces and info are those in the module's table. `reset(seed=s)` begins the first episode of
+    `World(scenario, 1, s)`, `reset()` the next one. With render_mode "rgb_array" `render()` returns a picture of
     the mission so far, (720, 1280, 3) uint8.
 
     Args:
@@ -129,7 +129,7 @@ class DataCollectionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     @property
     def world(self) -> World:
-        """The world; another one after each reset with a seed."""
+        """The world; each reset with a seed makes a new one."""
         return self._missions.world
 
     @property
@@ -157,7 +157,7 @@ class DataCollectionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def step_with_boats(
         self, action: Numbers, boat_action: Numbers | None
     ) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """As `step`, with actions (B, 2) of the boats where they are agents."""
+        """As `step`, with actions (B, 2) of the boats if they are agents."""
         _need_reset(self.world)
         boats = None if boat_action is None else numbers_of("boat_action", boat_action, (self.world.boat.shape[1], 2))
         own_action = numbers_of("action", action, (self.world.num_auvs, self.world.action_size))
@@ -179,9 +179,9 @@ class DataCollectionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """Many missions side by side: `gymnasium.make_vec("usvauv/DataCollection-v0", num_envs=512)`.
 
-    Sub-environment w is world w of one `World`; the module's table gets a leading axis W. Info follows Gymnasium's
-    vector form: beside each key stands its mask (W,), and worlds that were reset have no info of a step, but for
-    "auv_reward", which is there in every step and sums to the reward.
+    Sub-environment w is world w of one `World`; shapes in the module's table have a leading axis W. Info follows
+    Gymnasium's vector form: each key has a mask (W,), and worlds that were reset have no info of a step, except
+    "auv_reward", which is present in every step and sums to the reward.
 
     When an episode ends, by `autoreset_mode`:
 
@@ -192,8 +192,8 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     `reset(seed=s)` begins the first episodes of `World(scenario, W, s)`, `reset()` the next ones. Seas start anew when
     all worlds are reset together. With `reset(seed=[s_0, …])`, W seeds, sub-environment w has the episodes that
-    `DataCollectionEnv` has after `reset(seed=s_w)`, bit for bit; each different seed has a sea to solve. With
-    render_mode "rgb_array" `render()` gives a picture of every world.
+    `DataCollectionEnv` has after `reset(seed=s_w)`, bit for bit; a sea is solved for each different seed. With
+    render_mode "rgb_array" `render()` returns a picture of every world.
 
     Args:
         num_envs: number of missions W.
@@ -232,7 +232,7 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.single_action_space = batch_space(action_space(self.world.action_size), num_auvs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._over = np.zeros(num_envs, np.bool_)  # episodes that ended and were not reset since
+        self._over = np.zeros(num_envs, np.bool_)  # episodes that ended and have not been reset
 
     @property
     def reward_names(self) -> tuple[str, ...]:
@@ -249,13 +249,13 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             options: "reset_mask" is read, anything else ignored.
 
         Returns:
-            Observation (W, K, O), for worlds not reset their present one; an empty info.
+            Observation (W, K, O), the present one for worlds that are not reset; an empty info.
 
         Raises:
-            ScenarioError: a seed is not a whole number from 0 to 2⁶⁴ − 1, or there are neither one nor W; None among
-                several is refused too.
-            TypeError, ValueError: the mask is not a bool array (W,) with a world chosen, or comes with a seed.
-            ResetNeeded: the first reset must be of all worlds.
+            ScenarioError: a seed is not a whole number from 0 to 2⁶⁴ − 1 (None among several is refused too), or their
+                number is neither 1 nor W.
+            TypeError, ValueError: the mask is not a bool array (W,) with a world chosen, or is given with a seed.
+            ResetNeeded: the first reset does not include all worlds.
         """
         mask = (options or {}).get("reset_mask")
         if mask is None:
@@ -271,10 +271,10 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return self._observation(), {}
 
     def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Advance all worlds by one mission step, (W, K, A) actions; what ends an episode does is `autoreset_mode`.
+        """Advance all worlds by one mission step, (W, K, A) actions; `autoreset_mode` applies where an episode ends.
 
         Raises:
-            ResetNeeded: before the first reset, or with DISABLED while an ended episode was not reset.
+            ResetNeeded: before the first reset, or with DISABLED if an ended episode was not reset.
             ValueError: `actions` is not (W, K, A) or not finite.
         """
         _need_reset(self.world)
@@ -307,10 +307,10 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return observation, reward, np.zeros(self.num_envs, np.bool_), truncated, info | rewards
 
     def advance(self, action: Numbers, boat_action: Numbers | None = None) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Step all worlds with (W, K, A) actions and, with the strategy "agent", (W, B, 2) of the boats, whatever has
-        ended; returns truncated (W,) and the info of every world.
+        """Step all worlds, also ended ones, with (W, K, A) actions and, with the strategy "agent", (W, B, 2) of the
+        boats; returns truncated (W,) and the info of every world.
 
-        On the CPU the info is the world's own memory, which the next step overwrites: hand out copies.
+        On the CPU the info is the world's own memory, which the next step overwrites: return copies to users.
         """
         world = self.world
         given = numbers_of("action", action, (world.num_worlds, world.num_auvs, world.action_size))
@@ -346,11 +346,11 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return _observe(self.world, self.single_observation_space)
 
     def _rewards(self, auv_reward: np.ndarray) -> dict[str, np.ndarray]:
-        """The info that every step has, of all worlds."""
+        """The info of all worlds that every step has."""
         return {"auv_reward": auv_reward, "_auv_reward": np.ones(self.num_envs, np.bool_)}
 
     def _final(self, observation: np.ndarray, details: dict[str, np.ndarray], over: np.ndarray) -> dict[str, Any]:
-        """Gymnasium's info of episodes that were reset in the step that ended them."""
+        """Gymnasium's info for episodes that were reset in the step that ended them."""
         final = np.full(self.num_envs, None, dtype=object)
         for world in np.flatnonzero(over):
             final[world] = observation[world].copy()

@@ -1,4 +1,4 @@
-"""PettingZoo face of the world: one mission, each AUV an agent that acts at the same time as the others; boats too."""
+"""PettingZoo environment of the world: one mission in which AUVs, and boats if wanted, are agents acting together."""
 
 from __future__ import annotations
 
@@ -27,19 +27,18 @@ from usvauv.env.world.world import NOT_BEGUN
 
 
 class DataCollectionParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
-    """One mission with the agents "auv_0", "auv_1", …, all of them until its time is over.
+    """One mission with the agents "auv_0", "auv_1", …, all of them active until its time is over.
 
-    observation (O,) and action (A,) of an agent are those of one AUV in `usvauv.env.world.world.World`, clamped into
-    their spaces; reward is the AUV's own. `terminated` is always False and all are truncated in the same step. An
-    agent's
-    info: "reward_terms" (R,), "measures" (6,), and "horizon_ended", that a service ended its value horizon (only with
-    reward.service_terminates; the mission goes on). `reset(seed=s)` begins the first episode of
-    `World(scenario, 1, s)`, `reset()` the next one. With render_mode "rgb_array" `render()` gives the
-    mission so far as a picture, (720, 1280, 3) uint8.
+    An agent's observation (O,) and action (A,) are those of one AUV in `usvauv.env.world.world.World`, clamped into
+    their spaces; its reward is the AUV's own. `terminated` is always False and all are truncated in the same step. Its
+    info is "reward_terms" (R,), "measures" (6,), and "horizon_ended": a service ended its value horizon (only with
+    reward.service_terminates; the mission continues). `reset(seed=s)` begins the first episode of
+    `World(scenario, 1, s)`, `reset()` the next one. With render_mode "rgb_array" `render()` returns a picture of the
+    mission so far, (720, 1280, 3) uint8.
 
-    With usv = "agent" the boats are agents too, "usv_0", …: observation and action of `usvauv.env.world.agents`,
-    reward the mean of the AUVs', an empty info. `state()` is `usvauv.env.world.agents.global_state`, for centralised
-    critics.
+    With usv = "agent" the boats are agents too, "usv_0", …: their observations and actions are those of
+    `usvauv.env.world.agents`, their reward is the mean of the AUVs', their info is empty. `state()` is
+    `usvauv.env.world.agents.global_state`, for centralised critics.
     """
 
     metadata = {  # noqa: RUF012 - PettingZoo defines it as a class attribute
@@ -64,11 +63,11 @@ class DataCollectionParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
         self.state_space = Box(-np.inf, np.inf, (global_state_size(world.scenario),), np.float32)
 
     def observation_space(self, agent: str) -> Box:
-        """What `agent` can observe; the same object each time."""
+        """Space of observations of `agent`; the same object in each call."""
         return self._observation_spaces[agent]
 
     def action_space(self, agent: str) -> Box:
-        """What `agent` can do; the same object each time."""
+        """Space of actions of `agent`; the same object in each call."""
         return self._action_spaces[agent]
 
     def reset(
@@ -86,7 +85,7 @@ class DataCollectionParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):
 
         Raises:
             ResetNeeded: no episode is under way.
-            ValueError: an agent has no action, or one of another shape or not finite.
+            ValueError: an agent's action is missing, has another shape or is not finite.
         """
         if not self.agents:
             raise gymnasium.error.ResetNeeded("no episode is under way: call reset first")

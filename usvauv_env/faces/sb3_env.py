@@ -1,9 +1,9 @@
-"""Stable-Baselines3 face of the world: `AuvVecEnv`, each AUV of each mission an environment of its own.
+"""Stable-Baselines3 environment of the world: `AuvVecEnv`, with one environment for each AUV of each mission.
 
 W worlds, K AUVs, O numbers in an AUV's observation; environment w·K + k is AUV k of world w, and all share one policy.
 
     observation  (W·K, O)  float32  as `usvauv.env.world.world.World` tabulates it, clamped into `observation_space`
-    action       (W·K, A)  float32  in [−1, 1]; what lies outside is clipped
+    action       (W·K, A)  float32  in [−1, 1]; values outside are clipped
     reward       (W·K,)    float32  the AUV's own, times `reward_scale`
     done         (W·K,)    bool     the mission's time is over; the observation is then the next mission's first
     info                            "auv_reward", the AUV's reward unscaled, always; with done also
@@ -36,19 +36,19 @@ except ModuleNotFoundError as missing:
 
 
 class AuvVecEnv(VecEnv):
-    """Many missions as a vectorised environment of Stable-Baselines3, one environment an AUV.
+    """Many missions as a vectorised environment of Stable-Baselines3, one environment per AUV.
 
     The first `reset` begins the first episodes of `World(scenario, num_worlds, seed)`, each further one the next ones;
-    after `seed(s)` it begins the first ones of s. With render_mode "rgb_array" `render()` shows all worlds side by
-    side.
+    after `seed(s)` it begins the first ones of seed s. With render_mode "rgb_array" `render()` shows all worlds side
+    by side.
 
     Args:
         scenario: a `Scenario`, a shipped name or a path.
         num_worlds: number of missions W.
-        seed: of the first `reset`; by default one at random.
+        seed: of the first `reset`; by default random.
         usv: the boat's strategy, see `World`.
         render_mode: None or "rgb_array".
-        reward_scale: factor on rewards: a service brings some tens, and many learners expect numbers of order one.
+        reward_scale: factor on rewards: a service gives some tens, and many learners expect rewards of order one.
 
     Raises:
         ScenarioError: the scenario, the strategy or `num_worlds` cannot be used.
@@ -75,14 +75,14 @@ class AuvVecEnv(VecEnv):
             self.seed(seed)
 
     def reset(self) -> np.ndarray:
-        """Begin an episode in all worlds: the first of a seed that was set since, else the next."""
+        """Begin an episode in all worlds: the first of a newly set seed, else the next."""
         observation, _ = self.worlds.reset(seed=self._seeds[0])
         self._reset_seeds()
         self._reset_options()
         return observation.reshape(self.num_envs, -1)
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Take the actions (W·K, A) of the next step."""
+        """Set the actions (W·K, A) for the next step."""
         self._actions = np.reshape(actions, (-1, self.num_auvs, self.worlds.world.action_size))
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
@@ -102,11 +102,11 @@ class AuvVecEnv(VecEnv):
         return self.worlds.render() or ()
 
     def close(self) -> None:
-        """Nothing is held that must be given back."""
+        """There is nothing to release."""
         self.worlds.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """An attribute of this object, once for each environment asked for."""
+        """An attribute of this object, once for each requested environment."""
         return [getattr(self, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
@@ -118,5 +118,5 @@ class AuvVecEnv(VecEnv):
         raise NotImplementedError(f"{method_name}: the environments have no methods of their own")
 
     def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
-        """False: nothing wraps a single one."""
+        """False: single environments are never wrapped."""
         return [False for _ in self._get_indices(indices)]

@@ -1,19 +1,19 @@
-"""TorchRL face of the world: `DataCollectionTorchRLEnv`, a batch of missions, each AUV an agent.
+"""TorchRL environment of the world: `DataCollectionTorchRLEnv`, a batch of missions, each AUV an agent.
 
-W worlds, K AUVs, O numbers in an AUV's observation; all that concerns an AUV is in the group "agents", the end of an
-episode is the root's. Tensors are new each step and stay on the world's device.
+W worlds, K AUVs, O numbers in an AUV's observation; entries of AUVs are in the group "agents", the end of an episode is
+at the root. Tensors are new in each step and stay on the world's device.
 
-    ("agents", "action")                 (W, K, A)  float32  in [−1, 1], as in `World`; what lies outside is clipped
+    ("agents", "action")                 (W, K, A)  float32  in [−1, 1], as in `World`; values outside are clipped
     ("agents", "observation")            (W, K, O)  float32  as `World` tabulates it, clamped into the spec's bounds
     ("agents", "reward")                 (W, K, 1)  float32  the AUV's own
     ("agents", "info", "reward_terms")   (W, K, R)  float32  columns `reward_names`
     ("agents", "info", "measures")       (W, K, 6)  float32  columns `measure_names`
     ("agents", "info", "horizon_ended")  (W, K, 1)  bool     a service ended this AUV's value horizon, which only
                                                              scenarios with reward.service_terminates do
-    "terminated"                         (W, 1)     bool     always False: nothing ends a mission before its time
+    "terminated"                         (W, 1)     bool     always False: a mission never ends early
     "truncated", "done"                  (W, 1)     bool     the mission's time is over
 
-With the strategy "agent" the B boats are a group of their own, "boats", see `usvauv.env.world.agents`:
+With the strategy "agent" the B boats are a separate group, "boats", see `usvauv.env.world.agents`:
 
     ("boats", "action")                  (W, B, 2)  float32  in [−1, 1]
     ("boats", "observation")             (W, B, .)  float32  clamped into the spec's bounds
@@ -49,16 +49,16 @@ except ModuleNotFoundError as missing:
 
 
 class DataCollectionTorchRLEnv(EnvBase):
-    """Many missions as a TorchRL environment of batch size (W,), the AUVs grouped as multi-agent modules want them.
+    """Many missions as a TorchRL environment of batch size (W,), the AUVs grouped as multi-agent modules expect.
 
-    The keys are those of the module's table. `set_seed(s)` makes the next reset begin the first episodes of
-    `World(scenario, W, s)`; further resets begin the next ones, with "_reset" (W, 1) only of the worlds it names. Seas
+    The keys are those in the module's table. `set_seed(s)` makes the next reset begin the first episodes of
+    `World(scenario, W, s)`; further resets begin the next ones, with "_reset" (W, 1) only of the worlds set there. Seas
     start anew when all worlds are reset together. A world whose time is over stays done until it is reset.
 
     Args:
         scenario: a `Scenario`, a shipped name or a path.
         num_worlds: number of missions W.
-        seed: as for `World`; by default one at random.
+        seed: as for `World`; by default random.
         usv: the boat's strategy, see `World`.
         arch: where to run, see `usvauv.kernels.runtime.start`.
 
@@ -164,7 +164,7 @@ class DataCollectionTorchRLEnv(EnvBase):
         return following
 
     def _tensordict(self, info: TensorDictBase) -> TensorDict:
-        """What the AUVs observe now and which worlds are over, in new tensors, since the world reuses its own."""
+        """The AUVs' present observations and ended worlds, in new tensors, since the world reuses its own."""
         world = self.world
         observation = torch.clamp(world.observation, *self._bounds["agents"])
         team = {"observation": observation, "info": info}

@@ -25,7 +25,7 @@ LONGEST = 10.0  # of these units; longer times are clamped to it
 
 
 def auv_observation_space(site: Site) -> Box:
-    """Observations of one AUV, (O,), as `usvauv.env.world.observation` tabulates them.
+    """Space of one AUV's observations, (O,), as `usvauv.env.world.observation` tabulates them.
 
     Fixes and storm waves have no hard bounds: the rare observation beyond (fixes at a low signal-to-noise ratio in very
     large areas, freak waves) is clamped into the space.
@@ -34,7 +34,7 @@ def auv_observation_space(site: Site) -> Box:
 
 
 def boat_observation_space(site: Site) -> Box:
-    """Observations of one boat with the strategy "agent", as `boat_observed` tabulates them."""
+    """Space of one boat's observations with the strategy "agent", as `boat_observed` tabulates them."""
     return _box(boat_observed(site.scenario))
 
 
@@ -44,7 +44,7 @@ def _box(rows: Sequence[Quantity]) -> Box:
 
 
 def action_space(size: int = 2) -> Box:
-    """Actions of one boat, (2,), or of an AUV, (`World.action_size`,)."""
+    """Space of one boat's actions, (2,), or of an AUV's, (`World.action_size`,)."""
     return Box(-1.0, 1.0, (size,), np.float32)
 
 
