@@ -1,4 +1,4 @@
-"""What a scenario is made of: kinds of numbers with their bounds, files and overrides, and how a wrong one is said."""
+"""Parts of a scenario: types of numbers with their bounds, files and overrides, and messages for wrong values."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from pydantic.fields import FieldInfo
 from usvauv.env.storage.files import DEEPEST, TextFileError, parse_text, read_text
 from usvauv.kernels.errors import UserError, choices
 
-LARGEST = 1e6  # of a weight or a price; sums of a step's terms keep three digits beside it in single precision
-LOWEST_TONE, HIGHEST_TONE = 100.0, 2e5  # Hz; below and above the laws of absorption and noise mean nothing
+LARGEST = 1e6  # of a weight or a price; in single precision sums of a step's terms keep three digits with it
+LOWEST_TONE, HIGHEST_TONE = 100.0, 2e5  # Hz; the laws of absorption and noise do not hold below and above
 FARTHEST = 1e5  # m, of a place from the area's corner, east and north
 
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
@@ -26,8 +26,8 @@ Place = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST)]
 Distance = Annotated[float, Field(ge=0, le=20000)]  # the longest side of an area
 Carrier = Annotated[float, Field(ge=LOWEST_TONE, le=HIGHEST_TONE)]
 Bandwidth = Annotated[float, Field(ge=1, le=1e6)]
-# Fields that are gone, and values that earlier versions printed into every file: a file is read with those, which now
-# change nothing, and a stored scenario with any.
+# Retired fields, and values that earlier versions wrote into every file. A file may have these values, which now change
+# nothing; a stored scenario may have any.
 RETIRED: dict[str, tuple[object, ...]] = {
     "planner.horizon": (10,),
     "auv.refused_power": ("travelling", "hovering"),
@@ -35,11 +35,11 @@ RETIRED: dict[str, tuple[object, ...]] = {
     "sea.start_rms": (0.0,),
     "sea.start_modes": (4,),
 }
-GONE = ("planner.objective", "e")  # a value of a field that is still there
+GONE = ("planner.objective", "e")  # a retired value of an existing field
 
 
 def one_of(*names: Collection[str]) -> AfterValidator:
-    """Of a text that must be one of some names, to which plugins may add."""
+    """A validator for text that must be one of some names, to which plugins may add."""
 
     def check(name: str) -> str:
         allowed = [*chain(*names)]
@@ -55,7 +55,7 @@ class Section(BaseModel):
 
 
 def one_line(error: ValidationError, source: str, model: type[Section]) -> str:
-    """The first problem of a validation as one line: file, field, what is wrong, the value given."""
+    """The first problem of a validation as one line: file, field, problem, given value."""
     problem = error.errors()[0]
     field = ".".join(str(part) for part in problem["loc"])
     plain = {"tuple_type": "must be a list", "model_type": "must be a section with fields"}  # not Python's words
@@ -79,13 +79,13 @@ def one_line(error: ValidationError, source: str, model: type[Section]) -> str:
 
 
 def _fields(info: FieldInfo) -> Collection[str]:
-    """Names of the fields of a field that is a section."""
+    """Field names of a section."""
     kind = info.annotation
     return kind.model_fields if isinstance(kind, type) and issubclass(kind, BaseModel) else ()
 
 
 def section(description: str) -> Any:
-    """A field that is a section, by default with the defaults of its fields."""
+    """A field that is a section; by default its fields have their defaults."""
     return Field({}, validate_default=True, description=description)
 
 
@@ -100,7 +100,7 @@ def shipped() -> list[str]:
 
 
 def read(name_or_path: str | Path) -> tuple[dict[str, Any], str]:
-    """Content of a scenario's file and how to call it in messages."""
+    """Content of a scenario's file, and its name in messages."""
     name = str(name_or_path)
     if name in shipped():
         text = (resources.files("usvauv.env") / "scenarios" / f"{name}.toml").read_text(encoding="utf-8")
@@ -135,10 +135,10 @@ def override_field(data: dict[str, Any], override: str) -> None:
 
 
 def without_retired(data: Mapping[str, Any], source: str, stored: bool) -> Mapping[str, Any]:
-    """Data without what `RETIRED` and `GONE` list.
+    """Data without the fields and values in `RETIRED` and `GONE`.
 
     Raises:
-        ScenarioError: a field has a value with which only a stored scenario is read.
+        ScenarioError: a retired field has a value that only stored scenarios may have.
     """
     for name in (*RETIRED, GONE[0]):
         section, _, field = name.partition(".")
@@ -155,7 +155,7 @@ def without_retired(data: Mapping[str, Any], source: str, stored: bool) -> Mappi
 
 
 def as_toml(value: Any) -> str:
-    """A value of a field."""
+    """A field's value as TOML."""
     if isinstance(value, tuple):
         return "[" + ", ".join(as_toml(item) for item in value) + "]"
     return json.dumps(value, ensure_ascii=False)

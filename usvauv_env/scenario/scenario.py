@@ -1,6 +1,6 @@
 """A scenario: every number of a simulation, validated and frozen.
 
-A scenario is read from TOML (a shipped name or a path); unknown fields are refused. `Scenario.to_toml` writes it back
+A scenario is read from TOML (a shipped name or a path); unknown fields are refused. `Scenario.to_toml` writes it
 with each field's description as a comment.
 """
 
@@ -22,8 +22,8 @@ from usvauv.kernels.mission.tasks.task import Task, tasks
 from usvauv.kernels.positioning.pulse import FEWEST_CHIPS, FEWEST_PERIODS
 from usvauv.kernels.vehicles.vehicle import vehicles
 
-LONGEST_NAME = 120  # bytes; the name of a file, of which it is a part, may have 255
-MOST_CHANGES = 12  # that `repr` lists
+LONGEST_NAME = 120  # bytes; it is part of file names, which may have 255
+MOST_CHANGES = 12  # changes that `repr` lists
 VEHICLE_TERMS = "attitude", "depth", "motion"  # observation terms of vehicles with dynamics
 MOST_CHIPS = 1000  # of a coded pulse; codes are chosen by their correlations
 
@@ -31,7 +31,7 @@ MOST_CHIPS = 1000  # of a coded pulse; codes are chosen by their correlations
 class Scenario(Section):
     """All numbers of a simulation.
 
-    Load a shipped one by name or any by path: `Scenario.load("extreme", ["auv.count=3"])`.
+    Load a shipped scenario by name or any by path: `Scenario.load("extreme", ["auv.count=3"])`.
     """
 
     name: str = Field("unnamed", min_length=1, description="name shown in tables and on videos")
@@ -167,7 +167,7 @@ class Scenario(Section):
 
     @property
     def uses_pulse_tables(self) -> bool:
-        """Whether fixes depend on the form of the pulses."""
+        """Whether fixes depend on the pulses' waveform."""
         return self.usbl.model == "waveform" or self.acoustics.multipath
 
     @property
@@ -177,7 +177,7 @@ class Scenario(Section):
 
     @property
     def _against_multipath(self) -> str:
-        """What reflections need and the scenario lacks; else empty."""
+        """What the scenario lacks for reflections; empty: nothing."""
         if self.usbl.signal != "code":
             return "usbl.signal = code"
         return "" if self.auv.separation == "geometry" else "auv.separation = geometry"
@@ -200,7 +200,7 @@ class Scenario(Section):
     def highest_long_wave(self) -> float:
         """Elevation that long waves rarely exceed at the forced edge, m."""
         rms = self.sea.irregular_rms
-        if rms == "storm":  # of the peak's period, which is longer than the mean one; a file's waves are not known yet
+        if rms == "storm":  # for the peak period, which is longer than the mean one; a wave file is not read yet
             systems = () if self.water.waves else self.storm.systems
             squares = sum((system.significant_height * system.peak_period) ** 2 for system in systems)
             root = math.sqrt(self.sea.gravity / self.area.depth)
@@ -225,10 +225,10 @@ class Scenario(Section):
         self.check_troughs(0.0 if self.water.waves else self.storm.total_height)
 
     def check_troughs(self, height: float) -> None:
-        """Refuse AUVs in the troughs of long waves and of short ones of a significant height, m.
+        """Refuse AUVs so shallow that troughs of long and of short waves, of a significant height (m), reach them.
 
         Raises:
-            ValueError: they are.
+            ValueError: they do.
         """
         trough = self.highest_long_wave + height
         if self.auv.separation == "geometry" and self.auv.depth <= trough:
@@ -236,7 +236,7 @@ class Scenario(Section):
 
     @property
     def eddies_at_cruise(self) -> float:
-        """Speed of vortices at the AUVs' depth over that at the surface, 1."""
+        """Ratio of the vortices' speed at the AUVs' depth to that at the surface."""
         return math.exp(-self.auv.depth / self.current.decay_depth) if self.current.decay_depth else 1.0
 
     def _check_vortices(self) -> None:
@@ -268,7 +268,7 @@ class Scenario(Section):
             self.check_breaking("storm.significant_height", system.significant_height, system.peak_period)
 
     def check_breaking(self, name: str, height: float, peak_period: float) -> None:
-        """Refuse waves that would break; `name` says whose height it is.
+        """Refuse waves that would break; `name` is the field or file with the height.
 
         Raises:
             ValueError: they would.
@@ -279,24 +279,24 @@ class Scenario(Section):
 
     @property
     def random_seas(self) -> int:
-        """Number of different random seas that the worlds of a seed take turns on; 0 where all have the same."""
+        """Number of different random seas among which a seed's worlds alternate; 0 if all have the same."""
         drawn = self.storm.spectrum != "none" or self.water.waves or self.sea.irregular_rms
         return self.sea.realisations if drawn else 0
 
     @property
     def task_definition(self) -> Task:
-        """The task itself."""
+        """The registered task."""
         return tasks[self.task]
 
     @property
     def height_over_nodes(self) -> float:
-        """Of the AUVs, over a bed at `area.depth`, m."""
+        """Height of the AUVs over a bed at `area.depth`, m."""
         auv = self.auv
         return auv.altitude or (auv.depth if auv.separation == "demonstration" else self.area.depth - auv.depth)
 
     @property
     def collects_in_passing(self) -> bool:
-        """Whether AUVs take data from nodes in passing."""
+        """Whether AUVs collect data in passing."""
         return self.task == "data-collection" and self.nodes.service == "passing"
 
     @property
@@ -308,7 +308,7 @@ class Scenario(Section):
 
     @property
     def targets(self) -> int:
-        """Number of places that AUVs can be sent to: nodes, or stations."""
+        """Number of possible targets: nodes, or stations."""
         return self.nodes.count if self.task_definition.targets == "nodes" else self.auv.count
 
     shipped = staticmethod(fields.shipped)
@@ -326,7 +326,7 @@ class Scenario(Section):
         return cls.from_dict(data, source)
 
     def with_targets(self, rule: str | None) -> Scenario:
-        """This scenario with another target rule; as it is for None.
+        """This scenario with another target rule; unchanged for None.
 
         Raises:
             ScenarioError: an unknown rule, or a task without one.
@@ -341,10 +341,10 @@ class Scenario(Section):
 
     @classmethod
     def of(cls, scenario: Scenario | str | Path) -> Scenario:
-        """A scenario as it is, or by shipped name or path as `load` reads it.
+        """A scenario unchanged, or by shipped name or path as `load` reads it.
 
         Raises:
-            ScenarioError: as `load`, or it is another thing.
+            ScenarioError: as `load`, or for an argument of another type.
         """
         if not isinstance(scenario, Scenario | str | Path):
             raise ScenarioError(f"scenario = {scenario!r:.80}: must be a Scenario, a shipped name or a path")
@@ -356,9 +356,9 @@ class Scenario(Section):
 
         Args:
             data: as `to_dict` returns them.
-            source: names them in an error message.
-            stored: by this version or an earlier one, as in a checkpoint or a trace: fields and values that are gone
-                since (`fields.RETIRED`) take their defaults.
+            source: their name in an error message.
+            stored: written by this version or an earlier one, as in a checkpoint or a trace: fields and values retired
+                since (`fields.RETIRED`) get their defaults.
 
         Raises:
             ScenarioError: an unknown or retired field, wrong type or a value out of range.
@@ -372,7 +372,7 @@ class Scenario(Section):
             raise ScenarioError(one_line(error, source, cls)) from None
 
     def __repr__(self) -> str:
-        """Name and sizes, and what differs from the shipped scenario of that name, or else from the defaults."""
+        """Name and sizes, and differences from the shipped scenario of that name, or else from the defaults."""
         shipped = self.name in self.shipped()
         base = self.load(self.name) if shipped else self.from_dict({})
         changes = [
@@ -391,7 +391,7 @@ class Scenario(Section):
     __str__ = __repr__
 
     def differences(self, other: Scenario) -> Iterator[tuple[str, Any, Any]]:
-        """Fields whose values differ, but for name and description: name with its section, and both values."""
+        """Fields whose values differ, except name and description: name with its section, and both values."""
         for name, own in self:
             usual = getattr(other, name)
             if not isinstance(own, Section):

@@ -1,4 +1,4 @@
-"""Sections of a scenario about where and when it is, its water and sound in it: area, clock, waves, currents, sonar."""
+"""Sections of a scenario about its place and time, water and sound: area, clock, waves, currents, sonar."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from usvauv.kernels.positioning.reflections import SEDIMENTS
 from usvauv.kernels.positioning.sonar import absorption_laws, ambient_noise_laws
 from usvauv.kernels.shallow_water.discretisation import Side
 
-MOST_STEPS = 10_000_000  # of a mission, sixteen weeks at a second each
+MOST_STEPS = 10_000_000  # of a mission, sixteen weeks at one second each
 MAX_VORTICES = 64
 SMALLEST_PERIOD = 7.5  # core radii δ; the images' cores, left out, are then e^{−(L/2)²/(2δ²)} < 1e-3 of a velocity
-TOGETHER = 16  # vortices; of more than these no more are taken to lie at one place
+TOGETHER = 16  # vortices; at most so many are assumed to lie at one place
 VORTEX_PEAK = 0.6382 / (2 * math.pi)  # largest speed of a Lamb–Oseen vortex over Γ/δ
 INFRAGRAVITY = 1.2e-3  # 1/s, α1 of `usvauv.env.sea.long_waves.long_wave_rms`
-FASTEST_WATER = 40.0  # m/s, of all vortices in one place, where they hardly are; the fastest tidal streams reach 11
+FASTEST_WATER = 40.0  # m/s, of all vortices at one place, which is unlikely; the fastest tidal streams reach 11
 
 WaveHeight = Annotated[float, Field(ge=0.001, le=30)]
 WavePeriod = Annotated[float, Field(ge=0.5, le=30)]
@@ -52,12 +52,12 @@ class Area(Section):
         return math.hypot(self.width, self.length)
 
     def cells(self, longer: int) -> tuple[int, int]:
-        """Cells (nx, ny) that are about square, `longer` of them along the longer side, at least 3 along each."""
+        """Numbers (nx, ny) of roughly square cells, `longer` along the longer side, at least 3 along each."""
         size = max(self.width, self.length) / longer
         return max(3, round(self.width / size)), max(3, round(self.length / size))
 
     def middles(self, nx: int, ny: int) -> tuple[np.ndarray, np.ndarray]:
-        """x (nx,) and y (ny,) of the middles of cells that fill the area, m."""
+        """x (nx,) and y (ny,) of the centres of cells that fill the area, m."""
         return (np.arange(nx) + 0.5) * self.width / nx, (np.arange(ny) + 0.5) * self.length / ny
 
 
@@ -146,7 +146,7 @@ class Sea(Section):
 
 
 class Storm(Section):
-    """Short waves: a directional Airy sea upon the long waves of `Sea`."""
+    """Short waves: a directional Airy sea on the long waves of `Sea`."""
 
     spectrum: Literal["none", "jonswap", "pm", "tma"] = Field(
         "none", description="JONSWAP, Pierson–Moskowitz, TMA (JONSWAP in water of finite depth), or no short waves"
@@ -199,7 +199,7 @@ class Water(Section):
     @field_validator("start", mode="before")
     @classmethod
     def _as_text(cls, value: Any) -> Any:
-        """TOML has times of its own: an unquoted one is taken as what it says."""
+        """TOML has a type for times: an unquoted time becomes text."""
         return value.isoformat() if isinstance(value, date | datetime) else value
 
 
@@ -247,7 +247,7 @@ class Current(Section):
 
     @property
     def fastest(self) -> float:
-        """Sum of the peak speeds of all vortices, or of as many as lie `TOGETHER`, m/s."""
+        """Sum of the peak speeds of all vortices, at most `TOGETHER`, m/s."""
         return min(self.vortices, TOGETHER) * VORTEX_PEAK * self.circulation_max / self.core_radius_min
 
     @property
@@ -370,7 +370,7 @@ class Usbl(Section):
         return self
 
     def carrier(self, auv: int, count: int) -> float:
-        """Carrier of AUV number `auv` in a team of `count`, Hz: the listed ones, then evenly between the limits."""
+        """Carrier of AUV number `auv` in a team of `count`, Hz: listed ones first, then evenly between the limits."""
         listed = len(self.carriers)
         if auv < listed:
             return self.carriers[auv]
@@ -379,7 +379,7 @@ class Usbl(Section):
 
 
 class Channel(Section):
-    """The one acoustic channel, in which boats ask AUVs in turn and they reply."""
+    """The single acoustic channel, in which boats interrogate AUVs in turn and AUVs reply."""
 
     schedule: Literal["every-step", "all", "round-robin", "by-need"] = Field(
         "every-step",

@@ -1,4 +1,4 @@
-"""Sections of a scenario about the team and its task: boats and AUVs, what they reckon and plan with, and nodes,
+"""Sections of a scenario about the team and its task: boats and AUVs, their navigation and planning, and nodes,
 observations, rewards.
 """
 
@@ -22,7 +22,7 @@ MOST_PACKETS = 1e7  # single precision counts one by one up to 1.6e7
 
 
 class Navigation(Section):
-    """What an AUV reckons with between fixes, and what it learns of them: a filter of its own."""
+    """An AUV's dead reckoning between fixes, and how it receives fixes: its own filter."""
 
     sensor: Literal["none", "ground", "water"] = Field(
         "none",
@@ -85,7 +85,7 @@ class Boat(Section):
 
 
 class Otter(Section):
-    """Numbers of a boat of `boat.model = otter`, each with its source.
+    """Numbers of a boat with `boat.model = otter`, each with its source.
 
     MSS: Fossen and Perez, "Marine Systems Simulator", https://github.com/cybergalactic/MSS, its model of the Otter of
     Maritime Robotics, with the payload of its examples, 25 kg. Fossen (2021): doi 10.1002/9781119575016.
@@ -143,7 +143,7 @@ class Otter(Section):
 
 
 class Planner(Section):
-    """What the boat maximises when it plans by Fisher information (Eq. 2–3)."""
+    """Objective of the boat's plans by Fisher information (Eq. 2–3)."""
 
     measurement: Literal["phase", "fix"] = Field(
         "phase", description="information of Eq. 1's phases at known depth, or of the whole fix (phases and delay)"
@@ -232,12 +232,12 @@ class Auv(Section):
 
     @property
     def action_size(self) -> int:
-        """Numbers of an AUV's action."""
+        """Length of an AUV's action."""
         return 3 if self.action in ("vector-depth", "fins") else 2
 
     @property
     def shallowest(self) -> float:
-        """Depth above which AUVs are not meant to be, m."""
+        """Least intended depth of the AUVs, m."""
         return {"vector-depth": self.depth_min, "fins": 0.0}.get(self.action, self.depth)
 
     @model_validator(mode="after")
@@ -341,7 +341,7 @@ class Stations(Section):
 
 
 class PluginNumbers(Section):
-    """Numbers of a plugin's task or vehicle by name; what is not given has its default."""
+    """Numbers of a plugin's task or vehicle by name; a number not given has its default."""
 
     model_config = ConfigDict(frozen=True, extra="allow")
     __pydantic_extra__: dict[str, Number] = Field(init=False)
@@ -362,7 +362,7 @@ class Observation(Section):
 
 
 class Reward(Section):
-    """Weights of the named reward terms, each multiplied with a quantity that is positive when present."""
+    """Weights of the named reward terms, each multiplied by a quantity that is positive when present."""
 
     distance_form: Literal["progress", "distance"] = Field(
         "progress", description="metres closed on the same target, or minus the distance to it (the paper's form)"
@@ -390,7 +390,7 @@ class Reward(Section):
 
 
 class Reference(Section):
-    """Best speeds and prices of time of the heuristics, found once by `usvauv eval` and recorded here."""
+    """Best speeds and prices of time for the heuristics, found once with `usvauv eval` and recorded here."""
 
     policy: str = Field("", description="default policy, if applicable; empty: the task's heuristic")
     straight_speed: float = Field(1.2, ge=0.01, le=10, description="best constant speed of `straight`, m/s")
