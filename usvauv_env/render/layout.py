@@ -1,4 +1,4 @@
-"""Layout of a frame: where its parts stand, in a frame of any shape; the unit of its letters; title, tiles, cards."""
+"""Layout of a frame: positions of its parts in a frame of any shape; the unit of its text; title, tiles, cards."""
 
 from __future__ import annotations
 

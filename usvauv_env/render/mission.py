@@ -1,8 +1,8 @@
-"""What pictures show of a recorded mission at a moment, also between its steps.
+"""State of a recorded mission at any moment, also between its steps, for pictures.
 
-A moment t is a number of steps from the first recorded state: whole numbers are steps, and what is drawn at one is what
-was recorded. Between two steps vehicles move on a cubic through the four steps around (Catmull and Rom); estimates,
-headings and covariances are linear in time; what is counted or decided keeps the value of the step before.
+A moment t is a number of steps from the first recorded state: whole numbers are steps, at which the recorded state is
+drawn. Between two steps vehicles move on a cubic through the four nearest steps (Catmull and Rom); estimates, headings
+and covariances are linear in time; counts and decisions keep the value of the step before.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The perspective view of a mission: the sea, the boats that ride it, the water below with AUVs and nodes."""
+"""The perspective view of a mission: the sea with the boats on it, the water below with AUVs and nodes."""
 
 from __future__ import annotations
 

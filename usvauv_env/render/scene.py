@@ -1,8 +1,8 @@
-"""The scene of the perspective view: coordinates, camera, the sea's surface and lines seen by it, vehicles as solids.
+"""The scene of the perspective view: coordinates, camera, projected sea surface and lines, vehicles as solids.
 
-The camera is a pinhole that looks level, with its picture shifted down to the scene. Verticals stay vertical in such a
-picture, as in one of a view camera with a shifted lens. A column of it is then a vertical plane of the scene, so that
-the sea can be drawn column by column (`look`).
+The camera is a level pinhole camera, with its picture shifted down to the scene. Verticals stay vertical in such a
+picture, as with the shifted lens of a view camera. Each column of the picture is then a vertical plane of the scene, so
+that the sea can be drawn column by column (`look`).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The sea in pictures: from above as coloured relief with the current as streaks, in perspective as a lit surface.
 
-From above (`SeaSurface`, `CurrentStreaks`) and in perspective (`SeaShading`) it has one scale of colours. `MapView` is
-the scale of lengths from above.
+From above (`SeaSurface`, `CurrentStreaks`) and in perspective (`SeaShading`) it has the same colour scale. `MapView`
+is the scale of lengths from above.
 """
 
 from __future__ import annotations

@@ -1,16 +1,16 @@
-"""The look of pictures and figures: colours and marker shapes, text in pictures, and matplotlib for figures.
+"""The style of pictures and figures: colours and marker shapes, text in pictures, and matplotlib for figures.
 
-Colours of categories (vehicles, policies, methods, strategies) were found by a search over CIELAB for the largest least
-difference between two of them, as seen with normal vision and with each of the three dichromacies (Machado, Oliveira &
-Fernandes 2009, doi 10.1109/TVCG.2009.113), also from the colours of the sea. Colour number i is of a like hue on both
-grounds. Shapes or numbers stand beside the colours everywhere. Those of pictures are in OpenCV's order BGR.
+Colours of categories (vehicles, policies, methods, strategies) were found by a search in CIELAB that maximises the
+least difference between two of them, and from the colours of the sea, for normal vision and for each of the three
+dichromacies (Machado, Oliveira & Fernandes 2009, doi 10.1109/TVCG.2009.113). Colour number i has a similar hue on both
+backgrounds. Colours are always accompanied by shapes or numbers. Those of pictures are in OpenCV's order BGR.
 
 Text is DejaVu Sans, which matplotlib installs, rendered by FreeType; OpenCV's own fonts have no Greek. Rendering takes
-about 40 µs a letter, so masks are cached: most texts are the same in every frame.
+about 40 µs per letter, so masks are cached: most texts are the same in every frame.
 
-Figures do not depend on the matplotlib settings of whoever makes them, see `plain`. matplotlib's names are imported
-from here, since `import matplotlib` fails where MPLBACKEND names a backend that is not installed, as Jupyter's does in
-another environment, and where a matplotlibrc cannot be read.
+Figures do not depend on the user's matplotlib settings, see `plain`. Other modules import matplotlib's names from here,
+since `import matplotlib` fails if MPLBACKEND names a backend that is not installed, as Jupyter's does in another
+environment, or if a matplotlibrc cannot be read.
 """
 
 from __future__ import annotations

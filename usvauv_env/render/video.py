@@ -34,10 +34,10 @@ from usvauv.kernels.errors import UserError, choices
 
 SMALLEST, LARGEST = 240, 7680  # pixels a side
 FRAME_BYTES = 40.0  # of memory, a pixel of a frame
-WAITING = 2  # pictures that are drawn and not encoded yet
+WAITING = 2  # pictures drawn but not yet encoded
 BT709 = 1  # FFmpeg's number of its primaries, transfer function and matrix
-SEA_SPEED = 4.0  # s of mission in a second, of the sea in perspective where none is asked for
-SEA_LENGTH = 60.0  # s of video at most, of that
+SEA_SPEED = 4.0  # s of mission per second of video, default of the sea in perspective
+SEA_LENGTH = 60.0  # s, longest video at this default
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,9 @@ class Format:
     """A kind of video file.
 
     Attributes:
-        name: FFmpeg's, of the container. codec: FFmpeg's name of its encoder. options: of the encoder. container:
-            options of the container. pixels: how the encoder takes a picture. matrix: from colours to yuv420p.
-        size, fps: width and height in pixels and frames a second, at most, where none are asked for.
+        name: FFmpeg's name of the container. codec: FFmpeg's name of the encoder. options: of the encoder. container:
+            options of the container. pixels: pixel format of the encoder. matrix: from colours to yuv420p.
+        size, fps: default width and height in pixels and frames per second, at most.
     """
 
     name: str
@@ -93,14 +93,14 @@ LARGE_GIF = 8e6  # bytes from which on a GIF takes long to load in a page
 
 
 def usual(path: Path) -> tuple[tuple[int, int], int]:
-    """Size and frames a second, at most, of a file where none are asked for."""
+    """Default size and frames per second of a file, at most."""
     kind = FORMATS.get(path.suffix.lower(), FORMATS[".mp4"])
     return kind.size, kind.fps
 
 
 @dataclass(frozen=True)
 class Video:
-    """What `write_video` takes, checked before a mission is simulated; its arguments are described there.
+    """The arguments of `write_video`, described there, checked before a mission is simulated.
 
     Raises:
         UserError: a value that is not allowed.
@@ -193,10 +193,10 @@ class Video:
 
 @dataclass(frozen=True)
 class VideoSummary:
-    """What was written: a file's path, its frames, their width and height in pixels, frames a second, play speed.
+    """A written file: its path, its frames, their width and height in pixels, frames per second, play speed.
 
     Attributes:
-        mission: end of the mission, s, where the video by default shows its beginning alone, else 0.
+        mission: end of the mission, s, if the video by default shows only its beginning, else 0.
     """
 
     path: Path
@@ -208,7 +208,7 @@ class VideoSummary:
 
     @property
     def part(self) -> str:
-        """Which part of the mission a video shows where it does not show all, and how to see more; else empty."""
+        """Which part of the mission a video shows, and how to see more; empty if it shows all."""
         if not self.mission:
             return ""
         shown = self.frames / self.fps * self.speedup
@@ -219,7 +219,7 @@ class VideoSummary:
 
     @property
     def remark(self) -> str:
-        """Why a GIF is above `LARGE_GIF`, and what makes it smaller; empty for other files."""
+        """Why a GIF is larger than `LARGE_GIF`, and how to make it smaller; empty for other files."""
         taken = self.path.stat().st_size
         if self.path.suffix.lower() != ".gif" or taken <= LARGE_GIF:
             return ""
@@ -249,21 +249,21 @@ def write_video(
 ) -> VideoSummary:
     """Draw world 0 of a mission as a video or as a picture, or two missions side by side.
 
-    The sea is shown where it was recorded: `record(…, surface=True)`. The file appears when it is complete.
+    The sea is shown if it was recorded: `record(…, surface=True)`. The file appears when it is complete.
 
     Args:
-        traces: one, or two that are compared: of one mission step and one task.
+        traces: one, or two to compare, with the same mission step and task.
         path: of a video, .mp4, .webm, .gif or .webp, or of a picture, .png.
         view: "map" (from above, with plots), "sea" (in perspective) or "both".
         theme: "dark" or "light".
-        size: width and height, each from 240 to 7680 pixels; odd numbers are reduced by 1. Default (1280, 720), of a
+        size: width and height, each from 240 to 7680 pixels; odd numbers are reduced by 1. Default (1280, 720), for a
             GIF (640, 360).
-        fps: frames a second; default 30, of a GIF 12.
-        speedup: seconds of mission in a second of video; 1 is real time. Frames are of moments between mission steps as
-            well. None shows each mission step for one frame, and the sea in perspective `SEA_SPEED` times faster than
-            in reality, its first `SEA_LENGTH` s of video.
-        at: moment that a picture shows, s of mission, None for its end; of a video begin and end of what it shows.
-        follow: a vehicle that map and perspective go along with, nearer: usv, usv:N or auv:N.
+        fps: frames per second; default 30, for a GIF 12.
+        speedup: seconds of mission per second of video; 1 is real time. Frames between mission steps are interpolated.
+            None shows each mission step for one frame, or the sea in perspective at `SEA_SPEED` times real time, the
+            first `SEA_LENGTH` s of video.
+        at: moment of a picture, s of mission, None for its end; for a video the begin and end of the part shown.
+        follow: a vehicle that map and perspective follow at closer range: usv, usv:N or auv:N.
         progress: called with 1 after each frame.
 
     Raises:
@@ -281,7 +281,7 @@ def even(size: tuple[int, int], out: Path) -> tuple[int, int]:
     """The size with odd numbers reduced by 1, as yuv420p requires.
 
     Raises:
-        OutputError: the size is out of range; the message names the file.
+        OutputError: the size is out of range; the message has the file's name.
     """
     width, height = (side - side % 2 for side in size)
     if not all(SMALLEST <= side <= LARGEST for side in (width, height)):
@@ -291,7 +291,7 @@ def even(size: tuple[int, int], out: Path) -> tuple[int, int]:
 
 @contextmanager
 def one_drawing_thread() -> Iterator[None]:
-    """Let OpenCV draw with one thread: small shapes gain nothing from more, and the encoder has threads of its own."""
+    """Let OpenCV draw with one thread: small shapes gain nothing from more, and the encoder has its own threads."""
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
@@ -301,17 +301,17 @@ def one_drawing_thread() -> Iterator[None]:
 
 
 def video_bytes(width: int, height: int) -> float:
-    """Estimate of the memory that drawing and encoding a video takes at its peak, bytes."""
+    """Estimated peak memory for drawing and encoding a video, bytes."""
     return 2e7 + FRAME_BYTES * width * height
 
 
 @contextmanager
 def video_file(out: Path, width: int, height: int, fps: Fraction | int) -> Iterator[Callable[[np.ndarray], None]]:
-    """A video file; the function it gives appends a picture (height, width, 3) BGR, which it copies.
+    """A video file; yields a function that appends a picture (height, width, 3) BGR, which it copies.
 
     The file appears at its path when it is complete, and not at all after an error or Ctrl-C. Another thread converts
-    and encodes pictures while the next ones are drawn. Colours are those of BT.709, and the file says so,
-    where its kind leaves the choice.
+    and encodes pictures while the next ones are drawn. If the format allows a choice, colours are those of BT.709, and
+    the file states this.
 
     Args:
         out: its ending is one of `FORMATS`.
@@ -332,7 +332,7 @@ def video_file(out: Path, width: int, height: int, fps: Fraction | int) -> Itera
                 context = stream.codec_context
                 context.colorspace = context.color_primaries = context.color_trc = BT709
             convert = _converter(kind, fps)
-            # The same frames all the time: memory of frames that come and go is not given back by the C library.
+            # Frames are reused: the C library does not return the memory of frames made anew each time.
             free = [av.VideoFrame(width, height, "bgr24") for _ in range(WAITING)]
             waiting: deque[Future[av.VideoFrame]] = deque()
 
@@ -365,7 +365,7 @@ def _pixels(frame: av.VideoFrame) -> np.ndarray:
 
 
 def _converter(kind: Format, fps: Fraction | int) -> Callable[[av.VideoFrame], av.VideoFrame]:
-    """Function from pictures to what the encoder takes."""
+    """Function that converts pictures to frames for the encoder."""
     if kind.pixels == "pal8":
         return _palettes(fps)
     # One for all frames: setting it up takes longer than using it.
@@ -373,9 +373,9 @@ def _converter(kind: Format, fps: Fraction | int) -> Callable[[av.VideoFrame], a
 
 
 def _palettes(fps: Fraction | int) -> Callable[[av.VideoFrame], av.VideoFrame]:
-    """Function from pictures to those of a GIF; `PALETTE_FRAMES` in a row share the palette of the first of them.
+    """Function that converts pictures to those of a GIF; `PALETTE_FRAMES` in a row share the first one's palette.
 
-    Where the palette stays, pixels that do not change cost little.
+    While the palette stays the same, unchanged pixels cost little.
     """
     tick, numbers = 1 / Fraction(fps), count()
     ends: tuple[Any, Any, Any] = None, None, None
@@ -394,7 +394,7 @@ def _palettes(fps: Fraction | int) -> Callable[[av.VideoFrame], av.VideoFrame]:
 
 
 def _paletting(frame: av.VideoFrame, tick: Fraction) -> tuple[Any, Any, av.filter.Graph]:
-    """Ends of a graph from pictures to those with the palette of a frame, and the graph."""
+    """Input and output of a graph that gives pictures the palette of a frame, and the graph."""
     making, graph = av.filter.Graph(), av.filter.Graph()
     source = making.add_buffer(width=frame.width, height=frame.height, format=frame.format, time_base=tick)
     making.link_nodes(source, making.add("palettegen", f"max_colors={COLOURS}"), making.add("buffersink")).configure()
