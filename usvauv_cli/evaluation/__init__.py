@@ -1,5 +1,5 @@
-"""What `usvauv eval` does: combinations that advance together by batches, and what is known of them so far.
+"""Implementation of `usvauv eval`: combinations that advance together in batches, and their results so far.
 
-`comparison.Comparison` has means, intervals and paired differences, `tables` says them in tables and sentences;
-`run.batches` runs what is missing, and `run.definition` says what decides the results.
+`comparison.Comparison` has means, intervals and paired differences, `tables` prints them as tables and sentences;
+`run.batches` runs missing episodes, and `run.definition` lists everything that decides the results.
 """

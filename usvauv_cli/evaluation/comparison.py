@@ -1,13 +1,13 @@
 """Means with 95 % intervals of combinations of policy, boat strategy and target rule.
 
-All combinations run in the same worlds, so the difference of two is taken episode by episode: what the worlds have in
-common cancels. Episodes on the same random sea are not independent. So the variance of a mean is that of the sums of
+All combinations run in the same worlds, so the difference of two is taken episode by episode: the worlds' common
+effects cancel. Episodes on the same random sea are not independent. So the variance of a mean is that of the sums of
 deviations over each of the G seas that occur,
 
     var x̄ = G/(G − 1) Σ_g (Σ_{i in g} (x_i − x̄))² / n²,
 
-and the interval is x̄ ± t √var with Student's t of G − 1 degrees of freedom. With a sea for each episode that is t s/√n.
-Sums are kept, whose size does not grow with the number of episodes. The intervals take the mean of a sea as normal.
+and the interval is x̄ ± t √var with Student's t for G − 1 degrees of freedom; with a sea for each episode, t s/√n. Only
+sums are kept, whose size does not grow with the number of episodes. The intervals assume normal means over seas.
 
 Source: Cameron and Miller (2015), "A practitioner's guide to cluster-robust inference", J. Human Resources 50, 317,
 doi 10.3368/jhr.50.2.317, §II and §VI.
@@ -29,7 +29,7 @@ LEVEL = 0.95
 
 
 class Estimate(NamedTuple):
-    """A mean and half of its 95 % interval over n episodes; NaN: no mean of none, no interval of one."""
+    """A mean and half of its 95 % interval over n episodes; NaN: no mean for n = 0, no interval for n = 1."""
 
     mean: float
     half: float
@@ -40,7 +40,7 @@ class Estimate(NamedTuple):
 def t_quantile(freedom: int) -> float:
     """t with P(|T| < t) = 95 % for Student's T with a whole number ν of degrees of freedom.
 
-    With t = √ν tan θ the density of θ is proportional to cos^(ν−1) θ, which is integrated by Gauss and Legendre's rule.
+    With t = √ν tan θ the density of θ is proportional to cos^(ν−1) θ, which Gauss–Legendre quadrature integrates.
     """
     nodes, weights = np.polynomial.legendre.leggauss(64)
 
@@ -56,10 +56,10 @@ def t_quantile(freedom: int) -> float:
 
 
 class Moments:
-    """Mean and spread of F figures over values that come in parts; of a figure, NaN are left out.
+    """Mean and spread of F figures over values that are added in parts; a figure's NaN are left out.
 
     Parts are joined by Chan, Golub & LeVeque 1983, doi:10.1080/00031305.1983.10483115, about the first value, so that
-    equal values have a spread of exactly 0. Values take turns on so many random seas; 0: each has its own.
+    equal values have a spread of exactly 0. Values alternate among `seas` random seas; 0: each has its own.
     """
 
     def __init__(self, figures: int, seas: int = 0) -> None:
@@ -71,7 +71,7 @@ class Moments:
         self._squares = np.zeros(figures)  # sum of squared deviations from the mean
 
     def add(self, values: np.ndarray) -> None:
-        """Take more values, (any number, F)."""
+        """Add values, (any number, F)."""
         known = ~np.isnan(values)
         n = known.sum(axis=0)
         first = values[known.argmax(axis=0), np.arange(values.shape[1])]
@@ -98,13 +98,13 @@ class Moments:
         return Estimate(mean, t_quantile(freedom) * math.sqrt(variance) if freedom else math.nan, n)
 
     def effective(self, figure: int) -> float:
-        """Number of values on seas of their own of which the mean would be as well known."""
+        """Number of values, each on its own sea, whose mean would be as precise."""
         n, (variance, freedom) = int(self._n[figure]), self._variance(figure)
         alone = self.deviation(figure) ** 2
         return min(n, alone / variance) if freedom and variance > 0 else n
 
     def floor(self, figure: int) -> float:
-        """Half of the interval below which it hardly falls however many more values come, if their seas are the same.
+        """Half of the interval, below which more values on the same seas hardly bring it.
 
         Of the variance V of the mean with ν degrees of freedom, W is the part of the values within seas; from the rest
         three standard errors are taken, of the variance (4 (V − W) W + 2 W²)/ν. ∞: all values are on one sea.
@@ -149,7 +149,7 @@ def interval(values: np.ndarray | Sequence[float], seas: int = 0) -> Estimate:
 
 
 def words(value: Estimate, sign: bool = False) -> str:
-    """Mean ± half of the interval, which has two digits; without an interval a mean of three, or a whole one.
+    """Mean ± half of the interval with two digits; without an interval the mean with three, or a whole number.
 
     A mean that is NaN is –. Neither has more than four digits after the point.
     """
@@ -178,8 +178,8 @@ class Comparison:
         self, combinations: Sequence[Combination], reference: Combination | None = None, kept: int = 0, seas: int = 0
     ) -> None:
         self.combinations = tuple(combinations)
-        self.seas = seas  # random ones that episodes take turns on; 0: each has its own, or all are alike
-        self.reference = reference or self.combinations[0]  # what the others are compared with
+        self.seas = seas  # random ones among which episodes alternate; 0: each has its own, or all are alike
+        self.reference = reference or self.combinations[0]  # the others are compared with it
         # Energy, Wh, and data, Mbit, of the first `kept` episodes of each, for a figure.
         self.points: dict[Combination, list[tuple[float, float]]] = {which: [] for which in self.combinations}
         self.episodes = 0  # of each
@@ -190,7 +190,7 @@ class Comparison:
         self._differences: dict[Combination, Moments] = {}
 
     def add(self, batch: Mapping[Combination, Sequence[Mapping[str, Any]]]) -> None:
-        """Take rows of the CSV, of the same episodes in the same order for every combination."""
+        """Add rows of the CSV, with the same episodes in the same order for every combination."""
         rows = batch[self.reference]
         if not self._places:
             self.of_task = tuple(name for name in rows[0] if name not in COLUMNS)
@@ -215,25 +215,25 @@ class Comparison:
         return self._scores[which].deviation(self._places[name])
 
     def difference(self, which: Combination, name: str) -> Estimate:
-        """Mean and interval of a figure less the reference's in the same world, over worlds where both have it."""
+        """Mean and interval of a figure minus the reference's in the same world, over worlds where both have it."""
         return self._differences[which].estimate(self._places[name])
 
     def half(self, name: str) -> float:
-        """Half of the widest interval of a difference, of one combination alone that of its mean.
+        """Half of the widest interval of a difference; with one combination, of its mean.
 
-        ∞: there is none, or one of length 0. Values that are all equal so far do not tell how much others may differ.
+        ∞: there is none, or one of length 0: values that are all equal so far do not show how much others may differ.
         """
         halves = [moments.estimate(self._places[name]).half for moments in self._decisive]
         return max(half if half > 0 else math.inf for half in halves)
 
     def floor(self, name: str) -> float:
-        """What stays of `half` however many more episodes come on the same seas; 0 while that is unknown."""
+        """Limit of `half` with many more episodes on the same seas; 0 while it is unknown."""
         if self.episodes < max(LEAST_EPISODES, 2 * self.seas):
             return 0.0
         return max(moments.floor(self._places[name]) for moments in self._decisive)
 
     def effective(self, name: str) -> float:
-        """Number of episodes on seas of their own that tell as much of a figure, the least of all combinations."""
+        """Number of episodes, each on its own sea, as precise for a figure; the least of all combinations."""
         return min(moments.effective(self._places[name]) for moments in self._scores.values())
 
     @property
@@ -242,5 +242,5 @@ class Comparison:
         return [self._differences[which] for which in others] or [self._scores[self.reference]]
 
     def reached(self, name: str, half: float) -> bool:
-        """Whether these intervals are at most ± `half`, of enough episodes."""
+        """Whether these intervals are at most ± `half`, from enough episodes."""
         return self.episodes >= LEAST_EPISODES and self.half(name) <= half

@@ -1,5 +1,5 @@
-"""The episodes of an evaluation, batch after batch with all combinations, what decides their results, and `evaluate`,
-which compares from Python and gives a table of pandas; it is also in the package itself.
+"""The episodes of an evaluation, batch by batch with all combinations, everything that decides their results, and
+`evaluate` (also `usvauv.evaluate`), which compares from Python and returns a table of pandas.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def combinations(
 
 
 def definition(scenario: Scenario, combinations: Iterable[Combination], seed: int, arch: str) -> dict[str, Any]:
-    """What tells an evaluation from another but for the number of episodes. Taichi runs from here on."""
+    """Everything that distinguishes evaluations, except the number of episodes. Taichi runs from here on."""
     policies, boats, rules = (list(dict.fromkeys(parts)) for parts in zip(*combinations, strict=True))
     decides = {
         "scenario": scenario.to_dict(),
@@ -64,8 +64,8 @@ def definition(scenario: Scenario, combinations: Iterable[Combination], seed: in
 
 
 def digests(policies: Iterable[str], others: Iterable[str]) -> list[tuple[Path, str]]:
-    """Files, with hashes of their content, that decide results beside a scenario: plugins, learned rules, weights, the
-    files of MODULE:CLASS; by names of policies, and of boat strategies and target rules.
+    """Files on which results depend apart from the scenario, with hashes of their content: plugins, learned rules,
+    weights, files of MODULE:CLASS; from names of policies, and of boat strategies and target rules.
     """
     learned = [Path(name.partition(":")[2]) for name in others if name.startswith("learned:")]
     of_policies = [path for policy in filter(None, policies) if (path := source(policy))]
@@ -77,7 +77,7 @@ def digests(policies: Iterable[str], others: Iterable[str]) -> list[tuple[Path, 
 
 
 def first_difference(one: Any, other: Any, name: str = "") -> str:
-    """The first value in which two definitions differ, in words; empty: in none."""
+    """The first value that differs between two definitions, in words; empty: none."""
     if isinstance(one, Mapping) and isinstance(other, Mapping):
         for key in dict.fromkeys((*one, *other)):
             if found := first_difference(one.get(key), other.get(key), f"{name}.{key}".lstrip(".")):
@@ -98,10 +98,10 @@ def batches(
     on_step: Callable[[int], None],
     on_trace: Callable[[Trace, int], None],
 ) -> Iterator[Mapping[Combination, Sequence[Mapping[str, Any]]]]:
-    """Rows of all combinations, in batches of so many worlds; those that the table has not yet are run and added to it.
+    """Rows of all combinations, in batches of `size` worlds; rows missing in the table are run and added to it.
 
     Args:
-        on_step: called with the number of worlds that made a step, or had made it in an earlier process.
+        on_step: called with the number of worlds stepped, also for steps of an earlier process.
         on_trace: called with the trace of a batch and the number of its first episode.
     """
     before = 0
@@ -140,33 +140,33 @@ def evaluate(
     """Run each policy with each boat strategy and target rule in the same seeded worlds, and compare them.
 
     Episode e of every combination takes place in world e of the seed. So differences to the first combination are taken
-    episode by episode, which is far sharper than comparing two means. Intervals are as
-    `usvauv.cli.evaluation.comparison` says. `usvauv.env.evaluate` gives the single episodes.
+    episode by episode, which is far more precise than comparing two means. `usvauv.cli.evaluation.comparison` describes
+    the intervals. `usvauv.env.evaluate` returns the single episodes.
 
     >>> table = evaluate("wide", usv=["fim", "belief"], episodes=40)
     >>> table.loc["delivered_mbit"]
 
     Args:
-        scenario: a scenario, or what `Scenario.load` takes.
-        policies: of the AUVs: a name or several, as `policies.load` takes them, or a name in the table → class or
-            function that takes the world and gives something with `act`, or a function: observations (W, K, O) →
-            actions (W, K, 2) in [−1, 1]. Default: the scenario's.
-        usv, targets: strategies of the boat and target rules, by name. Default: the scenario's.
-        episodes: of each combination, at least 1.
-        seed, arch: as `World` takes them.
+        scenario: a scenario, or an argument of `Scenario.load`.
+        policies: of the AUVs: one or several names, as for `policies.load`, or a name in the table → class or function
+            that takes the world and returns an object with `act`, or a function: observations (W, K, O) → actions
+            (W, K, 2) in [−1, 1]. Default: the scenario's.
+        usv, targets: boat strategies and target rules, by name. Default: the scenario's.
+        episodes: per combination, at least 1.
+        seed, arch: as for `World`.
 
     Returns:
         A row for each figure and combination, with the index figure, policy, usv, targets. Its columns: `mean` over the
-        episodes, and `half` of its 95 % interval, so that the interval is mean ± half; `difference`, mean over the
-        worlds of the figure less that of the first combination in the same world, and `difference_half`, both NaN in
-        the first combination's row; `episodes` that have the figure: the energy for each Mbit, say, only those that
-        brought in data.
+        episodes, and `half` of its 95 % interval, so that the interval is mean ± half; `difference`, the mean over the
+        worlds of the figure minus that of the first combination in the same world, and `difference_half`, both NaN in
+        the first combination's row; `episodes`, the number that have the figure: for energy per Mbit, for example, only
+        those with collected data.
 
         Figures are named as in the CSV of `usvauv eval`, with the unit where it is not obvious. `attrs["sentences"]`
-        has what `usvauv eval` says of the differences in words.
+        has the sentences of `usvauv eval` on the differences.
 
     Raises:
-        UserError: an argument that cannot be used, or what `Scenario.load`, `World` and `record` raise.
+        UserError: an argument that cannot be used; also errors of `Scenario.load`, `World` and `record`.
     """
     import pandas as pd
 

@@ -1,4 +1,4 @@
-"""What a comparison says: the figures of merit as columns of tables, printed tables, and sentences."""
+"""Output of a comparison: figures of merit as columns of tables, printed tables, and sentences."""
 
 from __future__ import annotations
 
@@ -181,15 +181,15 @@ def labels(combinations: Sequence[Combination]) -> list[str]:
 
 
 def headline(scenario: Scenario) -> str:
-    """The figure by which combinations are compared first: the data brought in, or the distance to the stations."""
+    """The figure by which combinations are compared first: the collected data, or the distance to the stations."""
     return HEADLINES.get(scenario.task, "arps")
 
 
 def sentence(less: Estimate, one: str, other: str, name: str) -> str:
     """A difference as a sentence: "belief brings in 30 ± 9 Mbit more than fim".
 
-    `less` is a figure, a column of the CSV, of `one` less that of `other` in the same worlds, with its interval. Where
-    that holds 0 there is no difference beyond chance.
+    `less` is a figure, a column of the CSV, of `one` minus that of `other` in the same worlds, with its interval. If
+    the interval contains 0, there is no difference beyond chance.
     """
     what, phrase, *ways = PHRASES.get(name) or _plain(name)
     if not less.n:
@@ -207,7 +207,7 @@ def sentence(less: Estimate, one: str, other: str, name: str) -> str:
 
 
 def _plain(name: str) -> tuple[str, str, str, str]:
-    """The words of a figure that has none of its own; those of positions have headings that mean nothing alone."""
+    """Words for a figure without its own; those of positions have headings that mean nothing alone."""
     column = COLUMNS.get(name)
     what, _, unit = column.heading.partition(", ") if column else (name, "", "")
     if column in POSITIONS:
@@ -227,7 +227,7 @@ def sentences(comparison: Comparison, name: str) -> list[str]:
 
 
 def dependence(comparison: Comparison, name: str) -> str:
-    """What it means for a figure that episodes share seas; empty where they do not."""
+    """A sentence on the effect of shared seas on a figure; empty if episodes do not share them."""
     effective = comparison.effective(name)
     if comparison.seas == 1 < comparison.episodes:
         return f"no intervals: all {comparison.episodes} episodes are on one sea, which says nothing of other seas"

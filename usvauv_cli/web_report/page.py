@@ -162,13 +162,13 @@ class Player:
 def play(*traces: Trace) -> Player:
     """Recorded missions as a player in a notebook: boat, AUVs, nodes and estimates, as in the page of `usvauv eval`.
 
-    In IPython a trace that ends a cell is shown so by itself.
+    IPython shows a trace that ends a cell automatically.
 
     Args:
-        traces: one, or several to choose from, such as of the same world with different strategies.
+        traces: one, or several to choose from, for example of the same world with different strategies.
 
     Raises:
-        UserError: there is none, or their areas differ.
+        UserError: no traces, or their areas differ.
     """
     areas = {(each.scenario.area.width, each.scenario.area.length, each.scenario.current.period) for each in traces}
     if len(areas) != 1:
