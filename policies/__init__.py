@@ -1,4 +1,4 @@
-"""Policies: heuristics, learned ones, and how they are learned.
+"""Policies: heuristics, learned policies, and their training.
 
 >>> from usvauv import policies
 >>> from usvauv.env import Scenario, World
@@ -6,9 +6,9 @@
 >>> policy = policies.load("straight:1.4", world)
 >>> action = policy.act(world.reset())
 
-From outside: the names below; the registries of `usvauv.policies.heuristics`, `usvauv.policies.algorithms` and
-`usvauv.policies.frames`; `usvauv.policies.guidance` for your own policy, `usvauv.policies.export` and
-`usvauv.policies.training` for what their names say.
+Public: the names below; the registries of `usvauv.policies.heuristics`, `usvauv.policies.algorithms` and
+`usvauv.policies.frames`; `usvauv.policies.guidance`, helpers for your own policy; `usvauv.policies.export` and
+`usvauv.policies.training`.
 """
 
 from usvauv.policies.checkpoint import read_history, read_run

@@ -1,19 +1,19 @@
 """Policies and training runs on disk, in safetensors files with JSON as their metadata, so that loading runs no code.
 
     RUN/best.safetensors    the best policy of a run
-    RUN/last.safetensors    the last one, and the state of the run, from which it resumes
+    RUN/last.safetensors    the last policy, and the state of the run for resuming it
 
-A file has parts. The JSON of the part "policy" says how the policy was made and its score; its tensors are the actor's
+A file has parts. The JSON of the part "policy" has the policy's provenance and score; its tensors are the actor's
 weights and the statistics of the standardizer, `policy.actor.*` and `policy.whitening.*`. The part "training" has the
-counters of the run, and networks, optimisers, replay, random generators and world, `training.*`. The metadata `usvauv`
-holds the JSON of all parts by name:
+run's counters, networks, optimisers, replay, random generators and world, `training.*`. The metadata `usvauv` holds the
+JSON of all parts by name:
 
 >>> from safetensors import safe_open
 >>> json.loads(safe_open("last.safetensors", "np").metadata()["usvauv"])["policy"]["score"]
 
-A file takes the place of the one before in one step, so that a reader and a resumed run find either one whole, whenever
-a process is killed. Version 0.2 wrote a folder in place of a file, with each part as PART.json and PART.safetensors; it
-is read too.
+A new file replaces the previous one atomically, so that a reader or a resumed run finds either one complete, whenever a
+process is killed. Version 0.2 wrote a folder instead of a file, with each part as PART.json and PART.safetensors; such
+folders are read too.
 """
 
 from __future__ import annotations
@@ -57,9 +57,9 @@ FORMAT = 2  # 1 had a guided frame without repulsion
 POLICY, TRAINING = "policy", "training"
 LAST, BEST, TENSORBOARD, WANDB = "last", "best", "tensorboard", "wandb"
 ENDING = ".safetensors"
-METADATA = "usvauv"  # name of the JSON; of several metadata a file's bytes would depend on chance
+METADATA = "usvauv"  # name of the JSON; with several entries a file's bytes would depend on chance
 CPU = torch.device("cpu")
-ATTEMPTS = 20  # to read what is being replaced
+ATTEMPTS = 20  # to read a file that is being replaced
 
 Part = tuple[dict[str, Any], dict[str, Tensor]]  # its JSON and its tensors
 
@@ -71,13 +71,13 @@ Figure = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 
 
 class Checked(BaseModel):
-    """Fields of a checkpoint's JSON, others beside them."""
+    """Checked fields of a checkpoint's JSON, which may have others."""
 
     model_config = ConfigDict(strict=True, allow_inf_nan=False)
 
     @classmethod
     def check(cls, content: Mapping[str, Any], place: str = "") -> None:
-        """Refuse JSON with a field that is wrong; `place` begins the message.
+        """Refuse JSON with an invalid field; `place` begins the message.
 
         Raises:
             PolicyError: one line with the field, its value and what is allowed.
@@ -92,7 +92,7 @@ class Checked(BaseModel):
 
 
 class Resumption(Checked, extra="allow"):
-    """An entry of `Made.resumed`, see `provenance`; all else of it is text."""
+    """An entry of `Made.resumed`, see `provenance`; its other fields are text."""
 
     __pydantic_extra__: dict[str, str]
     steps: Count
@@ -100,7 +100,7 @@ class Resumption(Checked, extra="allow"):
 
 
 class Made(Checked):
-    """Fields of a policy's JSON that say how it was made."""
+    """Fields of a policy's JSON about its training."""
 
     steps: Count = 0
     updates: Count = 0
@@ -117,7 +117,7 @@ class Made(Checked):
 
 
 def path_of(run: Path, name: str) -> Path:
-    """Where the checkpoint `LAST` or `BEST` of a run is or will be: a file, or a folder of version 0.2."""
+    """Path of a run's checkpoint `LAST` or `BEST`, existing or not: a file, or a folder of version 0.2."""
     file, folder = run / f"{name}{ENDING}", run / name
     return folder if os.path.isdir(folder) and not os.path.exists(file) else file
 
@@ -135,19 +135,19 @@ def write(path: Path, parts: Mapping[str, Part]) -> None:
     with atomic_write(path) as partial:
         mode = partial.stat().st_mode
         save_file(tensors, partial, {METADATA: about})
-        partial.chmod(mode)  # safetensors lets its owner alone read it
+        partial.chmod(mode)  # safetensors makes it readable for its owner only
     with writing(path):
         sync(path.parent)
 
 
 def clean(run: Path) -> None:
-    """Remove what a killed process had not completed in the folder of a run.
+    """Remove incomplete files of a killed process from the folder of a run.
 
-    To be called by the one process that writes there, see `usvauv.env.storage.files`.
+    Only the one process that writes there may call it, see `usvauv.env.storage.files`.
 
     Raises:
-        OutputError: the folder cannot be written, what is written there is a link out of it, or its path is not UTF-8,
-            which safetensors needs.
+        OutputError: the folder cannot be written, a file there is a link out of it, or its path is not UTF-8, which
+            safetensors needs.
     """
     if not is_text(os.path.realpath(run)):
         raise OutputError(f"{run}: cannot hold checkpoints: its path must be in UTF-8")
@@ -159,7 +159,7 @@ def clean(run: Path) -> None:
 
 
 def read(path: Path, part: str, device: torch.device = CPU) -> Part:
-    """JSON and tensors of a part of a checkpoint, as given to `write`; both of the same `write`.
+    """JSON and tensors of a checkpoint's part, as given to `write`; both from the same `write`.
 
     Raises:
         PolicyError: missing or damaged.
@@ -178,7 +178,7 @@ def read(path: Path, part: str, device: torch.device = CPU) -> Part:
 
 
 def _identity(path: Path) -> tuple[int, int] | None:
-    """Differs between a file and another one in its place; None: there is none."""
+    """A value that differs between a file and one that replaced it; None: no file."""
     try:
         about = path.stat()
     except OSError:
@@ -195,7 +195,7 @@ def _read(path: Path, part: str, device: torch.device) -> Part:
         raise PolicyError(f"{path}: checkpoint is missing") from None
     except KeyError:
         raise PolicyError(f"{path}: checkpoint has no part {part!r}") from None
-    except Exception as error:  # of safetensors and torch, of any kind: types unknown to one of them, sizes, headers
+    except Exception as error:  # any error of safetensors and torch: types unknown to one of them, sizes, headers
         raise PolicyError(f"{path}: checkpoint is damaged: {error}") from None
     if not isinstance(about, dict) or type(about.get("format")) is not int or about["format"] != FORMAT:
         raise PolicyError(
@@ -205,7 +205,7 @@ def _read(path: Path, part: str, device: torch.device) -> Part:
 
 
 def _read_file(path: Path, part: str, device: torch.device) -> Part:
-    if not os.path.isfile(path):  # a pipe would not end
+    if not os.path.isfile(path):  # reading a pipe would not end
         raise FileNotFoundError
     with safe_open(path, "pt", device=str(device)) as file:
         about = parse_text((file.metadata() or {})[METADATA], "JSON")[part]
@@ -215,23 +215,23 @@ def _read_file(path: Path, part: str, device: torch.device) -> Part:
 
 def _read_folder(path: Path, part: str, device: torch.device) -> Part:
     """A part as version 0.2 wrote it."""
-    tensors = path / f"{part}{ENDING}"  # of a finished run of a sweep it was removed
+    tensors = path / f"{part}{ENDING}"  # removed in a finished run of a sweep
     about = read_text(path / f"{part}.json", "JSON")
     return about, load_file(tensors, device=str(device)) if tensors.is_file() else {}
 
 
 def provenance(begun: Mapping[str, Any], start: Sequence[str] = ("usvauv",)) -> dict[str, Any]:
-    """Command, commit, version of torch and plugins, as recorded in a checkpoint so that it can be reproduced.
+    """Command, commit, version of torch and plugins, recorded in a checkpoint so that it can be reproduced.
 
     A resumed run keeps those of its beginning, from the JSON `begun` of its checkpoint; "resumed" lists the world-steps
-    at which it was resumed, and with what. `start` is how the command begins.
+    at which it was resumed, with the same items. `start` is the beginning of the command.
     """
 
     def git(*arguments: str) -> str:
         place = Path(__file__).parent
         try:
             done = subprocess.run(["git", *arguments], capture_output=True, text=True, check=False, cwd=place)
-        except OSError:  # it is not installed
+        except OSError:  # git is not installed
             return ""
         return done.stdout.strip() if done.returncode == 0 else ""
 
@@ -248,7 +248,7 @@ def provenance(begun: Mapping[str, Any], start: Sequence[str] = ("usvauv",)) -> 
 
 
 def describe(policy: LearnedPolicy, config: TrainingConfig, about: Mapping[str, Any]) -> Part:
-    """JSON and tensors of a policy; `about` adds how it was made and its score."""
+    """JSON and tensors of a policy; `about` adds its provenance and score."""
     scenario = policy.scenario
     content = {
         "format": FORMAT,
@@ -260,7 +260,7 @@ def describe(policy: LearnedPolicy, config: TrainingConfig, about: Mapping[str, 
         "training": asdict(config),
         "scenario": scenario.to_dict(),
     }
-    # Copies, because a file does not hold memory twice, and a run has the actor among its networks too.
+    # Copies, because a file cannot hold shared memory twice, and a run has the actor among its networks too.
     tensors = {f"actor.{name}": value.clone() for name, value in policy.actor.state_dict().items()}
     tensors["whitening.mean"] = policy.standardizer.mean
     tensors["whitening.deviation"] = policy.standardizer.deviation
@@ -299,7 +299,7 @@ def load_policy(
 
 
 def _scenario_and_config(content: Mapping[str, Any], path: Path) -> tuple[Scenario, TrainingConfig]:
-    """What a policy was trained in and with, from the JSON of its checkpoint, whose other fields are checked."""
+    """Scenario and settings of a policy's training, from its checkpoint's JSON, whose other fields are checked."""
     try:
         scenario = Scenario.from_dict(content["scenario"], str(path), stored=True)
         config = TrainingConfig.from_dict(content["training"], str(path))
@@ -323,7 +323,7 @@ def read_run(run: Path) -> tuple[Scenario, TrainingConfig, dict[str, Any]]:
     """Scenario, settings and JSON of a training run, from which its world is built before resuming.
 
     Raises:
-        PolicyError: there is no such run, or it is damaged.
+        PolicyError: no such run, or it is damaged.
     """
     path = path_of(Path(run), LAST)
     content, _ = read(path, POLICY)
@@ -334,7 +334,7 @@ def read_history(run: Path) -> list[dict[str, float]]:
     """The evaluations of a training run, oldest first, see `Trainer.history`; none before its first save.
 
     Raises:
-        PolicyError: what is there is damaged.
+        PolicyError: the checkpoint is damaged.
     """
     path = path_of(Path(run), LAST)
     if not path.exists():
@@ -346,10 +346,10 @@ def read_history(run: Path) -> list[dict[str, float]]:
 
 
 def close_run(run: Path) -> None:
-    """Take from the last checkpoint what only resuming needs: its replay, networks and world.
+    """Remove from the last checkpoint the parts needed only for resuming: replay, networks and world.
 
     Raises:
-        PolicyError: there is none, or it is damaged.
+        PolicyError: no checkpoint, or it is damaged.
         OutputError: it cannot be written.
     """
     path = path_of(run, LAST)

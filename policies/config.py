@@ -33,7 +33,7 @@ BOUNDS: dict[str, tuple[float, float]] = {  # both included; steps of Adam and r
 
 @dataclass(frozen=True)
 class TrainingConfig:
-    """Settings of a training run, beside its scenario.
+    """Settings of a training run, apart from its scenario.
 
     Attributes:
         algorithm: a name in `algorithms.ALGORITHMS`.
@@ -47,8 +47,8 @@ class TrainingConfig:
         gamma: discount γ of one mission step.
         n_step: steps n of reward before the bootstrap. On-policy algorithms hold each action for them.
         rollout: steps of all worlds from which an on-policy algorithm learns at once.
-        batch: transitions per learner in one update; of a shared one the same number of each AUV's, rounded down.
-        updates: gradient updates for each step of all worlds; of an on-policy algorithm epochs on each rollout.
+        batch: transitions per learner in one update; for a shared one the same number from each AUV, rounded down.
+        updates: gradient updates per step of all worlds; for an on-policy algorithm epochs on each rollout.
         learning_rate: initial learning rate of Adam for actor, critics and temperature.
         final_rate: learning rate at the end of the run over the initial one; it falls linearly with the steps.
         tau: τ of the soft update of target networks.
@@ -56,7 +56,7 @@ class TrainingConfig:
         correlation: correlation of the exploration noise from one step to the next, see `CorrelatedNoise`.
         replay: capacity in transitions per AUV, in whole steps of all worlds, rounded down.
         warmup: world-steps of the untrained policy, with its exploration, before the first update.
-        reward_scale: mean magnitude to which rewards are scaled, by those before the first update.
+        reward_scale: mean magnitude to which rewards are scaled, from those before the first update.
         layer_norm: normalise the critics' hidden layers.
     """
 
@@ -110,10 +110,10 @@ class TrainingConfig:
 
     @classmethod
     def of(cls, scenario: Scenario, **settings: Any) -> TrainingConfig:
-        """With the defaults of the algorithm in a scenario, and those of `settings`, by name, that are not None.
+        """The algorithm's defaults in a scenario, overridden by those of `settings`, by name, that are not None.
 
-        Where data are taken in passing and all that the frame `passing` needs is observed, that is the frame, without
-        renewal, as the data of a node come in many steps; where actions are those of fins it is `fins`.
+        Where data are collected in passing and all terms that the frame `passing` needs are observed, the default is
+        that frame without renewal, since a node's data come in many steps; with fins as actions it is `fins`.
         """
         passing = not set(PASSING_TERMS).difference(ObservationLayout.of(scenario).terms)
         frame = "fins" if scenario.auv.action == "fins" else "passing" if passing else None
@@ -130,7 +130,7 @@ class TrainingConfig:
 
     @property
     def before_learning(self) -> int:
-        """World-steps before the first update: the warm-up in whole steps, at least what an update's n steps need; of
+        """World-steps before the first update: the warm-up in whole steps, at least those for an update's n steps; for
         an on-policy algorithm a rollout.
         """
         if self.on_policy:
@@ -164,7 +164,7 @@ class TrainingConfig:
             raise PolicyError(f"{source}: checkpoint is damaged, or needs a plugin: {error}") from None
 
 
-# Settings that `changed` takes; the others have options of their own.
+# Settings that `changed` accepts; the others have separate options.
 TUNABLE = tuple(
     field.name for field in fields(TrainingConfig) if field.name not in ("algorithm", "num_worlds", "seed", "shared")
 )
@@ -174,7 +174,7 @@ def _value(text: str, now: object) -> object:
     """Read a value of the type of the present one.
 
     Raises:
-        ValueError: it is of another type.
+        ValueError: the value has another type.
     """
     if isinstance(now, bool):
         if text not in ("true", "false"):

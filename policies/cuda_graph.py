@@ -1,8 +1,8 @@
 """Functions of tensors that a CUDA device replays as one graph.
 
-Small networks keep a GPU waiting for Python, which launches some hundred kernels an update. A CUDA graph is launched as
-a whole. Recorded are the addresses of tensors, so what a function reads and writes besides its inputs must stay where
-it is, and it must neither wait for the device nor copy from the host (torch's notes on CUDA semantics, "CUDA graphs").
+With small networks a GPU waits for Python, which launches some hundred kernels per update. A CUDA graph is launched as
+a whole. It records addresses, so tensors that a function reads and writes besides its inputs must stay in place, and it
+must neither wait for the device nor copy from the host (torch's notes on CUDA semantics, "CUDA graphs").
 """
 
 from __future__ import annotations
@@ -13,23 +13,23 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-WARM_UP = 3  # calls as they are before the recorded one, in which libraries and optimisers allocate what they keep
+WARM_UP = 3  # ordinary calls before the recorded one, in which libraries and optimisers allocate their memory
 
 Outputs = dict[str, Tensor]
-# A recorded call: the tensors it reads, what executes it, and the outputs, which that overwrites.
+# A recorded call: the tensors it reads, the graph that executes it, and the outputs, which the graph overwrites.
 Recording = tuple[tuple[Tensor, ...], Callable[[], None], Outputs]
 
 
 class Recorded:
     """A function of tensors of fixed shapes that returns tensors by name; on a CUDA device it is recorded and replayed.
 
-    Elsewhere each call is one of the function itself. Outputs belong to the caller. What a function does in Python,
-    such as counting, happens at the calls that are not replayed.
+    Elsewhere each call is a call of the function itself. Outputs belong to the caller. A function's work in Python,
+    such as counting, is done only in calls that are not replayed.
 
     Args:
-        function: to call.
-        generators: from which alone it draws, on the device of its tensors; each replay draws anew. Without any nothing
-            is recorded.
+        function: the function.
+        generators: the only ones from which it draws, on the device of its tensors; each replay draws anew. Without
+            any, nothing is recorded.
     """
 
     def __init__(self, function: Callable[..., Outputs], *generators: torch.Generator) -> None:

@@ -1,9 +1,9 @@
-"""Which node an AUV heads for next, learned by proximal policy optimisation: the target rule `learned`.
+"""The choice of an AUV's next node, learned by proximal policy optimisation: the target rule `learned`.
 
 Schulman et al., 2017, arXiv 1707.06347, with generalised advantages (Schulman et al., 2016, arXiv 1506.02438). A
-decision lasts until the next one in its world, so the process is semi-Markov (Bradtke and Duff, 1994, NeurIPS 7): what
-comes Δt later counts exp(−Δt/T) less. A decision earns the data of the service that it leads to; counted when they are
-delivered, they would come after decisions of other AUVs that have no part in them.
+decision lasts until the next one in its world, so the process is semi-Markov (Bradtke and Duff, 1994, NeurIPS 7): data
+Δt later are weighted by exp(−Δt/T). The data of the service that a decision leads to are its reward; if they counted
+when delivered, they would follow unrelated decisions of other AUVs.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ BLOCKED = -1e9  # score of a candidate that may not be chosen
 
 
 class Scores(nn.Module):
-    """Scores of candidates, as `usvauv.kernels.mission.target_rules.learned.score` has them; at first by one feature
-    alone."""
+    """Scores of candidates, as `usvauv.kernels.mission.target_rules.learned.score` computes them; initially from one
+    feature alone."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -68,7 +68,7 @@ class Scores(nn.Module):
         return torch.cat([self.gain.reshape(1), rows.reshape(-1)]).detach().tolist()
 
     def load(self, weights: list[float]) -> None:
-        """Set the weights from a list that `weights` gave."""
+        """Set the weights from a list that `weights` returned."""
         numbers = torch.tensor(weights)
         rows = numbers[1:].reshape(HIDDEN, FEATURES + 2)
         with torch.no_grad():
@@ -79,7 +79,7 @@ class Scores(nn.Module):
 
 
 class Value(nn.Module):
-    """Data that a world will bring, discounted, from the features of all candidates of a decision (deep sets)."""
+    """A world's future data, discounted, from the features of all candidates of a decision (deep sets)."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -92,7 +92,7 @@ class Value(nn.Module):
 
 
 def split(decisions: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Features (D, N, F), free (D, N) bool and chosen candidate (D,) of decisions (D, ·) as a world left them."""
+    """Features (D, N, F), free (D, N) bool and chosen candidate (D,) of decisions (D, ·) as a world recorded them."""
     table = decisions[:, HEAD:].reshape(len(decisions), -1, FEATURES + 1)
     return table[..., :FEATURES], table[..., FEATURES] > 0, decisions[:, Decision.chosen].long()
 
@@ -102,10 +102,10 @@ class Decisions:
     """D decisions, in the order of their worlds and times.
 
     Attributes:
-        seen: (D, ·) as the worlds left them, see `usvauv.kernels.mission.target_rules.learned`.
-        world: (D,) of each.
+        seen: (D, ·) as the worlds recorded them, see `usvauv.kernels.mission.target_rules.learned`.
+        world: (D,) index of each decision's world.
         time: (D,) s.
-        earned: (D,) Mbit, as they count at the time of the decision.
+        earned: (D,) Mbit, discounted to the time of the decision.
         total: (W,) data delivered in the episode, Mbit.
     """
 
@@ -117,7 +117,7 @@ class Decisions:
 
 
 def collect(world: World, act: Callable[[Tensor], Tensor], horizon: float) -> Decisions:
-    """The decisions of the next episode of all worlds; what is earned t later counts exp(−t/horizon)."""
+    """The decisions of the next episode of all worlds; data earned t later are weighted by exp(−t/horizon)."""
     work = learned.decisions(world.rule_workspace, world.node.shape[1], world.num_auvs)
     work[..., Decision.made] = 0
     observation = world.reset()
@@ -142,7 +142,7 @@ def collect(world: World, act: Callable[[Tensor], Tensor], horizon: float) -> De
     earned = torch.zeros_like(done)
     earned[each[:-1]] = same * done[each[1:]] * torch.exp(-(time[each[1:]] - time[each[:-1]]) / horizon)
     order = worlds.argsort(stable=True)
-    order = order[time[order] < world.steps * world.scenario.mission.step]  # those after the last step come to nothing
+    order = order[time[order] < world.steps * world.scenario.mission.step]  # those after the last step have no effect
     return Decisions(seen[order], worlds[order], time[order], earned[order], delivered)
 
 
@@ -196,12 +196,12 @@ def advantages(decisions: Decisions, value: Tensor, config: DecisionConfig) -> T
 
 @dataclass(frozen=True)
 class Progress:
-    """Where a training is.
+    """Progress of a training.
 
     Attributes:
-        iteration: done.
-        sampled: mean data of the worlds learned from in the last iteration, where candidates are drawn, Mbit.
-        evaluated: mean data of the evaluation's worlds, where the best one is taken, Mbit.
+        iteration: iterations done.
+        sampled: mean data of the training worlds in the last iteration, in which candidates are drawn, Mbit.
+        evaluated: mean data of the evaluation worlds, in which the best candidate is chosen, Mbit.
     """
 
     iteration: int
@@ -214,9 +214,9 @@ class DecisionTrainer:
 
     Attributes:
         scores: the network.
-        iteration: done.
+        iteration: iterations done.
         best: the largest `Progress.evaluated` so far, Mbit.
-        interruption: of the last `train`: by which signal it was asked to stop.
+        interruption: the signal that asked the last `train` to stop.
     """
 
     def __init__(
@@ -230,12 +230,12 @@ class DecisionTrainer:
         """Begin with the scores before training.
 
         Args:
-            scenario: any of the task data-collection.
-            steering: policy of the AUVs, as `policies.load` takes it.
-            config, usv, arch: settings, boat and architecture.
+            scenario: any with the task data-collection.
+            steering: policy of the AUVs, as for `policies.load`.
+            config, usv, arch: settings, boat strategy and architecture.
 
         Raises:
-            PolicyError: as `policies.load`, before there is a world.
+            PolicyError: as `policies.load`, before a world is made.
         """
 
         def worlds(count: int, seed: int, name: str = f"learned:{UNTRAINED}") -> World:
@@ -260,12 +260,12 @@ class DecisionTrainer:
         last: Path | None = None,
         definition: Mapping[str, Any] | None = None,
     ) -> Iterator[Progress]:
-        """Learn until all iterations are done, or until the one in which Ctrl-C comes.
+        """Learn until all iterations are done, or until the iteration in which Ctrl-C is pressed.
 
         Args:
-            path: of a JSON file of the weights that were best in the evaluation, with `about`.
-            last: of the state after the last iteration, for `resume`, with `about` and `definition`; None: not kept.
-            definition: what decides the result.
+            path: of a JSON file with the weights that were best in the evaluation, and `about`.
+            last: path for the state after the last iteration, for `resume`, with `about` and `definition`; None: none.
+            definition: everything that decides the result.
         """
         with stoppable() as self.interruption:
             while self.iteration < self.config.iterations and not self.interruption.asked:
@@ -286,10 +286,10 @@ class DecisionTrainer:
                     yield progress
 
     def resume(self, last: Path) -> None:
-        """Go on from a state that `train` kept, on the CPU to the result of a training that was never stopped.
+        """Continue from a state that `train` saved, on the CPU with the same result as without the interruption.
 
         Raises:
-            PolicyError: it is missing, damaged, or of other settings.
+            PolicyError: the file is missing, damaged, or from other settings.
         """
         counters, tensors = checkpoint.read(last, TRAINING, self.world.device)
         groups: dict[str, dict[str, Tensor]] = {"scores": {}, "value": {}, "adam": {}, "world": {}}
@@ -310,7 +310,7 @@ class DecisionTrainer:
             raise PolicyError(f"{last}: cannot be resumed: {str(error).strip().splitlines()[-1].strip()}") from None
 
     def _tensors(self) -> dict[str, Tensor]:
-        """All that decides what comes next, by name."""
+        """The state that decides how the training continues, by name."""
         found = {"generator": torch.get_rng_state()}
         groups = {
             "scores": self.scores.state_dict(),
@@ -321,12 +321,12 @@ class DecisionTrainer:
         return found | {f"{group}.{name}": value for group, own in groups.items() for name, value in own.items()}
 
     def evaluate(self) -> float:
-        """Mean data of the evaluation's worlds, the same in every call, Mbit."""
+        """Mean data of the evaluation worlds, which are the same in every call, Mbit."""
         self._set_numbers(self._evaluation, explore=False)
         return figures_of_merit(self._evaluation, self._steering)["delivered_mbit"]
 
     def evaluate_other(self, name: str) -> float:
-        """The same of another target rule, Mbit."""
+        """The same for another target rule, Mbit."""
         return figures_of_merit(self._evaluated_in(name), self._steering)["delivered_mbit"]
 
     def _set_numbers(self, world: World, explore: bool) -> None:
@@ -345,7 +345,7 @@ class DecisionTrainer:
         return decisions.total.mean().item()
 
     def learn(self, decisions: Decisions, entropy: float) -> None:
-        """Improve the scores by decisions that they have drawn; `entropy` is the weight of their entropy."""
+        """Improve the scores with decisions drawn by them; `entropy` is the weight of their entropy."""
         config = self.config
         features, free, chosen = split(decisions.seen)
         batches = torch.arange(len(chosen)).split(config.batch)
@@ -371,7 +371,7 @@ class DecisionTrainer:
                 self._adam.step([weight.grad for weight in self._adam.parameters if weight.grad is not None])
 
     def _log_probability(self, features: Tensor, free: Tensor, chosen: Tensor) -> tuple[Tensor, Tensor]:
-        """ln of the probabilities of what was chosen (D,), and the mean entropy of the choices."""
+        """ln of the probabilities of the chosen candidates (D,), and the mean entropy of the choices."""
         logarithms = self.scores(features, free).log_softmax(-1)
         entropy = -(logarithms.exp() * logarithms.clamp(min=-50)).sum(-1).mean()
         return logarithms.gather(1, chosen[:, None])[:, 0], entropy

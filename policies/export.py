@@ -1,4 +1,4 @@
-"""Learned policies as ONNX files, which run without this program."""
+"""Export of learned policies to ONNX files, which run without this program."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from usvauv.policies.learned import LearnedPolicy
 from usvauv.policies.policy import PolicyError
 
 NEEDED = ("onnx", "onnxscript")
-EXAMPLE_WORLDS = 3  # any number but 1, which the exporter takes for a constant
+EXAMPLE_WORLDS = 3  # any number except 1, which the exporter treats as a constant
 TRAINING = ("algorithm", "command", "commit", "steps", "score", "torch")
 
 
 class _Graph(nn.Module):
-    """A policy as a module whose parameters are the actor's, as the exporter needs it."""
+    """A policy as a module with the actor's parameters, as the exporter needs it."""
 
     def __init__(self, policy: LearnedPolicy) -> None:
         super().__init__()
@@ -55,7 +55,7 @@ def export(policy: LearnedPolicy, path: Path) -> None:
 
 
 def _program(policy: LearnedPolicy) -> torch.onnx.ONNXProgram:
-    """The policy's graph and what the file says of it."""
+    """The policy's graph with the metadata of its file."""
     scenario = policy.scenario
     layout = observed(Site(scenario))
     example = torch.zeros((EXAMPLE_WORLDS, scenario.auv.count, len(layout)), dtype=torch.float32)
@@ -71,7 +71,7 @@ def _program(policy: LearnedPolicy) -> torch.onnx.ONNXProgram:
         )
     assert program is not None  # as always with dynamo=True
     model = program.model
-    # The exporter records the source line of every node, with paths of this machine.
+    # The exporter records the source line of every node, with this machine's paths.
     for node in model.graph.all_nodes():
         node.metadata_props.clear()
     model.producer_name, model.graph.name = "usvauv", policy.name
@@ -96,10 +96,10 @@ def _program(policy: LearnedPolicy) -> torch.onnx.ONNXProgram:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Silence messages of torch's exporter that a user can do nothing about."""
+    """Suppress messages of torch's exporter to which a user cannot respond."""
     logger = logging.getLogger("torch.onnx")
     level = logger.level
-    logger.setLevel(logging.ERROR)  # it reports that torchvision is missing, which no policy uses
+    logger.setLevel(logging.ERROR)  # it reports missing torchvision, which no policy uses
     try:
         with warnings.catch_warnings():
             warnings.filterwarnings("ignore", message=".*LeafSpec.*", category=FutureWarning)

@@ -1,9 +1,9 @@
-"""Frames: between the world and a network.
+"""Frames: conversion between a world's observations and actions and a network's.
 
 The world's observation and action are in world axes, in which a network has to learn every heading separately. In the
 target's frame x′ points from the AUV to its target and y′ to the left of it, and an action is a course relative to that
-bearing and a speed, so that "straight to the target" is a constant. The bearing and the own position stay among the
-features, so no information is lost.
+bearing and a speed, so that "straight to the target" is a constant. The bearing and the AUV's own position are among
+the features, so no information is lost.
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ PASS_PRICE = 60.0  # W
 PASSING_TERMS = ("current", "service", "next", "attitude", "motion")  # which `PassingFrame` needs
 TURN = 0.5 * math.pi  # rad, largest offset of a heading
 BORDER_MARGIN = 4.0  # m, more than a step at full speed
-PRICE, PRICE_GAIN = 80.0, 4.0  # W and 1: prices from a watt and a half to some kilowatts, for all speeds in any current
+PRICE, PRICE_GAIN = 80.0, 4.0  # W and 1: prices from 1.5 W to some kilowatts, for all speeds in any current
 TERMS = ("target", "others", "position", "current")  # that frames read
-RELATIVE = ("others", "target")  # terms that `TargetFrame` replaces by features of its own
+RELATIVE = ("others", "target")  # terms that `TargetFrame` replaces by its own features
 CURRENTS = ("current_speed", "current", "current_profile")
 VECTORS = {"current": 2, "current_profile": None, "next": 2, "attitude": 2}  # how many of their numbers are vectors
 
@@ -59,7 +59,7 @@ class Frame:
         any_team: whether the number of features is the same for any number of AUVs.
         features: F, number of features of one AUV.
         actions: number of actions of the network for one AUV.
-        start: name of the policy that the network's action 0 stands for, near which it begins; empty without one.
+        start: name of the policy equal to the network's action 0, near which learning begins; empty without one.
     """
 
     any_team: ClassVar[bool] = False
@@ -89,10 +89,10 @@ class Frame:
         raise NotImplementedError
 
     def passes(self, worlds: int, mean: Tensor, deviation: Tensor, shared: bool) -> Passes | None:
-        """Kernels that do what `encode` and `decode` do; None: there are none.
+        """Kernels with the same results as `encode` and `decode`; None: there are none.
 
         Args:
-            worlds: W. mean, deviation: by which features are standardised, (F,); may change in place.
+            worlds: W. mean, deviation: statistics that standardise features, (F,); may change in place.
             shared: whether AUVs share a network.
         """
         return None
@@ -113,7 +113,7 @@ class WorldFrame(Frame):
 
 
 def in_pairs(vectors: Tensor) -> Tensor:
-    """Vectors (..., n, 2) of their components one after the other, (..., 2 n)."""
+    """Vectors (..., n, 2) from their components in sequence, (..., 2 n)."""
     return vectors.reshape(*vectors.shape[:-1], -1, 2)
 
 
@@ -256,17 +256,17 @@ class GuidedFrame(TargetFrame):
     def _clear_of_border(self, observation: Tensor, track: Tensor) -> Tensor:
         """A course over ground (unit vectors, (..., 2)) that does not lead out of the area."""
         position = self.term(observation, "position") * self.scenario.area.diagonal
-        self._edge = self._edge.to(position)  # copied but once
+        self._edge = self._edge.to(position)  # copied only once
         outwards = ((position < BORDER_MARGIN) & (track < 0.0)) | ((position > self._edge) & (track > 0.0))
         direction, size = polar(torch.where(outwards, 0.0, track))
         return torch.where(size[..., None] > TINY, direction, track)
 
 
 class Observed(threading.local):
-    """What heuristics read of a world, as the observation has it; parts of a batch are acted on in several threads.
+    """The data that heuristics read from a world, taken from the observation; separate in each thread.
 
     Attributes:
-        observation: of now, (W, K, O).
+        observation: the present one, (W, K, O).
     """
 
     observation: Tensor
@@ -327,7 +327,7 @@ class PassingFrame(TargetFrame):
 
 
 class FinsFrame(TargetFrame):
-    """Features as `TargetFrame`; actions are offsets from what the heuristic `helm` gives fins and propeller.
+    """Features as `TargetFrame`; actions are offsets from the commands of the heuristic `helm` to fins and propeller.
 
     Action 0 is `helm` at the scenario's speed for `straight`.
 
@@ -355,4 +355,4 @@ FRAMES.register("target", TargetFrame)
 FRAMES.register("world", WorldFrame)
 FRAMES.register("passing", PassingFrame)
 FRAMES.register("fins", FinsFrame)
-COMPILED = (GuidedFrame, TargetFrame)  # what kernels compute; a frame derived from them may compute something else
+COMPILED = (GuidedFrame, TargetFrame)  # computed by kernels; a frame derived from them may compute something else

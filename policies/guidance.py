@@ -85,7 +85,7 @@ def cruise_depth(scenario: Scenario) -> float:
 def command(direction: Tensor, speed: Tensor | float, scenario: Scenario) -> Tensor:
     """The world's action for a course (unit vector, (..., 2)) and a speed through the water (..., m/s).
 
-    (..., 2), or where actions have a depth too (..., 3) with the cruise depth.
+    Its shape is (..., 2), or (..., 3) with the cruise depth if actions include a depth.
 
     Raises:
         PolicyError: actions are those of fins.
@@ -160,7 +160,7 @@ def follow_line(to_point: Tensor, direction: Tensor, lookahead: float, lead: flo
         to_point: from the AUV to any point of the line, (..., 2), m.
         direction: of the line, unit vectors (..., 2).
         lookahead: Δ, m. Below the vehicle's turning radius it swings about the line.
-        lead: metres that the vehicle goes on before it has turned; the track is that of so much later.
+        lead: distance travelled before the vehicle has turned, m; the track is computed that far ahead.
     """
     error = -unrotate(to_point, direction)[..., 1] / lookahead
     ahead = components(torch.ones_like(error), -error)
@@ -183,7 +183,7 @@ def follow_circle(
         radius: R, m; above the vehicle's turning radius.
         lookahead: Δ, m.
         turn: 1 anticlockwise, −1 clockwise, (...).
-        lead: metres that the vehicle goes on before it has turned; without it a slow one flies outside the circle.
+        lead: distance travelled before the vehicle has turned, m; without it a slow one stays outside the circle.
     """
     distance = to_centre.norm(dim=-1)
     turn = torch.as_tensor(turn, dtype=to_centre.dtype, device=to_centre.device)
@@ -198,7 +198,7 @@ def follow_circle(
 def level_power(scenario: Scenario, speeds: Sequence[float]) -> list[float]:
     """Power of an AUV that travels straight and level at speeds through the water (m/s), W.
 
-    Of a point its law; of a vehicle with dynamics what it takes in `LEVEL_TIME`, trimmed, in still water.
+    For a point its power law; for a vehicle with dynamics its mean over `LEVEL_TIME`, trimmed, in still water.
     """
     auv = scenario.auv
     if not auv.dynamic:
@@ -217,7 +217,7 @@ class SpeedToFly:
 
     V = argmin (P(V) + λ) / (√(V² − c_⊥²) + c_∥) for a power P, a price of time λ and a current with components c_∥
     along and c_⊥ across the track: faster against the current, slower with it. In gliding this is MacCready's rule
-    (speed to fly). Where no speed makes headway it is the one that loses least ground.
+    (speed to fly). If no speed makes headway, V is the one that loses least ground.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -245,7 +245,7 @@ class SpeedToFly:
 
     def _best(self, price: Tensor, along: Tensor, across: Tensor) -> Tensor:
         """Speeds (...) by the components of the current along and across the track, (...)."""
-        self.speeds, self.power = self.speeds.to(along), self.power.to(along)  # copied but once
+        self.speeds, self.power = self.speeds.to(along), self.power.to(along)  # copied only once
         speeds, power = (table.reshape(-1, *along.ndim * [1]) for table in (self.speeds, self.power))
         advance = torch.sqrt((speeds * speeds - across * across).clip(0.0))
         advance += along

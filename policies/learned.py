@@ -1,4 +1,4 @@
-"""A policy that was learned: a frame, standardised features, a stack of actor networks."""
+"""Learned policies: a frame, standardised features, a stack of actor networks."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ class Standardizer:
 
     @classmethod
     def of(cls, samples: Tensor, over_all: Callable[[Tensor], Tensor] | None = None) -> Standardizer:
-        """Statistics of features (..., F). One that varies by less than `LEAST_DEVIATION` keeps its own scale.
+        """Statistics of features (..., F). A feature that varies by less than `LEAST_DEVIATION` is not scaled.
 
         Args:
             samples: the features.
-            over_all: mean of a tensor over several processes, each with samples of its own; None: there is one.
+            over_all: mean of a tensor over several processes, each with its own samples; None: one process.
         """
         flat = samples.flatten(0, -2)
         mean, deviation = flat.mean(0), flat.std(0, correction=0)
@@ -57,11 +57,11 @@ class Standardizer:
 
 
 class _Passes(threading.local):
-    """Kernels that act, with memory of their own in each thread.
+    """Kernels that act, with separate memory in each thread.
 
     Attributes:
-        made: None: there are none.
-        bound: shape of the observations that they take, and where in memory they find the statistics of features.
+        made: the kernels; None: there are none.
+        bound: shape of their observations, and the memory addresses of the features' statistics.
     """
 
     made: Passes | None = None
@@ -73,10 +73,10 @@ class LearnedPolicy(Policy):
 
     Args:
         frame: name of a frame, see `frames.FRAMES`.
-        about: JSON of its checkpoint, how it was made.
+        about: JSON of its checkpoint, with its provenance.
 
     Attributes:
-        any_team: whether it serves any number of AUVs.
+        any_team: whether it can act for any number of AUVs.
     """
 
     def __init__(
@@ -142,15 +142,15 @@ class LearnedPolicy(Policy):
         return passes.command.clone()
 
     def _passes_for(self, shape: torch.Size) -> Passes | None:
-        """Kernels for observations of a shape; None: there are none, as for some AUVs of a team alone."""
+        """Kernels for observations of a shape; None: there are none, for example for a part of a team."""
         if shape[1:] != (self.scenario.auv.count, self.frame.layout.size):
             return None
-        # Memory that is made in torch's inference mode could not be written outside it.
+        # Memory made in torch's inference mode could not be written outside it.
         with FRAMES.calling(self.frame_name), torch.inference_mode(False):
             return self.frame.passes(shape[0], self.standardizer.mean, self.standardizer.deviation, self.shared)
 
     def actions(self, observation: Tensor) -> Tensor:
-        """The same of all worlds at once, with gradients."""
+        """The same for all worlds at once, with gradients."""
         with FRAMES.calling(self.frame_name):
             features = self.standardizer(self.frame.encode(observation))
             action = unstack(self.actor(stack(features, self.shared)), features.shape[1])

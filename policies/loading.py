@@ -35,7 +35,7 @@ def imported(name: str) -> Callable[[World], Any]:
     Raises:
         PolicyError: the module cannot be imported, or has no such class or function.
     """
-    if "" not in sys.path:  # the working directory, behind what is installed
+    if "" not in sys.path:  # the working directory, after installed packages
         sys.path.append("")
     module_name, _, wanted = name.partition(":")
     try:
@@ -52,13 +52,13 @@ def imported(name: str) -> Callable[[World], Any]:
 
 
 class Imported(Policy):
-    """What MODULE:CLASS gives for a world: an object with `act`, or a function, as `usvauv.env.evaluate` takes it.
+    """The result of MODULE:CLASS for a world: an object with `act`, or a function, as for `usvauv.env.evaluate`.
 
     Attributes:
         described: its name and the module's file, for error messages.
 
     Raises:
-        PolicyError: as `imported`; or the call with the world fails, or gives nothing that acts.
+        PolicyError: as `imported`; or the call with the world fails, or its result cannot act.
     """
 
     def __init__(self, name: str, world: World) -> None:
@@ -76,7 +76,7 @@ class Imported(Policy):
 
 
 def source(name: str) -> Path | None:
-    """The file from outside the package that decides what a policy does: of its module or its weights; None without."""
+    """The file outside the package that defines a policy: its module or its weights; None: no such file."""
     if IMPORTED.fullmatch(name):
         path = _file(name.partition(":")[0])
         return Path(path) if os.path.isfile(path) else None
@@ -100,12 +100,12 @@ def trained() -> list[str]:
 
 
 def available() -> list[str]:
-    """Names that `load` takes: the trained policies, the highest score first, then the heuristics."""
+    """Names for `load`: the trained policies, the highest score first, then the heuristics."""
     return [*trained(), *HEURISTICS]
 
 
 def about(name: str) -> str:
-    """What a trained policy in the package is, in a sentence, by its checkpoint."""
+    """Description of a trained policy in the package, one sentence, from its checkpoint."""
     made = read(shipped()[name], POLICY)[0]
     where, boat = made["scenario"]["name"], made["usv"]
     return f"{made['algorithm'].upper()}, trained in {where} with {made['num_auvs']} AUVs and the boat {boat}"
@@ -130,7 +130,7 @@ def load(name: str | Path, world: World) -> Policy:
             or `zermelo:SPEED` with a speed in m/s, `pace:PRICE` or `clear:PRICE` with a price of time in W; else
             the path of a checkpoint, or of a training run, whose best checkpoint is then taken; else MODULE:CLASS, see
             `imported`.
-        world: the world whose observations it will get; its speed limits and recorded speeds are used.
+        world: the world whose observations it will receive; its speed limits and reference speeds are used.
 
     Raises:
         PolicyError: unknown name, missing or damaged checkpoint, one that does not fit the world's scenario, argument
@@ -147,10 +147,10 @@ def load(name: str | Path, world: World) -> Policy:
 
 
 def acting(name: str | Path, world: World) -> Act:
-    """`act` of the policy that `load` gives; what a policy from outside the package returns is checked.
+    """`act` of the policy that `load` returns; actions of a policy from outside the package are checked.
 
     Raises:
-        PolicyError: as `load`; and by the function, where such a policy fails or returns no actions.
+        PolicyError: as `load`; and from the function, if such a policy fails or does not return actions.
     """
     policy = load(name, world)
     item = policy.described if isinstance(policy, Imported) else HEURISTICS.described(_base(name))
@@ -177,12 +177,12 @@ def acting(name: str | Path, world: World) -> Act:
 
 
 def named(*names: str) -> dict[str, Callable[[World], Act]]:
-    """Policies by name, as `usvauv.env.evaluate` takes them."""
+    """Policies by name, as argument of `usvauv.env.evaluate`."""
     return {name: partial(acting, name) for name in names}
 
 
 def check(name: str | Path, scenario: Scenario) -> None:
-    """Refuse what `load` would refuse in a world of `scenario`, before there is one.
+    """Refuse a name that `load` would refuse in a world of `scenario`, without making one.
 
     Raises:
         PolicyError: as `load`.
@@ -198,10 +198,10 @@ def check(name: str | Path, scenario: Scenario) -> None:
 def load_learned(
     name: str | Path, scenario: Scenario | None = None, device: torch.device | None = None
 ) -> LearnedPolicy:
-    """A learned policy without its world, for `scenario` (default: the one it was trained in), on `device` (the CPU).
+    """A learned policy without a world, for `scenario` (default: the one it was trained in), on `device` (the CPU).
 
     Raises:
-        PolicyError: as `load`, or a heuristic.
+        PolicyError: as `load`, or for a heuristic.
     """
     text = str(name)
     if _base(name) in HEURISTICS:
@@ -218,9 +218,9 @@ def load_learned(
 
 
 def _checkpoint(path: Path) -> Path | None:
-    """The checkpoint at a path, whose ending may be left out, or the best, else the last one of a training run.
+    """The checkpoint at a path, whose ending may be left out, or a training run's best, else its last one.
 
-    A folder is a checkpoint where version 0.2 wrote it.
+    A folder written by version 0.2 can be a checkpoint.
     """
     if os.path.isfile(path) or os.path.isfile(path / f"{POLICY}.json"):
         return path
@@ -229,7 +229,7 @@ def _checkpoint(path: Path) -> Path | None:
 
 
 def _is_imported(name: str | Path) -> bool:
-    """Whether a name that is no heuristic's means a class of a module; the path of a folder may have a colon too."""
+    """Whether a name that is no heuristic's denotes a class of a module; a folder's path may have a colon too."""
     return IMPORTED.fullmatch(str(name)) is not None and not os.path.isdir(name)
 
 

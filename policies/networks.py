@@ -17,9 +17,9 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 MIDDLE, HALF = -2.0, 3.0  # of the range of a Gaussian actor's log standard deviation, from −5 to 1
-FUSED = 256  # inputs of a network from which on a layer of oneDNN takes less time than one of MKL and its ReLU
+FUSED = 256  # inputs of a network from which on oneDNN's layer is faster than MKL's and a ReLU
 EPSILON = 1e-5  # added to the variance that normalises
-MOST_ACTION = 0.99999  # of a Gaussian actor: that of which the distance from 0 before the tanh is read
+MOST_ACTION = 0.99999  # largest action of a Gaussian actor, for the inverse of the tanh
 ACTION_GAIN = 5.0  # factor on the actions that enter a critic
 
 
@@ -73,8 +73,8 @@ class StackedMLP(nn.Module):
             self.biases[-1].mul_(output_gain)
 
     def forward(self, x: Tensor, /, frozen: bool = False) -> Tensor:
-        """Outputs (S, B, outputs) for inputs (S, B, inputs); `frozen` gives a gradient to what enters alone."""
-        weights: list[Any] = [*self.weights._parameters.values()]  # to go through a `ParameterList` is slow
+        """Outputs (S, B, outputs) for inputs (S, B, inputs); with `frozen` only the inputs get a gradient."""
+        weights: list[Any] = [*self.weights._parameters.values()]  # iterating over a `ParameterList` is slow
         biases: list[Any] = [*self.biases._parameters.values()]
         if frozen:
             weights, biases = [each.detach() for each in weights], [each.detach() for each in biases]
@@ -92,7 +92,7 @@ class StackedMLP(nn.Module):
 
 
 def _fused(x: Tensor, layers: Sequence[tuple[Tensor, Tensor]]) -> Tensor:
-    """Outputs of one network, each layer an operation of oneDNN, which has no gradient: x (B, inputs)."""
+    """Outputs of one network for x (B, inputs), each layer one operation of oneDNN, which has no gradient."""
     for index, (weight, bias) in enumerate(layers):
         after = "relu" if index < len(layers) - 1 else "none"
         x = torch.ops.mkldnn._linear_pointwise(x, weight.mT, bias, after, [], "")
@@ -109,8 +109,8 @@ def _last(x: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
 class Layers(torch.autograd.Function):
     """A network whose hidden layers are normalised before their ReLU, as one operation to autograd.
 
-    With y = x W + b less its mean over the outputs of the layer they are max(0, z), z = y / √(mean y² + ε). The mean is
-    taken off the weights, which are fewer.
+    With y = x W + b minus its mean over the layer's outputs, the layer is max(0, z), z = y / √(mean y² + ε). The mean
+    is subtracted from the weights, which are fewer.
     """
 
     @staticmethod
@@ -151,7 +151,7 @@ class Layers(torch.autograd.Function):
 
 
 def _centred(value: Tensor) -> Tensor:
-    """Less its mean along the last axis."""
+    """The value minus its mean along the last axis."""
     return value - value.mean(-1, keepdim=True)
 
 
@@ -172,7 +172,7 @@ class GaussianActor(StackedMLP):
 
     @torch.no_grad()
     def set_deviation(self, deviation: float) -> None:
-        """Begin near a deviation before the tanh."""
+        """Set the initial deviation before the tanh, approximately."""
         self.biases[-1].chunk(2, dim=-1)[1].add_(math.atanh((math.log(deviation) - MIDDLE) / HALF))
 
     def forward(self, observation: Tensor, /) -> Tensor:
@@ -194,7 +194,7 @@ class GaussianActor(StackedMLP):
         return torch.tanh(raw), (log_normal - log_slope).sum(-1)
 
     def log_density(self, observation: Tensor, action: Tensor) -> Tensor:
-        """Log-probability density (S, B) of actions (S, B, A), but for a term that no weight of the network changes."""
+        """Log-probability density (S, B) of actions (S, B, A), except a term independent of the network's weights."""
         mean, log_std = self._distribution(observation)
         raw = torch.atanh(action.clamp(-MOST_ACTION, MOST_ACTION))
         return (-0.5 * ((raw - mean) / log_std.exp()).square() - log_std).sum(-1)
@@ -224,7 +224,7 @@ class Critic(nn.Module):
         self.of_action = StackedMLP(stack, (both, *hidden, 1), generator, layer_norm)
 
     def forward(self, observation: Tensor, action: Tensor, frozen: bool = False) -> Tensor:
-        """Values (C, S, B); with `frozen` their gradient goes to what enters alone, which saves half of the work."""
+        """Values (C, S, B); with `frozen` only the inputs get a gradient, which saves half of the work."""
 
         def each(x: Tensor) -> Tensor:
             return x.expand(self.critics, -1, -1, -1).flatten(0, 1)
@@ -235,11 +235,11 @@ class Critic(nn.Module):
 
 
 def stack(value: Tensor, shared: bool, seeds: int = 1) -> Tensor:
-    """(W, K, ...) → (K, W, ...) for a network of each AUV, or (1, W K, ...) for one that all share.
+    """(W, K, ...) → (K, W, ...) for a network of each AUV, or (1, W K, ...) for a shared one.
 
-    Of N seeds, each with its own networks and the next W worlds: (N W, K, ...) → (N K, W, ...) or (N, W K, ...).
+    For N seeds, each with its own networks and the next W worlds: (N W, K, ...) → (N K, W, ...) or (N, W K, ...).
     """
-    if shared:  # a matrix, which torch transposes faster than what has more dimensions
+    if shared:  # a matrix, which torch transposes faster than a tensor of more dimensions
         return value.flatten(0, 1).contiguous().unflatten(0, (seeds, -1))
     return value.unflatten(0, (seeds, -1)).transpose(1, 2).flatten(0, 1).contiguous()
 

@@ -1,7 +1,7 @@
-"""Learning algorithms, each one an update that reads like its paper.
+"""Learning algorithms, each with one update written as in its paper.
 
-From outside: `ALGORITHMS`, the classes by name; `Learner` and `DeterministicLearner`, from which a new one derives, and
-the types it is given.
+Public: `ALGORITHMS`, the classes by name; `Learner` and `DeterministicLearner`, base classes of a new one, and the
+types of its arguments.
 """
 
 from usvauv.kernels.registry import Registry

@@ -1,4 +1,4 @@
-"""Deep deterministic policy gradient, and what the algorithms with a deterministic policy have in common.
+"""Deep deterministic policy gradient, and the common base of algorithms with a deterministic policy.
 
 Lillicrap et al., "Continuous control with deep reinforcement learning", ICLR 2016, arXiv:1509.02971, with n-step
 returns (Barth-Maron et al., ICLR 2018, arXiv:1804.08617).

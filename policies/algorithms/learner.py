@@ -1,4 +1,4 @@
-"""What the algorithms have in common: what they are given, their optimisers, and the state of both."""
+"""The common base of the algorithms: their arguments, their optimisers, and the state of learners and optimisers."""
 
 from __future__ import annotations
 

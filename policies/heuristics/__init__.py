@@ -1,6 +1,6 @@
 """Policies without learning.
 
-From outside: `HEURISTICS`, the classes by name, and `Heuristic`, what a new one derives from.
+Public: `HEURISTICS`, the classes by name, and `Heuristic`, the base class of a new one.
 """
 
 from usvauv.kernels.registry import Registry

@@ -16,7 +16,7 @@ class Heuristic(Policy):
     """A policy without learning.
 
     Args:
-        name: what it is called in tables, such as "crab:1.4".
+        name: its name in tables, such as "crab:1.4".
         world: the world it acts in, whose true state it may read.
         argument: value that `parse` gave for the text after the colon in `name`.
 
@@ -43,10 +43,10 @@ class Heuristic(Policy):
 
     @classmethod
     def parse(cls, text: str | None, scenario: Scenario) -> Any:
-        """The argument from the text after the colon in the name; None where the name has no colon.
+        """The argument from the text after the colon in the name; `text` is None if the name has no colon.
 
         Raises:
-            ValueError: not allowed in this scenario; the message says what is.
+            ValueError: not allowed in this scenario; the message has what is.
         """
         if text is not None:
             raise ValueError("takes no parameter")

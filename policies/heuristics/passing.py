@@ -15,13 +15,13 @@ from usvauv.kernels.vehicles.vehicle import vehicles
 from usvauv.policies.guidance import command, crab, follow_circle, unit, unrotate
 from usvauv.policies.heuristics.travel import Clear
 
-INSIDE = 0.85  # share of the radius of service to which a path keeps: positions and currents are not known well
+INSIDE = 0.85  # share of the radius of service used by paths: positions and currents are uncertain
 LOOKAHEAD = 0.5  # of a circle, over its radius
-RADII = 200  # among which the best is sought
-LEAST_STEPS = 3.0  # of a mission, in which an AUV at its lowest speed goes the least radius
+RADII = 200  # number of radii among which the best is chosen
+LEAST_STEPS = 3.0  # mission steps in which an AUV at its lowest speed travels the least radius
 FAR = 1e3  # m
-BORDER = 3.0  # m, which a circle keeps from the border
-LEAST_GROUND = 0.2  # m/s made good, with which times are reckoned at least
+BORDER = 3.0  # m, distance of a circle from the border
+LEAST_GROUND = 0.2  # m/s made good, lower bound when times are computed
 
 
 def turning_radius(scenario: Scenario) -> float:
@@ -30,13 +30,13 @@ def turning_radius(scenario: Scenario) -> float:
 
 
 def loiter_radius(site: Site) -> float:
-    """Radius of the circle about a node on which data come in fastest, m.
+    """Radius of the circle about a node on which data are collected fastest, m.
 
     On a circle of radius R the slant range is constant, and with it the rate r(√(R² + h²)), h the AUVs' height over the
-    mean bed. R is at least the vehicle's turning radius and the way of `LEAST_STEPS` mission steps at its lowest speed,
-    and, if that is not less, at most ½ (ρ + `nodes.margin` − `BORDER`), ρ = `INSIDE` times the radius of service: then
-    a circle inside the area is within ρ of a node as near the border as nodes are. Of radii with equal rates it is the
-    largest, which is reached first: over most of its range a modem's rate is at its ceiling.
+    mean bed. R is at least the vehicle's turning radius and its distance in `LEAST_STEPS` mission steps at its lowest
+    speed, and, if that is not less, at most ½ (ρ + `nodes.margin` − `BORDER`), ρ = `INSIDE` times the radius of
+    service: then a circle inside the area is within ρ of a node at the least distance from the border. Among radii of
+    equal rates it is the largest, which is reached first: over most of its range a modem's rate is at its ceiling.
     """
     s = site.scenario
     least = max(turning_radius(s), LEAST_STEPS * s.mission.step * s.auv.speed_min)
@@ -51,7 +51,7 @@ def loiter_radius(site: Site) -> float:
 
 
 def exit_distance(start: Tensor, direction: Tensor, centre: Tensor, radius: float) -> Tensor:
-    """Way from a point along a direction (unit vectors) out of a circle, m; 0 where the line misses it."""
+    """Distance from a point along a direction (unit vectors) out of a circle, m; 0 if the line misses it."""
     offset = centre - start
     along = (offset * direction).sum(-1)
     half = (radius**2 - offset.square().sum(-1) + along.square()).clamp_min(0.0).sqrt()
@@ -62,8 +62,8 @@ class Loiter(Clear):
     """Goes to a circle about its node, and circles there at the lowest speed until the data are out.
 
     The radius is that of `loiter_radius`, the course that of `guidance.follow_circle`; near the border the circle's
-    centre lies farther inside the area than the node. It keeps the centre on the side on which it is. On the way it
-    goes at the speed of a price of time, in range at that of none, and keeps clear of others as `clear` does.
+    centre lies farther inside the area than the node. The AUV keeps the centre on its present side. On the way its
+    speed is that of a price of time, in range that of price 0, and it keeps clear of others as `clear` does.
     """
 
     reference = "loiter_price"
@@ -74,7 +74,7 @@ class Loiter(Clear):
         self._service, self._next = self.layout.slice("service"), self.layout.slice("next")
         self.radius, self.turn = loiter_radius(site), turning_radius(self.scenario)
         self.inside = INSIDE * self.scenario.service_radius
-        self.buffer_time = self.scenario.nodes.payload / reference_rate(site)  # s, that a full buffer takes
+        self.buffer_time = self.scenario.nodes.payload / reference_rate(site)  # s, to collect a full buffer
 
     @classmethod
     def parse(cls, text: str | None, scenario: Scenario) -> float:
@@ -99,7 +99,7 @@ class Loiter(Clear):
     def reachable(self, aim: Tensor) -> Tensor:
         """Direction to a place at an offset (m), or straight on while it lies inside the vehicle's turning circles.
 
-        A vehicle that turns towards such a place goes round it for ever (Dubins 1957, doi 10.2307/2372560).
+        A vehicle that turns towards such a place circles it for ever (Dubins 1957, doi 10.2307/2372560).
         """
         course = self.course(aim)
         along, left = unrotate(aim, course).unbind(-1)
@@ -128,10 +128,10 @@ class Loiter(Clear):
 class Pass(Loiter):
     """Goes by its node on the way to the next one, so fast that the data are out as it leaves the range.
 
-    The line to the next node is bent towards this one as far as needed: with the time t that the data take and the
-    lowest speed V the chord in range is at least V t, so that the line passes at √(ρ² − (V t/2)²) or nearer, ρ being
-    `INSIDE` of the radius of service. In range the speed is what is left of the chord over what is left of t, at most
-    that of the price of time. Where even the lowest speed is too fast it circles as `loiter` until it is not.
+    The line to the next node is bent towards this one as far as needed: with the time t for the data and the lowest
+    speed V the chord in range is at least V t, so that the line passes at √(ρ² − (V t/2)²) or nearer, ρ being `INSIDE`
+    times the radius of service. In range the speed is the rest of the chord divided by the rest of t, at most that of
+    the price of time. While even the lowest speed is too fast, the AUV circles as `loiter` does.
     """
 
     reference = "pass_price"
@@ -158,7 +158,7 @@ class Pass(Loiter):
         return torch.where(short.unsqueeze(-1), self.circling(offset, observation), direction), most
 
     def following(self, offset: Tensor, observation: Tensor, within: Tensor) -> Tensor:
-        """Offset of the node after the target, m; where that is not known straight on through the target."""
+        """Offset of the node after the target, m; if unknown, straight on through the target."""
         step = observation[..., self._next] * self.scenario.area.diagonal
         on = torch.where(within.unsqueeze(-1), self.course(offset), unit(offset))
         return torch.where(step.norm(dim=-1, keepdim=True) > 0.0, offset + step, offset + FAR * on)

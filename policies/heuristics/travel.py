@@ -53,8 +53,8 @@ class Straight(ConstantSpeed):
 class Helm(ConstantSpeed):
     """Heads straight for the target at cruise depth or altitude by rudder, stern plane and propeller themselves.
 
-    Shares of their limits in proportion to the error of heading, pitch or speed, and to the rate of turn or pitch. The
-    pitch wanted is in proportion to the error of depth.
+    Each command, a share of its limit, is proportional to the error of heading, pitch or speed, and to the rate of turn
+    or pitch. The desired pitch is proportional to the error of depth.
     """
 
     reference = "straight_speed"
@@ -130,7 +130,7 @@ class Pace(Heuristic):
 class Clear(Pace):
     """As `pace`, and keeps clear of the nearest other AUV.
 
-    It repels the track over ground, see `guidance.clear_of_others`; positions are the estimated ones.
+    That AUV repels the track over ground, see `guidance.clear_of_others`; positions are estimates.
     """
 
     reference = "clear_price"

@@ -1,4 +1,4 @@
-"""The quickest path through a current that is known everywhere: what perfect knowledge would bring."""
+"""The quickest path through a current that is known everywhere: a reference with perfect knowledge."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Training: the trainer, its replay memory, exploration and figures; many seeds at once, several processes.
 
-From outside: the names below; `Replay`, `CorrelatedNoise` and `Meter` from their modules.
+Public: the names below; `Replay`, `CorrelatedNoise` and `Meter` from their modules.
 """
 
 from usvauv.policies.training.exploration import TrainingWorld

@@ -1,4 +1,4 @@
-"""Training runs that differ in the seed alone, advanced as one batched program; a run by itself is a batch of one."""
+"""Training runs that differ only in the seed, advanced as one batched program; a single run is a batch of one."""
 
 from __future__ import annotations
 
@@ -69,9 +69,9 @@ def part(tensors: Mapping[str, Tensor], seeds: int, stack: int, index: int) -> d
 class BatchedRuns:
     """N runs of the same settings after the same number of steps, whose networks are one stack.
 
-    Each has its worlds and random generators, and the figures and checkpoints of a `Trainer` of its own; acting, the
-    replay and the updates are those of all at once. Because the networks of a stack share nothing and each seed draws
-    from its own generator, a run does what it would do alone, but for rounding.
+    Each has its worlds and random generators, and the figures and checkpoints of its own `Trainer`; acting, the replay
+    and the updates are done for all at once. Because the networks of a stack share nothing and each seed draws from its
+    own generator, a run gives the same results as alone, except for rounding.
 
     Args:
         runs: begun or resumed. Their replays become parts of one; learners and observation are up to date after

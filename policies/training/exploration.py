@@ -47,9 +47,9 @@ class TrainingWorld(Protocol):
         """Advance all worlds by one step of actions (W, K, 2) in [−1, 1].
 
         Returns:
-            observation (W, K, O); reward (W, K); horizon_ended (W, K): the value's horizon ends here, the episode goes
-            on; truncated (W, K): the episode is over, the same for all; info with "reward_terms" (W, K, R) and
-            "measures" (W, K, M). The caller copies what it keeps beyond the next step.
+            observation (W, K, O); reward (W, K); horizon_ended (W, K): the value's horizon ends here, the episode
+            continues; truncated (W, K): the episode is over, the same for all; info with "reward_terms" (W, K, R) and
+            "measures" (W, K, M). The caller copies tensors that it keeps beyond the next step.
         """
         ...
 
@@ -58,7 +58,7 @@ class TrainingWorld(Protocol):
         ...
 
     def load_state(self, state: dict[str, Tensor], /) -> None:
-        """Go back to a state."""
+        """Restore a state."""
         ...
 
 

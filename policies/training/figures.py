@@ -1,4 +1,4 @@
-"""Figures of a training run: gathered while it runs, found by an evaluation, written as curves."""
+"""Figures of a training run: collected while it runs, computed by an evaluation, written as curves."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def evaluated(
     """Figures of the first episode of each of `worlds`, the same episode in every call.
 
     Args:
-        policy: a name as `load` takes it, or a learned policy for the worlds' scenario.
+        policy: a name as for `load`, or a learned policy for the worlds' scenario.
         on_step: called with the number of steps done.
     """
     learned = isinstance(policy, LearnedPolicy)

@@ -1,6 +1,6 @@
 """One training run in several processes, its ranks, which exchange tensors and values by torch.distributed.
 
-torchrun, or whatever sets its environment variables, starts them. Tensors on a CPU go by gloo, those on cards by NCCL.
+torchrun, or any program that sets its environment variables, starts them. Tensors on CPUs use gloo, on GPUs NCCL.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Replay memory of W worlds in step, sampled as n-step transitions."""
+"""Replay memory of W worlds stepped together, sampled as n-step transitions."""
 
 from __future__ import annotations
 

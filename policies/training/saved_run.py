@@ -1,4 +1,4 @@
-"""The state of a training run, how it is saved, and how it is taken up again after a check of every number."""
+"""The state of a training run, how it is saved, and how it is resumed after a check of every number."""
 
 from __future__ import annotations
 

@@ -16,14 +16,14 @@ Figures = list[dict[str, Any]]
 
 
 class Seeds:
-    """Trains runs that differ in the seed alone, all in step.
+    """Trains runs that differ only in the seed, all in step.
 
-    Each run does what its `Trainer` would do alone, but for rounding, and keeps its own checkpoints. Runs that have
-    done fewer steps than others, because a process was killed while it saved, come up with them first.
+    Each run gives the same results as its `Trainer` alone, except for rounding, and keeps its own checkpoints. Runs
+    with fewer steps than others, because a process was killed while it saved, catch up first.
 
     Args:
-        runs: new or resumed; each with worlds and a directory of its own.
-        threads: number of threads in which equal shares of the runs learn on a CPU, where several small stacks do so
+        runs: new or resumed; each with its own worlds and directory.
+        threads: number of threads in which equal shares of the runs learn on a CPU, where several small stacks are
             faster than one whose operations are spread over its cores. On a GPU it is one.
 
     Attributes:

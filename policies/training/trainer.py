@@ -49,13 +49,13 @@ class Trainer(SavedRun):
     draws its share of each batch from them. All take the mean of the gradients, so that their weights stay equal.
 
     Args:
-        world: the worlds to train in, on a seed of their own; with ranks this one's share of them.
-        config: settings; `config.num_worlds` must be the world's, with ranks those of all together.
+        world: the worlds to train in, with their own seed; with ranks this one's share of them.
+        config: settings; `config.num_worlds` must be the world's, with ranks the total of all.
         directory: where the checkpoints `last` and `best` and `tensorboard` are kept; None: nothing is written.
         evaluate: policy → figures with at least "arps", on other worlds than the training ones. Also called before the
             first step. The policy with the highest arps is kept as `best`.
-        provenance: recorded in every checkpoint beside the figures, such as command and commit.
-        evaluations: number of calls of `evaluate` in a run, beside that of the untrained policy.
+        provenance: recorded in every checkpoint with the figures, such as command and commit.
+        evaluations: number of calls of `evaluate` in a run, besides that for the untrained policy.
         ranks: the processes that train together; rank 0 evaluates and writes.
         log: one of `figures.LOGS`, where the curves go.
 
@@ -63,7 +63,7 @@ class Trainer(SavedRun):
         history: every evaluation of the run so far: its figures, with steps and updates; saved with the run.
         steps: world-steps done.
         stopped: whether the run was asked to stop, by Ctrl-C or a caller; it then ends after the present step.
-        interruption: of the last `train`: by which signal it was asked to stop.
+        interruption: the signal that asked the last `train` to stop.
 
     Raises:
         PolicyError: `config.num_worlds` is not the world's, or `config.batch` below its number of AUVs on each rank.
