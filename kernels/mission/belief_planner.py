@@ -1,20 +1,20 @@
-"""The boat's visits by rollouts: how uncertain AUVs become of their own positions over the minutes to come.
+"""The boat's visits by rollouts: predicted uncertainty of the AUVs' own positions over the next minutes.
 
-**Foresight.** Each reply carries the node that the AUV heads for and its speed. From there on the boat foresees it
-travelling from node to node as the target rule lets expect, with a typical service at each; one that is by then so
-uncertain of its own position that it misses its node waits there.
+**Prediction.** Each reply contains the AUV's target node and its speed. From there on the boat predicts that the AUV
+travels from node to node as expected from the target rule, with a typical service at each; an AUV so uncertain of its
+own position that it misses its node waits there.
 
-**Rollouts.** The boat compares first goals: each AUV where it is foreseen, their mean, and the goal it has. After the
-first goal it visits, in the rollout, the AUV that is then least certain of itself. The loss of a goal is the mean of
-a², over the horizon and all AUVs, with a the variance of an AUV's own position: the square, so that one AUV alone for
-long counts more than several for a short time. The goal of the least loss is chosen, and the AUV least certain of
-itself unless another's loss is less by a margin, because rollouts err. It is kept until the boat has heard the AUV that
-it visits, has arrived, or has looked for too long: planned anew in each step, a far AUV would always come second.
+**Rollouts.** The boat compares first goals: each AUV's predicted position, their mean, and its present goal. After the
+first goal it visits, in the rollout, the AUV that is then least certain of its position. The loss of a goal is the mean
+of a², over the horizon and all AUVs, with a the variance of an AUV's own position: the square, so that one AUV alone
+for long counts more than several for a short time. The boat goes to the least certain AUV unless another goal's loss is
+less by a margin, because rollouts have errors. It keeps the goal until it has received a reply of the AUV that it
+visits, has arrived, or has searched for too long: with a new plan in each step, a far AUV would always come second.
 
-One number of each 2 × 2 block of a filter's covariance is enough, half its trace, because drift and fixes treat both
-axes alike: (a, b, c) of `usvauv.kernels.positioning.tracker.Drift`, with the current's variance and memory, or those of
-the log's bias reversed. A rollout takes an AUV to be heard where that is probable enough, the uncertainty of its place
-included to first order.
+One number of each 2 × 2 block of a filter's covariance is enough, half its trace, because drift and fixes are equal for
+both axes: (a, b, c) of `usvauv.kernels.positioning.tracker.Drift`, with the current's variance and memory, or those of
+the log's bias reversed. In a rollout a reply is received where that is probable enough, the uncertainty of the AUV's
+position included to first order.
 
 Source: a rollout of a base policy is no worse than the base policy where its model holds (Bertsekas, "Rollout, Policy
 Iteration, and Distributed Reinforcement Learning" (2020), §2.3).
@@ -32,25 +32,25 @@ from usvauv.kernels.types import vec2, vec3
 INTERVAL = 5.0  # s, of a step of the rollout, and the least between two plans
 STEPS = 60  # of a rollout
 PATIENCE = 150.0  # s that the boat looks for an AUV before it plans anew
-SURE = 0.8  # probability from which on a rollout takes an AUV to be heard
-LEARNED = 0.1  # share of the foreseen speed that each reply renews
-SLOWEST = 1e-3  # m/s, of a foreseen AUV
-BISECTIONS = 8  # of the hearing range, from the area's diagonal on
+SURE = 0.8  # probability from which on a reply is received in a rollout
+LEARNED = 0.1  # share of the predicted speed that each reply renews
+SLOWEST = 1e-3  # m/s, of a predicted AUV
+BISECTIONS = 8  # of the acoustic range, from the area's diagonal on
 MARGIN = 0.03  # share by which another goal's loss must be below that of going to the least certain AUV
 NO_LIMIT = 3e38  # m⁴
-OTHER_GOALS = 2  # of a boat beside the AUVs, see `goal_of`
+OTHER_GOALS = 2  # of a boat besides the AUVs, see `goal_of`
 NO_AUV = -1  # the index of a goal that is no AUV
-STRAYING = 0.3  # standard deviation per axis of an AUV's velocity from the one foreseen, over the reference speed
+STRAYING = 0.3  # standard deviation per axis of an AUV's velocity from the predicted one, over the reference speed
 
 
 @ti.dataclass
 class Way:
-    """Where an AUV is foreseen.
+    """Predicted state of an AUV.
 
     Attributes:
         place: m.
-        node: that it heads for.
-        hovers: time that it still serves this node, s; in passing it goes on towards it.
+        node: its target.
+        hovers: remaining time of its service at this node, s; in passing it continues towards it.
         speed: m/s.
     """
 
@@ -82,10 +82,10 @@ def own_uncertainty(worlds: ti.template(), w, k) -> vec3:
 
 @func
 def straying(worlds: ti.template(), elapsed) -> ti.f32:
-    """Variance per axis (m²) of where an AUV takes itself to be about where it is foreseen.
+    """Variance per axis (m²) of an AUV's own position estimate about the predicted position.
 
     Args:
-        elapsed: since it was heard, s.
+        elapsed: since its last reply, s.
     """
     p = ti.static(worlds.p)
     tau = p[Parameter.velocity_memory]
@@ -95,13 +95,13 @@ def straying(worlds: ti.template(), elapsed) -> ti.f32:
 
 @func
 def works_within(worlds: ti.template()) -> ti.f32:
-    """How far (m) off an AUV may take itself to be and still find its node."""
+    """Largest error (m) of its own position with which an AUV still finds its node."""
     return ti.max(worlds.p[Parameter.hover_radius], worlds.p[Parameter.homing_range])
 
 
 @func
 def approached(worlds: ti.template(), w, way: Way, time) -> vec2:
-    """Where an AUV is that has gone straight towards its node for some time (s), at most to it, m."""
+    """Position of an AUV that has gone straight towards its node for some time (s), at most to it, m."""
     node = ti.static(worlds.node)
     ahead = vec2(node[w, way.node, NodeColumn.x], node[w, way.node, NodeColumn.y]) - way.place
     distance = ahead.norm()
@@ -110,7 +110,7 @@ def approached(worlds: ti.template(), w, way: Way, time) -> vec2:
 
 @func
 def advanced(worlds: ti.template(), w, way: Way, time, lost: ti.i32) -> Way:
-    """An AUV's way after some time (s); one that is lost goes no farther than to the node it heads for."""
+    """An AUV's state after some time (s); one that is lost goes no farther than to its target."""
     p = ti.static(worlds.p)
     node = ti.static(worlds.node)
     left = time
@@ -152,7 +152,7 @@ def advanced(worlds: ti.template(), w, way: Way, time, lost: ti.i32) -> Way:
 
 @func
 def remembered(worlds: ti.template(), w, k) -> Way:
-    """The way of AUV k that the boat foresees at present."""
+    """The boat's present prediction of AUV k."""
     foresight = ti.static(worlds.foresight)
     return Way(
         place=vec2(foresight[w, k, ForesightColumn.x], foresight[w, k, ForesightColumn.y]),
@@ -164,13 +164,13 @@ def remembered(worlds: ti.template(), w, k) -> Way:
 
 @func
 def foresee(worlds: ti.template(), w, k):
-    """Move the foreseen way of AUV k to the present: on from where it was, or from a new reply."""
+    """Advance the prediction of AUV k to the present: from the previous one, or from a new reply."""
     foresight = ti.static(worlds.foresight)
     exchange = ti.static(worlds.exchange)
     way = remembered(worlds, w, k)
     elapsed = exchange[w, k, ExchangeColumn.elapsed]
     time = elapsed - foresight[w, k, ForesightColumn.elapsed]
-    news = time < 0.999 * worlds.p[Parameter.step]  # a reply was heard in the step before
+    news = time < 0.999 * worlds.p[Parameter.step]  # a reply was received in the step before
     if worlds.clock[w, 1] == 1:  # the first node is given at deployment
         exchange[w, k, ExchangeColumn.heads_for] = worlds.auv[w, k, AuvColumn.target]
         news = True
@@ -196,7 +196,7 @@ def foresee(worlds: ti.template(), w, k):
 
 @func
 def foresee_served(worlds: ti.template(), w, b):
-    """`foresee` of the AUVs that boat b serves."""
+    """`foresee` for the AUVs that boat b serves."""
     for k in range(worlds.estimate.shape[1]):
         if boat_motion.serves(worlds, w, b, k):
             foresee(worlds, w, k)
@@ -216,16 +216,16 @@ def begin(worlds: ti.template(), w, k):
 
 @func
 def foreseen_place(worlds: ti.template(), w, k) -> vec2:
-    """Where AUV k is foreseen at present, m."""
+    """Present predicted position of AUV k, m."""
     return vec2(worlds.foresight[w, k, ForesightColumn.x], worlds.foresight[w, k, ForesightColumn.y])
 
 
 @func
 def hearing_range(worlds: ti.template(), k, z, farthest) -> ti.f32:
-    """Horizontal distance, m, beyond which a rollout takes AUV k not to be heard; at most `farthest`.
+    """Horizontal distance, m, beyond which AUV k's replies are not received in a rollout; at most `farthest`.
 
-    By bisection of the probability for a boat that lies still and a place that is known, which is then the largest and
-    falls with the distance. The end of the last interval that is too far is returned.
+    By bisection of the probability for a boat at rest and a known position, which is then the largest and decreases
+    with the distance. Returns the far end of the last interval.
     """
     near = 0.0
     far = farthest
@@ -250,13 +250,13 @@ def hearing_ranges(worlds: ti.template(), w, b) -> each_auv:
 
 @func
 def auv_of(worlds: ti.template(), n: ti.i32) -> ti.i32:
-    """The AUV that goal n of `goal_of` is, or NO_AUV."""
+    """The AUV of goal n of `goal_of`, or NO_AUV."""
     return ti.select(n < worlds.estimate.shape[1], n, NO_AUV)
 
 
 @func
 def goal_of(worlds: ti.template(), w, b, n: ti.i32) -> vec2:
-    """Goal n of boat b, m: AUV n where it is foreseen, K the mean of all that it serves, K + 1 the goal that it has."""
+    """Goal n of boat b, m: AUV n's predicted position; K: the mean of all that it serves; K + 1: its present goal."""
     count = worlds.estimate.shape[1]
     goal = boat_motion.goal_place(worlds, w, b)
     if n < count:
@@ -271,7 +271,7 @@ def goal_of(worlds: ti.template(), w, b, n: ti.i32) -> vec2:
 
 @func
 def is_goal(worlds: ti.template(), w, b, n: ti.i32):
-    """Whether goal n is one of boat b: AUVs that it does not serve are none."""
+    """Whether goal n is a goal of boat b: AUVs that it does not serve are not."""
     return n >= worlds.estimate.shape[1] or boat_motion.serves(worlds, w, b, n)
 
 
@@ -280,9 +280,9 @@ def expected_loss(worlds: ti.template(), w, boat, n: ti.i32, ranges: each_auv, l
     """Mean squared variance of the own positions of the AUVs that a boat serves, per axis (m⁴), over the horizon.
 
     Args:
-        n: of the goal that the boat goes to first, see `goal_of`.
+        n: index of the boat's first goal, see `goal_of`.
         ranges: `hearing_range` of each AUV, m.
-        limit: loss (m⁴) from which on it does not matter: the rollout ends once its sum, which only grows, is above.
+        limit: loss (m⁴) above which its value is irrelevant: the rollout ends once its sum, which only grows, is above.
     """
     p = ti.static(worlds.p)
     count = worlds.estimate.shape[1]
@@ -388,7 +388,7 @@ def least_certain(worlds: ti.template(), w, b) -> ti.i32:
 
 @func
 def aim(worlds: ti.template(), w, b) -> vec2:
-    """Where boat b goes by its last plan: where the AUV that it visits is foreseen, or the place planned, m."""
+    """Goal of boat b from its last plan, m: the predicted position of the AUV that it visits, or the planned place."""
     visited = ti.cast(worlds.boat[w, b, BoatColumn.visits], ti.i32)
     goal = boat_motion.goal_place(worlds, w, b)
     if visited != NO_AUV:
@@ -398,13 +398,13 @@ def aim(worlds: ti.template(), w, b) -> vec2:
 
 @func
 def just_heard(worlds: ti.template(), w, k):
-    """Whether AUV k was heard in the last step."""
+    """Whether a reply of AUV k was received in the last step."""
     return worlds.exchange[w, k, ExchangeColumn.elapsed] < 2.0 * worlds.p[Parameter.step]
 
 
 @func
 def is_due(worlds: ti.template(), w, b):
-    """Whether it is time to plan: boat b has heard the AUV that it visits, serves it no longer, or has arrived.
+    """Whether a plan is due: boat b has a reply of the AUV that it visits, serves it no longer, or has arrived.
 
     Two plans are from `INTERVAL` to `PATIENCE` apart.
     """
@@ -421,13 +421,13 @@ def is_due(worlds: ti.template(), w, b):
 
 @func
 def place_of(worlds: ti.template(), b, n):
-    """Where in the workspace `weigh` writes, behind what is the target rule's."""
+    """Index in the workspace at which `weigh` writes, after the target rule's part."""
     return worlds.workspace.shape[1] - 1 - b * (worlds.estimate.shape[1] + OTHER_GOALS) - n
 
 
 @func
 def weigh(worlds: ti.template(), w, b, n):
-    """Write the loss of goal n of boat b, where a plan is due, for `plan` to read."""
+    """Write the loss of goal n of boat b, if a plan is due, for `plan`."""
     if boat_motion.num_served(worlds, w, b) > 0 and is_due(worlds, w, b) and is_goal(worlds, w, b, n):
         loss = expected_loss(worlds, w, b, n, hearing_ranges(worlds, w, b), NO_LIMIT)
         worlds.workspace[w, place_of(worlds, b, n)] = loss
@@ -435,7 +435,7 @@ def weigh(worlds: ti.template(), w, b, n):
 
 @func
 def loss_of(worlds: ti.template(), w, b, n: ti.i32, ranges: each_auv, limit) -> ti.f32:
-    """`expected_loss`, or what `weigh` has written."""
+    """`expected_loss`, or the value that `weigh` has written."""
     loss = 0.0
     if ti.static(worlds.program.weighs_apart):
         loss = worlds.workspace[w, place_of(worlds, b, n)]
@@ -446,7 +446,7 @@ def loss_of(worlds: ti.template(), w, b, n: ti.i32, ranges: each_auv, limit) -> 
 
 @func
 def plan(worlds: ti.template(), w, b) -> vec2:
-    """The goal of boat b with the least expected loss, or the least certain AUV where that is hardly more, m."""
+    """The goal of boat b with the least expected loss, or the least certain AUV if its loss is hardly more, m."""
     ranges = each_auv(0.0)
     if ti.static(not worlds.program.weighs_apart):
         ranges = hearing_ranges(worlds, w, b)

@@ -1,8 +1,8 @@
 """How boats move, and which boat serves which AUV.
 
-Each AUV is served by the boat that is nearest to where it is estimated: that boat plans for it, and interrogates it
-where AUVs are interrogated one at a time. Another boat takes over where it is nearer by more than the share
-`HYSTERESIS`. With one boat nothing of this is compiled.
+Each AUV is served by the boat nearest to its estimated position: that boat plans for it, and interrogates it if AUVs
+are interrogated one at a time. Another boat takes over if it is nearer by more than the share `HYSTERESIS`. With one
+boat none of this is compiled.
 """
 
 import math
@@ -269,7 +269,7 @@ def sail(worlds: ti.template(), w, b, way: vec2, current: vec2) -> vec2:
 
     It turns into the direction of the command of `command_to` and goes at the part of its speed that is ahead; within
     the dead band the command stems the drift. Slow ones it obeys astern where that is nearer, the slowest with the
-    heading that it has. What it knows of the drift is its velocity over ground without that ahead through the water.
+    heading that it has. Its measured drift is its velocity over ground minus the velocity ahead through the water.
 
     Args:
         way: to the goal, m. current: velocity of the water, m/s.

@@ -1,4 +1,4 @@
-"""Boat strategies: where boat b should be, from estimated positions only; functions (worlds, w, b) → vec2, m.
+"""Boat strategies: the goal of boat b, from estimated positions only; functions (worlds, w, b) → vec2, m.
 
 A boat plans for the AUVs that it serves; without any it stays where it is.
 """
@@ -45,7 +45,7 @@ def agent(worlds: ti.template(), w, b) -> vec2:
 
 @func
 def begin_foresight(worlds: ti.template(), w, b) -> vec2:
-    """Foresee all AUVs; the boat begins at the mean of its own."""
+    """Begin the prediction of all AUVs; the boat begins at the mean of its own."""
     for k in range(worlds.estimate.shape[1]):
         belief_planner.begin(worlds, w, k)
     return centroid(worlds, w, b)

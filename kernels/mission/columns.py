@@ -1,6 +1,6 @@
-"""Columns of the mission's arrays (float32), and what a random draw is for. W worlds, K AUVs, B boats, M nodes.
+"""Columns of the mission's arrays (float32), and purposes of random draws. W worlds, K AUVs, B boats, M nodes.
 
-Each column of a state says which values it may hold: for states that are loaded, and to see a runaway state at once.
+Each column of a state has a range, to check states that are loaded and to detect divergence at once.
 """
 
 from typing import Annotated, ClassVar, NamedTuple
@@ -56,7 +56,7 @@ class StateColumns(Columns):
 
 
 class KeyColumn(Columns):
-    """What a world's random numbers depend on, (W, 3) int32: words of its seed, which of the seed's worlds it is."""
+    """Keys of a world's random numbers, (W, 3) int32: words of its seed, and its index among the seed's worlds."""
 
     low: int
     high: int
@@ -102,7 +102,7 @@ class Parameter(Columns):
     drifts: int
     response_time: int
     response_memory: int  # e^{−step/response time}
-    control_time: int  # way to a goal over the speed that a boat asks for it, s
+    control_time: int  # distance to a goal over a boat's commanded speed, s
     drift_memory: int  # of its estimate of the drift, over a step
     dead_band: int
     leeway_x: int  # m/s
@@ -139,7 +139,7 @@ class Parameter(Columns):
     start_separation: int
     safe_distance: int
     collision_distance: int
-    hover_radius: int  # horizontal distance at which an AUV serves its node, as target rules reckon, m
+    hover_radius: int  # horizontal distance at which an AUV serves its node, assumed by target rules, m
     service_range: int  # slant range up to which a node is served in passing, m
     node_margin: int
     formation_radius: int
@@ -148,7 +148,7 @@ class Parameter(Columns):
     payload: int
     data_level: int
     data_absorption: int  # dB/km
-    data_spreading: int  # dB a decade of range
+    data_spreading: int  # dB per decade of range
     data_bandwidth: int
     rate_max: int
     progress: int
@@ -157,7 +157,7 @@ class Parameter(Columns):
     farthest: int
     rate_mean: int  # of the nodes' arrivals, packets/s
     rate_variance: int
-    reference_speed: int  # with which target rules reckon
+    reference_speed: int  # assumed by target rules
     reference_rate: int  # of the data link in a typical service, Mbit/s
     service_time: int  # of a typical service, s
     duration: int  # of the mission, s
@@ -166,11 +166,11 @@ class Parameter(Columns):
     roughness: int  # standard deviation of the surface in short waves, m
     bottom_density: int  # over the water's
     bottom_speed: int  # of sound, over the water's
-    bottom_absorption: int  # of sound, dB a wavelength
+    bottom_absorption: int  # of sound, dB per wavelength
 
 
 class AuvColumn(StateColumns):
-    """State of an AUV, and what the last step did and cost, (W, K, A)."""
+    """State of an AUV, and results and costs of the last step, (W, K, A)."""
 
     x: X  # m, true
     y: Y
@@ -187,7 +187,7 @@ class AuvColumn(StateColumns):
     covariance_yy: Covariance
     fix_x: Position  # m
     fix_y: Position
-    heard_x: Position  # where it was when the signal of its fix left it, m
+    heard_x: Position  # its position when the signal of its fix left it, m
     heard_y: Position
     fix_flags: Annotated[int, Range(0.0, usbl.FLAGS, whole=True)]  # bits of `usvauv.kernels.positioning.usbl`
     fix_boat: BoatIndex  # index of the boat that made it
@@ -197,7 +197,7 @@ class AuvColumn(StateColumns):
     power: Annotated[int, Range(0.0, 1e4)]  # W
     hovering: Flag  # 1 while it serves its node
     service_rate: Amount  # rate of a service completed in the last step, else 0, Mbit/s
-    delivered: Amount  # data brought in by the last step, in hovering those of a whole service, Mbit
+    delivered: Amount  # data collected in the last step, in hovering those of a whole service, Mbit
     border: Flag  # 1 where the last move was refused
     position_error: Amount  # |estimate − truth|, m
     packets_delivered: Amount  # the same in packets
@@ -271,7 +271,7 @@ class BodyColumn(StateColumns):
         int, Range(0.0, 3.0, whole=True)
     ]  # 1 where it came to the surface in it, 2 to the bed, 3 to both
     sensor_error: Annotated[int, Range(-1e3, 1e3)]  # of its depth sensor, m
-    told_depth: Annotated[int, Range(-1e3, 2e4)]  # below its cruise depth, as its last reply told, m
+    told_depth: Annotated[int, Range(-1e3, 2e4)]  # below its cruise depth, as in its last reply, m
 
 
 class EstimateColumn(StateColumns):
@@ -288,7 +288,7 @@ class EstimateColumn(StateColumns):
 
 
 class Reply(Columns):
-    """State of an exchange with an AUV: none, asked, answered, lost on the way there."""
+    """State of an exchange with an AUV: none, asked, answered, interrogation lost."""
 
     none: int
     due: int
@@ -297,7 +297,7 @@ class Reply(Columns):
 
 
 class ExchangeColumn(StateColumns):
-    """Exchange with an AUV over the channel, and its dead reckoning since the last reply heard, (W, K, X)."""
+    """Exchange with an AUV over the channel, and its dead reckoning since the last reply received, (W, K, X)."""
 
     reply: Annotated[int, Range(0.0, len(Reply.names) - 1.0, whole=True)]  # of `Reply`
     over: Flag  # 1 where an exchange with it ended in this step
@@ -328,18 +328,18 @@ class ExchangeColumn(StateColumns):
 
 
 class ForesightColumn(StateColumns):
-    """Where the boat foresees an AUV, (W, K, F), for strategies that do."""
+    """The boat's prediction of an AUV, (W, K, F), for strategies that predict."""
 
     x: X  # m
     y: Y
     heads_for: NodeIndex  # index of the node
     hovers: Hover  # time that it still serves it, s
     elapsed: Elapsed  # the exchange's `elapsed` at that time, s
-    speed: Annotated[int, Range(0.0, 100.0)]  # at which it travels, m/s
+    speed: Annotated[int, Range(0.0, 100.0)]  # travelling speed, m/s
 
 
 class Schedule(Columns):
-    """When fixes are made: in each step for nothing, or by exchanges: all AUVs at once, in turn, the least known."""
+    """When fixes are made: in each step without exchanges; or by exchanges: all AUVs at once, in turn, least known."""
 
     every_step: int
     all: int
@@ -348,7 +348,7 @@ class Schedule(Columns):
 
 
 class Sensor(Columns):
-    """What an AUV reckons with: nothing, velocity over ground, velocity through the water."""
+    """Sensor of dead reckoning: none, velocity over ground, velocity through the water."""
 
     none: int
     ground: int
@@ -369,7 +369,7 @@ class NodeColumn(StateColumns):
 
 
 class BeliefColumn(StateColumns):
-    """What is known of a node, (W, 1, M, C) for all AUVs, or (W, K, M, C)."""
+    """Knowledge of a node, (W, 1, M, C) shared by all AUVs, or (W, K, M, C)."""
 
     count: Amount  # shape of the Gamma distribution of its rate, packets
     exposure: Amount  # inverse scale of that, s
@@ -378,7 +378,7 @@ class BeliefColumn(StateColumns):
 
 
 class Information(Columns):
-    """What is known of the nodes: everything; their rates; what all AUVs' visits found, or one's own."""
+    """Knowledge of the nodes: everything; their rates; findings of all AUVs' visits, or of an AUV's own."""
 
     full: int
     rates: int
@@ -391,7 +391,7 @@ class BoatColumn(StateColumns):
 
     x: X  # m
     y: Y
-    goal_x: X  # where it heads for, m
+    goal_x: X  # its goal, m
     goal_y: Y
     elevation: Annotated[int, Range(-500.0, 500.0)]  # of the sea under it, m
     slope_x: Slope
@@ -402,7 +402,7 @@ class BoatColumn(StateColumns):
     moved_y: Displacement
     water_x: BoatVelocity  # its velocity through the water, m/s
     water_y: BoatVelocity
-    drift_x: BoatVelocity  # with which it reckons to be carried, m/s
+    drift_x: BoatVelocity  # its estimate of the drift, m/s
     drift_y: BoatVelocity
     effort: Annotated[int, Range(0.0, 1.001)]  # speed through the water in the last step over the top speed
     gnss_x: Annotated[int, Range(-1e3, 1e3)]  # error of its own position, m
@@ -413,9 +413,9 @@ class BoatColumn(StateColumns):
     arm_ahead: Annotated[int, Range(-1e3, 1e3)]  # of the lever arm, m
     arm_left: Annotated[int, Range(-1e3, 1e3)]
     slowness: Annotated[int, Range(0.0, 100.0)]  # of sound over that which fixes are computed with
-    asked: AuvOrNone  # the AUV that it asked last
+    asked: AuvOrNone  # the AUV that it interrogated last
     visits: AuvOrNone  # the AUV that it goes to, −1 for none
-    planned: Duration  # when it planned last, s
+    planned: Duration  # time of its last plan, s
 
 
 class TallyColumn(StateColumns):
@@ -431,7 +431,7 @@ class TallyColumn(StateColumns):
 
 
 class Action(Columns):
-    """What an AUV's action commands: velocity through the water; that and the depth; rudder, stern plane, propeller."""
+    """Commands of an AUV's action: velocity through the water; also the depth; or rudder, stern plane, propeller."""
 
     vector: int
     vector_depth: int
@@ -439,7 +439,7 @@ class Action(Columns):
 
 
 class Phase(Columns):
-    """What a launch does: begin episodes, advance them by a step, or by one part of it after another.
+    """Task of a launch: begin episodes, advance them by a step, or by one part of a step.
 
     On a CPU a step in parts is `move`, `ride`, `answer` and `look`, on a GPU `begin`, `weigh`, `end` and `look_round`.
     """
@@ -458,7 +458,7 @@ class Phase(Columns):
 
 
 class Draw(Columns):
-    """What a random draw is for: part of its address."""
+    """Purpose of a random draw: part of its address."""
 
     node: int
     auv: int

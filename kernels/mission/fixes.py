@@ -1,14 +1,14 @@
-"""When AUVs are fixed, in each step or by exchanges over the acoustic channel, and the boats' estimates of them.
+"""Times of fixes, in each step or by exchanges over the acoustic channel, and the boats' estimates of AUVs.
 
-**The channel** has one exchange at a time, an interrogation and the reply or replies to it. It lasts for the way of the
-sound to the AUV and back, the transponder's turn-around time and the length of the signal. The boat asks all AUVs at
-once, which answer by codes of their own (the exchange then lasts until the farthest reply), or one at a time of those
-that it serves: in turn, or the one with the largest product of what its reply is worth (`reception.reply_worth`) and
-the time since it was asked. No AUV is located twice in a mission step. Several boats begin exchanges in turn; one
-without an AUV to ask passes the turn on. The boat that asked receives the replies, and all boats share what they bring.
-From one exchange to the next there can be a least time.
+**The channel** has one exchange at a time, an interrogation and the reply or replies to it. It lasts for the sound's
+two-way travel time, the transponder's turn-around time and the length of the signal. The boat interrogates all AUVs at
+once, which reply with different codes (the exchange then lasts until the farthest reply), or one at a time of those
+that it serves: in turn, or the one with the largest product of the value of its reply (`reception.reply_worth`) and
+the time since its last interrogation. No AUV is located twice in a mission step. Several boats begin exchanges in turn;
+a boat without an AUV to interrogate passes its turn on. The boat that interrogated receives the replies, and all boats
+share their contents. There can be a least time between exchanges.
 
-Times count from the end of the present mission step, s; what lies before is negative.
+Times count from the end of the present mission step, s; earlier times are negative.
 """
 
 import taichi as ti

@@ -1,18 +1,18 @@
-"""How AUVs move with the water and through it, what power that takes, and where they and the boats reckon them to be.
+"""Motion of AUVs with the water and through it, its power, and dead reckoning by AUVs and boats.
 
-**Dead reckoning.** An AUV adds up displacements: over ground by a Doppler velocity log, or through the water. Its
-velocity has a white error and a bias, a Gauss–Markov process, of log and compass together. A reply carries the
-displacement since the last reply that the boat has heard, an interrogation the state of the boat's filter as of that
+**Dead reckoning.** An AUV sums displacements: over ground by a Doppler velocity log, or through the water. Its measured
+velocity has a white error and a bias, a Gauss–Markov process, of log and compass together. A reply contains the
+displacement since the last reply that the boat has received, an interrogation the state of the boat's filter as of that
 reply. So
 
-- the boat's filter (`track`) is at the time of the last reply heard. A new reply moves it by the displacement that it
-  carries; then its fix updates it. In between the boat takes the AUV's velocity as a Gauss–Markov process of the
+- the boat's filter (`track`) is at the time of the last reply received. A new reply moves it by the displacement that
+  it contains; then its fix updates it. In between the boat models the AUV's velocity as a Gauss–Markov process with the
   variance s² and the memory τ, so that after the time t
 
       x̂ = x + v τ (1 − e^{−t/τ}),   variance of its error s² τ² (2t/τ − 3 + 4 e^{−t/τ} − e^{−2t/τ});
 
-- the AUV's own position and current (`own`) are that state in the last interrogation heard, moved on by what the AUV
-  has measured since.
+- the AUV's own position and current (`own`) are that state from the last interrogation received, moved by the
+  displacement that the AUV has measured since.
 
 The filter is one of `usvauv.kernels.positioning.tracker`, whose current here is the water's, or the log's bias
 reversed.

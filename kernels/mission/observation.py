@@ -1,6 +1,6 @@
 """Terms of an AUV's observation: each function writes one term, from a given index on.
 
-What a term's numbers mean, their units and ranges stand in `usvauv.env.world.observation`.
+`usvauv.env.world.observation` has the meanings, units and ranges of the terms' numbers.
 """
 
 import math

@@ -1,6 +1,6 @@
-"""The array on a boat: its pose, what it receives of an AUV's signal and the place that it measures.
+"""The array on a boat: its pose, its reception of an AUV's signal and the position that it measures.
 
-`expected_reply` and `reply_worth` say before a reply comes how probably it is heard and how good its fix will be.
+`expected_reply` and `reply_worth` predict the probability that a reply is received and the accuracy of its fix.
 """
 
 import math
@@ -406,7 +406,7 @@ def expected_reply(worlds: ti.template(), k, offset: vec3, effort, spread) -> ve
     """Probability that a reply of AUV k is heard, and the variance per axis (m²) of its fix.
 
     Args:
-        offset: from the boat to where the AUV is foreseen, m. effort: the boat's speed over its top speed.
+        offset: from the boat to the AUV's predicted position, m. effort: the boat's speed over its top speed.
         spread: variance per axis of that place, m².
     """
     link = ti.static(worlds.link)

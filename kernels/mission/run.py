@@ -1,7 +1,7 @@
 """The mission's kernel, batched over worlds: an iteration begins an episode of one or more, or advances them by a step.
 
 Everything in a world happens in program order and every random number is addressed by (world, episode, step, draw), so
-a world's history does not depend on how many others run beside it or on threads.
+a world's history does not depend on the number of other worlds or on threads.
 """
 
 import linecache
@@ -413,7 +413,7 @@ def kernel_of(source: str, **names: Any) -> Callable[..., Any]:
 
 # Begins the next episode of each world w with `chosen[w]` ≠ 0, or advances all worlds by one mission step. Many worlds
 # take the step by four launches, `Phase.ride` and `Phase.look`, sums of vortices and waves, with vectors in registers.
-# For few worlds launches take longer than they save, and of plugins' functions nobody knows whether they compile so.
+# For few worlds launches take longer than they save, and plugins' functions may not compile so.
 # On a GPU the last part of a step has a thread for each AUV, and a boat's plan by rollouts one for each goal.
 run = kernel_of(
     SOURCE,

@@ -1,12 +1,12 @@
-"""Vehicles with dynamics: what the mission's actions command, their motion in a mission step, and the water round them.
+"""Vehicles with dynamics: commands from the mission's actions, motion in a mission step, and the water round them.
 
-Before the mission's kernel takes a step, `move` moves all vehicles through it: LANES side by side as
-`usvauv.kernels.vehicles.vehicle` has them, in substeps in which the autopilot steers and the body answers. What came of
-it stands in the array `body` (`BodyColumn`), from which `usvauv.kernels.mission.motion` places the AUVs. Before an
-episode `move` deploys them: level at cruise speed, on a heading and with a body drawn at random. At the end of a step
-`sense` writes the water at each vehicle, which the next step takes as linear in place and time.
+Before the mission's kernel takes a step, `move` moves all vehicles through it: LANES side by side as in
+`usvauv.kernels.vehicles.vehicle`, in substeps of the autopilot and the body. The array `body` (`BodyColumn`) has the
+result, from which `usvauv.kernels.mission.motion` sets the AUVs' positions. Before an episode `move` deploys them:
+level at cruise speed, with random headings and bodies. At the end of a step `sense` writes the water at each vehicle,
+which the next step treats as linear in place and time.
 
-Vehicles have Fossen's axes, north, east, down; the world has east, north, up. `turned` leads from one to the other.
+Vehicles have Fossen's axes, north, east, down; the world has east, north, up. `turned` converts between them.
 """
 
 from collections.abc import Callable

@@ -1,7 +1,7 @@
-"""The arrays of all worlds, declared once, and what else the functions of a mission pass on: `Worlds`.
+"""The arrays of all worlds, declared once, and the argument that a mission's functions pass on: `Worlds`.
 
-The kernel's parameters (`usvauv.kernels.mission.run`), what `World` allocates, what a stored state holds and the values
-allowed in it follow from `ARRAYS`.
+The kernel's parameters (`usvauv.kernels.mission.run`), the memory of `World`, the contents of a stored state and their
+ranges follow from `ARRAYS`.
 """
 
 from collections import namedtuple
@@ -40,10 +40,10 @@ class Strategy(NamedTuple):
     """Taichi functions of a boat strategy.
 
     Attributes:
-        start: (worlds, w, b) → vec2, where boat b begins, m; the AUVs' estimated positions are then the true ones.
-        goal: (worlds, w, b) → vec2, where it should be next, m.
-        foresees: the AUVs' ways are foreseen before each goal, see `usvauv.kernels.mission.belief_planner`.
-        weigh: (worlds, w, b, n), writes the loss of goal n of K + 2 where `goal` will compare them; None: it does all.
+        start: (worlds, w, b) → vec2, initial position of boat b, m; estimated positions are then the true ones.
+        goal: (worlds, w, b) → vec2, its next goal, m.
+        foresees: the AUVs are predicted before each goal, see `usvauv.kernels.mission.belief_planner`.
+        weigh: (worlds, w, b, n), writes the loss of goal n of K + 2 if `goal` will compare them; None: `goal` does all.
     """
 
     start: Callable[..., Any]
@@ -53,31 +53,31 @@ class Strategy(NamedTuple):
 
 
 class Program(NamedTuple):
-    """What is compiled into the mission's kernels; what is not chosen costs neither time nor compilation.
+    """Options compiled into the mission's kernels; options not chosen cost neither time nor compilation.
 
     Attributes:
-        task: what the AUVs have to do.
+        task: the AUVs' task.
         strategy: of the boats.
-        target_rule: a `usvauv.kernels.mission.target_rules.rule.TargetRule`, which node an AUV heads for next.
+        target_rule: a `usvauv.kernels.mission.target_rules.rule.TargetRule`, which chooses an AUV's next node.
         information: of `Information`.
         rate_law: of the data link, of `usvauv.kernels.positioning.acoustic_link`.
         observation: a function (worlds, w, k, first) for each term of an observation, which it writes from `first` on.
-        objective_code: what the boat maximises, of `usvauv.kernels.planning.objectives.objective_code`.
+        objective_code: the boat's objective, from `usvauv.kernels.planning.objectives.objective_code`.
         waveform: fixes by sampled signals, not by the statistical model.
         tone: the signal is a tone, not a coded pulse.
-        multipath: the array hears reflections from surface and bottom too.
-        refraction: sound bends in layers, and fixes follow it.
+        multipath: the array also receives reflections from surface and bottom.
+        refraction: sound is refracted in layers, and fixes include this.
         tracker: the boat tracks its AUVs by their commanded velocities.
         schedule: of `Schedule`.
-        sensor: of `Sensor`, what AUVs reckon with.
+        sensor: of `Sensor`, for dead reckoning of AUVs.
         turns: phases of a fix can lack whole turns, see `usvauv.kernels.positioning.usbl`.
         fleet: there is more than one boat.
         vehicle: AUVs are vehicles with dynamics, see `usvauv.kernels.mission.vehicles`.
-        otter: boats move as `usvauv.kernels.vehicles.otter` says; else they are points.
+        otter: boats move as in `usvauv.kernels.vehicles.otter`; else they are points.
         repeats: the pattern of vortices has a period.
         passing: nodes are served in passing, not hovering.
-        serial: the calling thread does all worlds: for few worlds on a CPU waking another thread takes longer.
-        in_lanes: the parts of a step are launches of their own, some in vectors, see `usvauv.kernels.mission.run`.
+        serial: the calling thread steps all worlds: for few worlds on a CPU waking another thread takes longer.
+        in_lanes: the parts of a step are separate launches, some in vectors, see `usvauv.kernels.mission.run`.
         in_threads: they are, and some have a thread for each AUV or each goal of a boat.
     """
 
@@ -107,7 +107,7 @@ class Program(NamedTuple):
 
     @property
     def weighs_apart(self) -> bool:
-        """Whether a launch of its own computes the losses of boats' goals."""
+        """Whether a separate launch computes the losses of boats' goals."""
         return self.in_threads and self.strategy.weigh is not None
 
 
@@ -138,7 +138,7 @@ class Array(NamedTuple):
 
     @property
     def ranges(self) -> tuple[Range, ...]:
-        """What each column may hold; empty where the last axis has no columns with ranges."""
+        """Range of each column; empty if the last axis has no columns with ranges."""
         columns: Any = self.columns
         return columns.ranges if columns and issubclass(columns, StateColumns) else self.column_ranges
 
@@ -173,7 +173,7 @@ TABLES = {
     "observation_first": Array(".", "index of the first number of each term of an observation", dtype=ti.i32),
     "key": Array("W", "seed of each world", KeyColumn, ti.i32),
 }
-# With the clock and the sea all that decides the future of the worlds.
+# Together with the clock and the sea everything that decides the worlds' future.
 STATE = {
     "auv": Array("WK", "AUVs, and what the last step did and cost", AuvColumn, whose="AUV"),
     "body": Array("WK", "vehicles with dynamics", BodyColumn, whose="the body of AUV"),
@@ -215,10 +215,10 @@ ARRAYS = {
 
 
 class Rows(tuple[Any, ...]):
-    """An array of all worlds in a kernel, with its sizes but the first, and indexed as ever.
+    """An array of all worlds in a kernel, with its sizes except the first, and indexed as usual.
 
-    Taichi by itself reads all sizes again at each access, since what was stored before might have changed them, which
-    takes a tenth of a mission step. Here they are read once an iteration.
+    Taichi by default reads all sizes again at each access, since a preceding store might have changed them, which takes
+    a tenth of a mission step. Here they are read once per iteration.
     """
 
     __slots__ = ()

@@ -1,6 +1,6 @@
-"""Target rules by name: which node an AUV heads for next, from what is known of the nodes.
+"""Target rules by name: the choice of an AUV's next node, from the knowledge of the nodes.
 
-From outside: `target_rules`, `TargetRule` and `parse`; for a rule of your own also `knowledge` and `best_free`.
+Public: `target_rules`, `TargetRule` and `parse`; for your own rule also `knowledge` and `best_free`.
 """
 
 from usvauv.kernels.mission.target_rules import knowledge

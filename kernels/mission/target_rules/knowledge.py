@@ -1,11 +1,11 @@
-"""What is known of the nodes when a target is chosen: everything, their rates only, or what visits have found.
+"""Knowledge of the nodes when a target is chosen: everything, their rates only, or the findings of visits.
 
-Where rates are not known, each has a Gamma distribution with `count` packets in `exposure` seconds, so its mean is
-count / exposure. It begins with the mean and variance of the scenario's rates, and a visit that finds n packets which
-came in τ seconds adds n and τ: the posterior of Poisson arrivals (Gelman et al., Bayesian Data Analysis, 3rd ed.,
-2013, section 2.6). Two kinds of visits say less: the first one also finds what was there at the start, uniform from 0
-to S packets, and a full buffer says only that at least so many came. Then the rate is known to lie in an interval, and
-the distribution becomes the Gamma distribution with the mean and variance of the one before, cut to that interval.
+Unknown rates have Gamma distributions with `count` packets in `exposure` seconds, so the mean is count / exposure. A
+distribution begins with the mean and variance of the scenario's rates, and a visit that finds n packets which arrived
+in τ seconds adds n and τ: the posterior of Poisson arrivals (Gelman et al., Bayesian Data Analysis, 3rd ed., 2013,
+section 2.6). Two kinds of visits give less information: the first one also finds the initial backlog, uniform from 0 to
+S packets, and a full buffer shows only that at least so many arrived. The rate then lies in an interval, and the new
+distribution is the Gamma distribution with the mean and variance of the previous one truncated to that interval.
 """
 
 import taichi as ti

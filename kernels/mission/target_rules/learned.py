@@ -1,10 +1,10 @@
-"""A learned rule: a small network corrects what `rollout` expects of each of its candidates.
+"""A learned rule: a small network corrects the data that `rollout` predicts for each of its candidates.
 
     score_i = g f_i0 + w₂ · max(0, W₁ f_i + b₁)
 
-f_i are the features of candidate i. The first, f_i0, is what comes in by `rollout` if the AUV goes to node i next, less
-the same of the best candidate, in buffers: without training, the rule chooses by it alone. Features of the other nodes
-are sums, so that the network serves any number of them. While it learns, a candidate is drawn by exp(score).
+f_i are the features of candidate i. The first, f_i0, is the data collected by `rollout` if the AUV goes to node i next,
+minus those of the best candidate, in buffers: without training, the rule chooses by it alone. Features of the other
+nodes are sums, so that the network works for any number of them. In training, a candidate is drawn by exp(score).
 
 `rule_numbers` are T of the rollouts, `EXPLORE`, whether candidates are drawn, and the weights g, W₁, b₁ and w₂, from a
 file that `usvauv train-targets` writes (`policies/decisions.py`). Each AUV's last decision stays in the workspace:

@@ -1,8 +1,8 @@
-"""A rule that simulates: for each node that may be worth it, what comes in if all AUVs then go on by the rule `rate`.
+"""A rule that simulates, for each promising node, the data collected if all AUVs then continue with the rule `rate`.
 
 It chooses the node after which most data are collected, as rollout policies do (Bertsekas, Tsitsiklis and Wu, 1997,
-Journal of Heuristics 3, doi 10.1023/A:1009635226865). AUVs travel straight at the reference speed. Data count less the
-later they come, by exp(−t/T), up to t = 3 T: with a sharp end the choice depends on which services just come before it.
+Journal of Heuristics 3, doi 10.1023/A:1009635226865). AUVs travel straight at the reference speed. Data are discounted
+by exp(−t/T), up to t = 3 T: with a sharp end the choice would depend on which services are just before it.
 """
 
 import taichi as ti

@@ -1,4 +1,4 @@
-"""What a target rule is, how its name is read, and the rules that give each node a value and choose the largest."""
+"""Definition of target rules, reading of their names, and the rules that choose the node of the largest value."""
 
 import math
 from collections.abc import Callable
@@ -24,32 +24,32 @@ def nothing(worlds: ti.template(), w):
 
 @func
 def unknown(worlds: ti.template(), w, i):
-    """The node itself: which one comes next is not known before."""
+    """The node itself: the next one is not known in advance."""
     return i
 
 
 def no_workspace(num_nodes: int, num_auvs: int) -> int:
-    """No numbers of its own."""
+    """No workspace."""
     return 0
 
 
 @dataclass(frozen=True)
 class TargetRule:
-    """Which node an AUV heads for next. `worlds` is a `usvauv.kernels.mission.worlds.Worlds`.
+    """Choice of an AUV's next node. `worlds` is a `usvauv.kernels.mission.worlds.Worlds`.
 
     Attributes:
         choose: a Taichi function (worlds, w, k) → index of a node; it is called for each AUV at the start of an episode
-            and after each of its services. In the mission step 0 it gives first targets.
+            and after each of its services. In mission step 0 it chooses first targets.
         prepare: a Taichi function (worlds, w), called at the start of an episode when nodes and AUVs are in place.
         arguments: names and defaults of the numbers that may follow the name, as in "greedy:0.1"; the functions read
             them from `worlds.rule_numbers`.
-        workspace: (number of nodes, number of AUVs) → how many numbers of its own the rule needs in each world,
-            `worlds.workspace[w, :]`; what is in them is lost between two calls.
-        foreseen: a Taichi function (worlds, w, i) → the node that an AUV heads for after node i, as far as others can
-            know; node i where they cannot.
+        workspace: (number of nodes, number of AUVs) → length of the rule's workspace in each world,
+            `worlds.workspace[w, :]`, which is not kept between two calls.
+        foreseen: a Taichi function (worlds, w, i) → an AUV's predicted target after node i; node i if it cannot be
+            predicted.
         units: of the arguments, one each; "" for a number.
-        about: what it does, in a sentence; default: the docstring of `choose`.
-        read: for a rule whose numbers are in a file: what follows the name → the numbers; raises ValueError.
+        about: one sentence about what it does; default: the docstring of `choose`.
+        read: for a rule whose numbers are in a file: the text after the name → the numbers; raises ValueError.
     """
 
     choose: Callable[..., Any]
@@ -66,7 +66,7 @@ target_rules: Registry[TargetRule] = Registry("target rule", form=TargetRule, do
 
 
 def usage(name: str) -> str:
-    """How a rule is written: its name, and in brackets the numbers that may follow."""
+    """A rule's name, followed by its optional numbers in brackets."""
     if target_rules[name].read is not None:
         return f"{name}:FILE"
     arguments = ",".join(argument for argument, _ in target_rules[name].arguments)

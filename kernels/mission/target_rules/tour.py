@@ -1,7 +1,7 @@
 """Rules that follow a closed tour of the nodes: all AUVs one tour, spaced along it, or each a sector of it.
 
 The tour is a nearest-neighbour tour improved until no exchange of two edges shortens it (2-opt: G. A. Croes, 1958,
-Operations Research 6(6), doi 10.1287/opre.6.6.791). It depends on where nodes are and on nothing else.
+Operations Research 6(6), doi 10.1287/opre.6.6.791). It depends only on the positions of the nodes.
 """
 
 import taichi as ti

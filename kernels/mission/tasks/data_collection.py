@@ -1,4 +1,4 @@
-"""The task of collecting data: nodes fill, AUVs go to them and take what they hold, hovering or in passing.
+"""The task of collecting data: buffers of nodes fill, AUVs go there and collect the data, hovering or in passing.
 
 Packets arrive at each node as a Poisson process with one of a few rates, drawn by inversion of the distribution from a
 table. A row of the table holds one rate, a guide, and the cumulative distribution of the number of arrivals in a
@@ -172,7 +172,7 @@ def move_and_hover(worlds: ti.template(), w, k, a0, a1):
     """One step of AUV k: hover and receive, or travel with the current.
 
     Data flow in a step that begins within the hover radius. An AUV that the current has carried out of it heads back;
-    its service goes on when it is there.
+    its service continues when it is there.
     """
     p = ti.static(worlds.p)
     auv = ti.static(worlds.auv)

@@ -1,4 +1,4 @@
-"""The task of keeping station: every AUV holds its place in a formation, whatever the current does."""
+"""The task of keeping station: every AUV holds its place in a formation in any current."""
 
 import taichi as ti
 

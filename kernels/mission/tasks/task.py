@@ -1,4 +1,4 @@
-"""What a task is: the Taichi functions that a mission calls, and the numbers they need."""
+"""Definition of tasks: the Taichi functions that a mission calls, and the numbers they need."""
 
 from __future__ import annotations
 
