@@ -1,8 +1,8 @@
 """Taichi kernels: every loop over cells, vortices, hydrophones and worlds. Arrays in, arrays out.
 
-Rooms: `shallow_water`, `flow`, `positioning`, `planning`, `mission`. For all of them: `runtime` starts Taichi,
-`functions` makes kernels and binds them to their arrays, `types` names arguments and columns, `random` draws,
-`registry` holds what plugins add to.
+Subpackages: `shallow_water`, `flow`, `positioning`, `planning`, `vehicles`, `mission`. Common modules: `runtime` starts
+Taichi, `functions` makes kernels and binds them to their arrays, `types` names arguments and columns, `random` draws
+random numbers, `registry` holds items to which plugins add.
 """
 
 import os

@@ -13,7 +13,7 @@ SHOWN = 400  # characters of a message that is quoted
 
 
 class UserError(Exception):
-    """Something asked for cannot be done; the message is one line that says what, and what is allowed.
+    """A request cannot be carried out; the message is one line with the problem and what is allowed.
 
     The command line prints it without a traceback and exits with code 2. What a message quotes can be of any length
     and hold line breaks and control characters: these are written as Python writes them, and the middle is left out.

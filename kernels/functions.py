@@ -1,20 +1,20 @@
 """Taichi functions and kernels of these packages: `func` and `kernel` in place of `ti.func` and `ti.kernel`, and
 kernels bound to their arguments.
 
-`func` and `kernel` do what Taichi's do, with two differences. A kernel runs under the settings of
-`usvauv.kernels.runtime`, whatever other code in the process has given to `ti.init`. And Taichi reads its source in less
-than half the time, as each process has to, also for kernels that were compiled before: nobody looks whether a function
-is in the body of a class, each file is parsed once a kernel, and errors name file and line without an extract of the
-source. So it is for the functions of these packages and of Taichi itself that such a kernel calls. Kernels of others
-are read as ever, and so are their functions, those of plugins among them.
+`func` and `kernel` behave as Taichi's, with two differences. A kernel runs under the settings of
+`usvauv.kernels.runtime`, whatever other code in the process has passed to `ti.init`. And Taichi reads its source, as
+each process has to, also for cached kernels, in less than half the time: there is no check whether a function is in the
+body of a class, each file is parsed once per kernel, and errors have file and line without an extract of the source.
+This applies to the functions of these packages and of Taichi itself that such a kernel calls. Other kernels and their
+functions, including those of plugins, are read as usual.
 
-Taichi inspects each argument of each call in Python, some 5 µs an array; a mission step has sixty arrays, so a single
+Taichi inspects each argument of each call in Python, some 5 µs per array; a mission step has sixty arrays, so a single
 world would spend most of its time there. The arrays of a world stay in place, so their pointers are passed once
 (`Launch`). This uses Taichi's launch context as `taichi.lang.kernel_impl.Kernel.launch_kernel` of the pinned version
 does.
 
 Torch has no Vulkan tensors, so a tensor that a kernel takes lies in the CPU's memory, and Taichi copies it to the
-device and back at each launch. For arrays that kernels alone work on, launch after launch, that is most of the time
+device and back at each launch. For arrays that only kernels use, launch after launch, this is most of the time
 (`DeviceArrays`).
 """
 

@@ -1,7 +1,7 @@
 """Features of AUVs and their commands on a CPU, each in one pass over all AUVs.
 
-To rounding the same as `TargetFrame` and `GuidedFrame` of `usvauv.policies.frames`, which have the equations. Those are
-some hundred operations of torch: on few AUVs they cost more than their arithmetic, on many each is a pass over memory.
+Except for rounding equal to `TargetFrame` and `GuidedFrame` of `usvauv.policies.frames`, which have the equations in
+some hundred operations of torch: for few AUVs mostly overhead, for many a pass over memory each.
 """
 
 import math

@@ -1,4 +1,4 @@
-"""Ctrl-C, SIGTERM and a terminal's hang-up: as an exception, or as a request to stop at the next good moment."""
+"""Ctrl-C, SIGTERM and a terminal's hang-up: as an exception, or as a request to stop at the next suitable moment."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""The folder in which Taichi keeps compiled kernels, looked through before a program of Taichi starts.
+"""The folder in which Taichi caches compiled kernels, checked before Taichi starts.
 
-Taichi 1.7 neither mends nor replaces a file that is damaged, or one that its index names and that is gone: it ends, or
-compiles the kernel at each start. What is damaged is renamed here, with the index, and Taichi makes both anew.
+Taichi 1.7 neither repairs nor replaces a damaged file, or a missing one that its index lists: it ends, or compiles the
+kernel at each start. Damaged files are renamed here, with the index, and Taichi makes both anew.
 """
 
 import contextlib
@@ -29,11 +29,11 @@ COUNTS, LENGTH, ENTRY = struct.Struct("<2Q"), struct.Struct("<Q"), struct.Struct
 def check(folder: Path, version: tuple[int, ...]) -> None:
     """Set aside what is damaged in the folder, with a line on standard error, and a lock that a killed process left.
 
-    Taichi waits a quarter of a second for a lock, then goes on without the folder, as each later process would. While
+    Taichi waits a quarter of a second for a lock, then continues without the folder, as each later process would. While
     another process writes, nothing is looked at.
 
     Args:
-        folder: that Taichi is told; need not exist.
+        folder: the one given to Taichi; need not exist.
         version: of Taichi; an index of another one is left to it.
     """
     with contextlib.suppress(OSError), _locked(folder):

@@ -1,4 +1,4 @@
-"""Named items of one kind, such as boat strategies, to which a plugin adds its own."""
+"""Named items of one kind, such as boat strategies, to which plugins add."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class Registry(Mapping[str, T], Generic[T]):
             error: there were fields when the item was registered or used, and Taichi was started anew since.
         """
         if name in self._files:
-            from usvauv.kernels import runtime  # brings Taichi
+            from usvauv.kernels import runtime  # imports Taichi
 
             state, now = self._taichi.get(name), runtime.state_with_fields()
             if state is not None and not runtime.is_present(state):

@@ -1,9 +1,9 @@
 """Start of Taichi, the device that kernels run on, and how kernels are compiled.
 
-Taichi is started at first use, never at import, and runs once in a process: `ti.init` ends the program that runs, its
-fields and its compiled kernels. Where other code has called it, before or after, kernels of these packages go on in the
-program that is there, compiled under their own settings (`settings`). A process that is forked has none of the threads
-of the program that it inherits, and starts another one.
+Taichi is started at first use, never at import, and runs once per process: `ti.init` ends the running program with its
+fields and its compiled kernels. If other code has called it, before or after, kernels of these packages continue in the
+present program, compiled under their own settings (`settings`). A forked process has none of the threads of the
+inherited program, and starts another one.
 """
 
 from __future__ import annotations
@@ -120,7 +120,7 @@ def start(arch: str = "auto", threads: int | None = None) -> Runtime:
 
     With the environment variable USVAUV_DEBUG kernels check every index against the shape of its array, several times
     slower. Taichi 1.7.4 cannot report an index out of bounds of a tensor on a CPU: the process ends with a segmentation
-    fault at once, instead of going on with what lies beside the array. Its messages of overflowing integers come from
+    fault at once, instead of continuing with memory outside the array. Its messages of overflowing integers come from
     the random numbers, which are meant to overflow.
 
     From here on the calling thread takes numbers below 1.2e-38 as 0, also those of NumPy and torch in single precision:

@@ -1,7 +1,7 @@
 """Sine and cosine of half a turn by polynomials, without branches, for numbers and for vectors of them.
 
-`ti.sin` and `ti.cos` are calls, number by number; these stay in registers. An angle is given in turns, so that reducing
-it to |t| ≤ ½ is exact: cos 2πt = 1 − 2 sin² πt and sin 2πt = 2 sin πt cos πt.
+`ti.sin` and `ti.cos` are function calls for each number; these stay in registers. An angle is given in turns, so that
+reducing it to |t| ≤ ½ is exact: cos 2πt = 1 − 2 sin² πt and sin 2πt = 2 sin πt cos πt.
 """
 
 import taichi as ti

@@ -1,5 +1,5 @@
 """Motion of the water: storm waves (`airy`), vortices (`vortex`), long waves and real currents on a grid (`current`).
 
-From outside: `current.Water`, the arrays of all worlds, and `current.velocity`; `airy.sample`, `vortex.evolution` and
-the other functions that take tensors.
+Public: `current.Water`, the arrays of all worlds, and `current.velocity`; `airy.sample`, `vortex.evolution` and the
+other functions that take tensors.
 """

@@ -5,12 +5,12 @@
     w      = Σ a ω D sin θ,                D = sinh(k (z + h))/sinh(k h),
 
 the gradient of a potential: no divergence, no rotation, no flow through the bed, and at z = 0 w = η_t and u_t = −g η_x.
-Linear theory puts the surface at z = 0. What floats on it meets there, to second order, the velocity
+Linear theory puts the surface at z = 0. For a floating body the velocity there is, to second order,
 
     u + η u_z,   (u_z, v_z) = Σ a ω D (k_x, k_y) cos θ,
 
-and so drifts with the whole Stokes drift Σ a² ω k cosh 2kh/(2 sinh² kh): Σ a² ω k C²/2 by moving to and fro, as what
-keeps its depth does too, and Σ a² ω k/2 by riding up and down. Sources: Dean and Dalrymple, "Water Wave Mechanics for
+so that it drifts with the whole Stokes drift Σ a² ω k cosh 2kh/(2 sinh² kh): Σ a² ω k C²/2 from horizontal motion, also
+at constant depth, and Σ a² ω k/2 from vertical motion. Sources: Dean and Dalrymple, "Water Wave Mechanics for
 Engineers and Scientists" (1991), §3.4 and §4.4; van den Bremer and Breivik (2018), doi 10.1098/rsta.2017.0104 (drift).
 
 A sea is an array `wave` (seas, groups, columns, LANES): LANES components stand side by side, one column each of
@@ -21,9 +21,9 @@ A sea is an array `wave` (seas, groups, columns, LANES): LANES components stand 
     LEVEL + 2 n         2π a ω C/k at the n-th of some levels z, m²/s
     LEVEL + 2 n + 1     a ω D there, m/s
 
-so that no kernel evaluates a hyperbolic function and single precision loses nothing as time goes on. Angles are in
-turns: reducing one to ±½ is then exact, and two polynomials give its cosine and sine. With those, and with vectors of
-LANES numbers, a component costs a fifth of what it does with `ti.cos` and `ti.sin`.
+so that no kernel evaluates a hyperbolic function and single precision loses nothing with time. Angles are in turns:
+reducing one to ±½ is then exact, and two polynomials give its cosine and sine. With these, and with vectors of LANES
+numbers, a component takes a fifth of the time with `ti.cos` and `ti.sin`.
 """
 
 import math

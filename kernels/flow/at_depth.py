@@ -1,15 +1,15 @@
 """The water around a vehicle at any depth: velocity, gradient and rate of change, axes x east, y north, z up.
 
-Vortices fade with the depth d as e^{−d/D}, D of `current.decay_depth`. Real currents are linear between the two levels
-at which they are known, the surface and cruise depth, and below it as there. Long waves are alike at all depths; their
-vertical velocity, at most that of the surface, is left out. The storm has, of each component,
+Vortices decay with the depth d as e^{−d/D}, D = `current.decay_depth`. Real currents are linear between the two levels
+at which they are given, the surface and cruise depth, and constant below. Long waves are equal at all depths; their
+vertical velocity, at most that of the surface, is neglected. For each component of the storm,
 
     C = (e^{−kd} + e^{−k(2h − d)})/(1 − e^{−2kh}),   D = (e^{−kd} − e^{−k(2h − d)})/(1 − e^{−2kh})
 
 (`usvauv.kernels.flow.airy`), so it is exact at any depth. Its rate is the change over a mission step Δ divided by Δ,
 exact at both ends: cos(θ − ωΔ) − cos θ = (cos ωΔ − 1) cos θ + sin ωΔ sin θ. The gradient of vortices and real currents
-is a central difference over 2 `REACH`. Left out are the gradient and the rate of long waves, which are kilometres long
-and stand for `sea.update_interval`, and the rate of vortices and real currents, of order V²/δ.
+is a central difference over 2 `REACH`. Neglected are the gradient and the rate of long waves, which are kilometres long
+and constant for `sea.update_interval`, and the rate of vortices and real currents, of order V²/δ.
 """
 
 import numpy as np

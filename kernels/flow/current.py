@@ -1,4 +1,4 @@
-"""Motion of the water but for the storm: vortices, real currents on a regular grid, and long waves.
+"""Motion of the water without the storm: vortices, real currents on a regular grid, and long waves.
 
 A field on a regular grid is (levels, rows, columns, components), at least 2 rows and columns, row 0 in the south,
 column 0 in the west, its corners the area's corners; between nodes it is bilinear, outside the area it is that of the

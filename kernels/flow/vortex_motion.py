@@ -1,12 +1,12 @@
-"""How vortices spread, and carry one another.
+"""Diffusion of vortices, and their advection of one another.
 
-With a viscosity ν a core spreads, dδ²/dt = 4ν, and the circulation stays: a lone vortex is then an exact solution of
-the Navier–Stokes equations. Where vortices carry one another, a centre moves with the mean of the others' velocity over
-the vorticity of its own core, which is the velocity of a vortex with δ² = δ_i² + δ_j² at the centre (a Gaussian folded
-with a Gaussian). That is the exact motion of the centroid of a circular core (Euler's equations, first moment), and it
-keeps the impulse Σ Γ_i X_i and, in ideal fluid, the energy; cores do not deform.
-In a pattern that repeats, centres follow Hamilton's equations on a torus, so by Liouville's theorem centres that are
-uniform and independent once are so for ever: the field is stationary.
+With a viscosity ν a core spreads, dδ²/dt = 4ν, at constant circulation: a single vortex is then an exact solution of
+the Navier–Stokes equations. With mutual advection a centre moves with the others' velocity averaged over the vorticity
+of its own core, which is the velocity of a vortex with δ² = δ_i² + δ_j² at the centre (a Gaussian convolved with a
+Gaussian). This is the exact motion of the centroid of a circular core (Euler's equations, first moment), and it
+conserves the impulse Σ Γ_i X_i and, in ideal fluid, the energy; cores do not deform.
+In a periodic pattern centres follow Hamilton's equations on a torus, so by Liouville's theorem centres that are once
+uniform and independent remain so: the field is stationary.
 """
 
 from collections.abc import Callable

@@ -1,5 +1,5 @@
-"""Where boat and AUVs should go: Fisher information of fixes, objectives and their maximum, Zermelo's problem.
+"""Planning for boat and AUVs: Fisher information of fixes, objectives and their maximum, Zermelo's problem.
 
-From outside use `objectives.objective_code`, the functions `*_batch` of `search`, `objectives` and `information`, and
+Public: `objectives.objective_code`, the functions `*_batch` of `search`, `objectives` and `information`, and
 `zermelo.solve` and `steer`; inside a kernel `search.search` with an `information.Team` and a `search.Region`.
 """

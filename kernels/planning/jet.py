@@ -1,4 +1,4 @@
-"""Jets: numbers that carry their derivatives by the boat's place (x, y), with the rules of calculus.
+"""Jets: numbers with their derivatives with respect to the boat's position (x, y), and the rules of calculus.
 
 A jet is a vec6 (f, f_x, f_y, f_xx, f_xy, f_yy). Sums and multiples by a constant are those of vectors.
 """

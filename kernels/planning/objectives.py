@@ -1,4 +1,4 @@
-"""What the planner maximises: optimality criteria of the information on all positions, and the paper's (Eq. 2–3).
+"""Objectives of the planner: optimality criteria of the information on all positions, and the paper's (Eq. 2–3).
 
 K positions are estimated. Objectives are evaluated as logarithms, here with T_k, q, z and d as in
 `usvauv.kernels.planning.information`, ρ = |d|:

@@ -1,10 +1,10 @@
 """Global maximum of an objective of `usvauv.kernels.planning.objectives` over the boat's place, in the area or within
 reach.
 
-One or more ascents by damped Newton steps in the area, or in its part in a disc round the boat where its reach is
-limited. A step ends at the disc's rim; from there it goes along the rim, and along a border of the area where that
-holds it. Near a maximum the values of neighbouring places differ by less than the resolution of single precision, so
-there the Newton step is accepted without a comparison of values. Where ascents start:
+One or more ascents by damped Newton steps in the area, or in its part inside a disc round the boat if its reach is
+limited. A step ends at the disc's rim; from there the ascent follows the rim, or a border of the area at which it
+stops. Near a maximum the values of neighbouring places differ by less than the resolution of single precision, so there
+the Newton step is accepted without a comparison of values. Starts of ascents:
 
 - D, SUM, PAPER can have several local maxima, above AUVs that are far apart for their depth and between them. So there
   is an ascent from a given place, from the AUVs' mean, and from each AUV that is not close to one tried before; and no
@@ -16,7 +16,7 @@ there the Newton step is accepted without a comparison of values. Where ascents 
   of these places.
 - A has one maximum, and one ascent.
 
-All of them suppose a level array at its present elevation.
+All of them assume a level array at its present elevation.
 """
 
 from typing import NamedTuple

@@ -94,7 +94,7 @@ LEVEL = 11  # the planner's information of one AUV at q = S², 1/m²: ln T = LEV
 POWER = 12
 DECAY = 13
 REFERENCE = 14  # S_0, m; near the ranges that occur, or single precision loses digits
-ATTITUDE = 15  # variances of the errors beside noise, see `Accuracy`: of measured pitch and roll, rad²
+ATTITUDE = 15  # variances of the errors other than noise, see `Accuracy`: of measured pitch and roll, rad²
 ALIGNMENT = 16  # rad²
 HEADING = 17  # rad²
 SOUND_SPEED = 18  # relative
@@ -170,7 +170,7 @@ class Sonar:
         planner_noise: "range", the planner's σ grows with range as the real one does, or "constant", it is that of the
             slant range `reference_range` everywhere. The fixes themselves always have the real one.
         reference_range: m, at least 1; a slant range typical for the task, for example the AUVs' depth.
-        accuracy: errors beside noise.
+        accuracy: errors other than noise.
 
     Raises:
         ValueError: unknown path, noise law, signal or planner noise.

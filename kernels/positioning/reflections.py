@@ -1,7 +1,7 @@
 """Reflections from surface and bottom: image sources, and what they do to phases and delay.
 
-An AUV at r is also heard from its images, r mirrored at the surface and at the bottom, both level. Where sound bends,
-its ray goes on through the mirrored water to the image; that above the surface has the speed at the mean surface. A
+Sound of an AUV at r also arrives from its images, r mirrored at the surface and at the bottom, both level. A refracted
+ray continues through the mirrored water to the image; above the surface it has the sound speed at the mean surface. A
 reflection's amplitude over the direct sound's is the reflection coefficient times the difference of the transmission
 losses. The mean of many waves reflects coherently with
 

@@ -1,6 +1,6 @@
 """Tracker of each AUV: a Kalman filter on position and current, from commanded velocity and USBL fixes.
 
-State (x, y, c_x, c_y). Over a time t in which the AUV is carried by the water (a hovering one is not),
+State (x, y, c_x, c_y). Over a time t in which the AUV moves with the water (a hovering one does not),
 
     x ← x + t (v + c),   c ← ρ c + w,   ρ = e^{−t/τ},   w ~ N(0, σ² (1 − ρ²) I),   fix = x + n,   n ~ N(0, R),
 
@@ -12,12 +12,12 @@ sum of squares, with I − gain written as R S⁻¹, which does not cancel: it s
 
 The attitude error is common to all fixes of a moment. R contains it, so every AUV's filter is consistent by itself; the
 correlation between AUVs is not used. The error of a relative position is therefore smaller than the two covariances
-say. A joint filter of two to six AUVs did not improve the positions themselves (rms 0.1 to 1 % worse, the currents
+indicate. A joint filter of two to six AUVs did not improve the positions themselves (rms 0.1 to 1 % worse, the currents
 being correlated too).
 
-A fix whose normalised innovation squared exceeds `usbl.GATE` is rejected, one of a thousand where the model
-holds. A filter that has lost its AUV would reject all: where CONFIRMATIONS fixes that are rejected in a row agree with
-one another, each within what the AUV can have gone since the one before, the track begins anew at the last of them.
+A fix whose normalised innovation squared exceeds `usbl.GATE` is rejected, one in a thousand if the model holds. A
+filter that has lost its AUV would reject all: if CONFIRMATIONS successive rejected fixes agree with one another, each
+within the distance that the AUV can have travelled since the one before, the track begins anew at the last of them.
 
 Sources: Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking and Navigation" (2001), §5.2, §5.4,
 §6.2; Blackman and Popoli, "Design and Analysis of Modern Tracking Systems" (1999), §6.2 (a new track from several

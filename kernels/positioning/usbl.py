@@ -25,8 +25,8 @@ Attitude. The array is tilted by the surface slopes (pitch = atan ∂η/∂x, th
 known). The fix is rotated back with the attitude measured, which is wrong by a residual error in pitch and roll.
 
 Gate. An innovation ν with the covariance P + R has νᵀ(P + R)⁻¹ν distributed as χ² of two degrees of freedom, beyond
-GATE with the probability e^(−GATE/2) = 10⁻³. Without a tracker the AUV can have gone `reach` from its last estimate in
-any direction; of ν only what exceeds that counts.
+GATE with the probability e^(−GATE/2) = 10⁻³. Without a tracker the AUV can have moved by `reach` from its last estimate
+in any direction; only the part of ν beyond that counts.
 
 Turns. A phase difference is measured modulo 2π. With κ > π the directions φ + 2π(m, n), |φ + 2π(m, n)| ≤ κ, are all
 possible, m + n even or odd as the mean phases of the two pairs say (`usbl.odd_turns`). Of these candidates that with
@@ -36,7 +36,7 @@ the least
 
 is taken: −2 ln of its likelihood, bounded in the first term, so that an AUV that is not where it is expected is found
 by the second, by its horizontal distance ρ, which follows from its slant range S and its depth z below the array. The
-receiver knows z. Where the next candidate is not worse by GATE at least, a likelihood ratio of 10³, the fix is
+receiver is given z. If the next candidate is not worse by at least GATE, a likelihood ratio of 10³, the fix is
 ambiguous and is not used.
 
 Sources: Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking and Navigation" (2001), doi

@@ -1,5 +1,4 @@
 """Shallow-water solvers: `linear` (forward–backward on a C grid, CPU and GPU backends), `nonlinear` (finite volumes).
 
-From outside use `linear.ShallowWater`, `nonlinear.NonlinearShallowWater`, `discretisation` (boundaries and
-layout of fields).
+Public: `linear.ShallowWater`, `nonlinear.NonlinearShallowWater`, `discretisation` (boundaries and layout of fields).
 """

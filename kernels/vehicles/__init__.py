@@ -1,1 +1,1 @@
-"""Vehicles that move as vehicles: rigid bodies in water with actuators, controllers and limits, LANES at a time."""
+"""Vehicles with dynamics: rigid bodies in water with actuators, controllers and limits, LANES at a time."""

@@ -1,4 +1,4 @@
-"""Many vehicles alone in water that is given: for studies of control, and to see how fast they are."""
+"""Many vehicles without interaction in given water: for studies of control, and to measure speed."""
 
 import math
 from collections import namedtuple

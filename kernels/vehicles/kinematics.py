@@ -1,4 +1,4 @@
-"""Attitude of LANES vehicles, and the water's velocity where they are."""
+"""Attitude of LANES vehicles, and the water's velocity at their positions."""
 
 import taichi as ti
 

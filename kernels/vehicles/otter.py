@@ -18,8 +18,8 @@ V being the wind's velocity relative to the boat. Validity: slow waves, which it
 loss of thrust with speed, which the linear damping of surge has in it: it is that of top speed at full thrust.
 
 Autopilot. Yaw by a rate r_d = ω_h e clipped to a greatest one, e the error of heading, and a moment that gives it;
-surge by proportional and integral terms. Both know the damping. `allocate` gives the yaw moment first what the
-propellers have.
+surge by proportional and integral terms. Both use the damping. `allocate` gives the yaw moment priority in the
+propellers' thrust.
 
 Sources: Fossen, "Handbook of Marine Craft Hydrodynamics and Motion Control" (2021), doi 10.1002/9781119575016, ch. 6
 (M, C, damping), 8 (cross-flow), 10 (wind). Numbers: `usvauv.env.scenario.team.Otter`.
@@ -210,7 +210,7 @@ def advance(table: ti.template(), hull: boat8, orders: vec2, air: vec2, dt: ti.f
 
     Args:
         hull: `HullColumn`.
-        orders: revolutions that the propellers are told, left and right, rad/s.
+        orders: commanded revolutions of the propellers, left and right, rad/s.
         air: as of `rates`.
     """
     begun = vec2(hull[HullColumn.left], hull[HullColumn.right])

@@ -1,9 +1,9 @@
-"""What a model of an AUV is: functions on LANES vehicles at a time, a table of numbers, and the state they share.
+"""Models of AUVs: functions on LANES vehicles at a time, a table of numbers, and the state that they share.
 
 Inside the functions of a vehicle axes are those of Fossen (2021), "Handbook of Marine Craft Hydrodynamics and Motion
 Control": body axes x forward, y to starboard, z down; the frame of reference north, east, down. The world outside has
-x east, y north, z up, and headings anticlockwise from east. A number of a vehicle is a vector of LANES numbers here, so
-that a function reads like that of one vehicle. Kernels are compiled under `runtime.vectors_in_registers`, where vectors
+x east, y north, z up, and headings anticlockwise from east. A vehicle's number is a vector of LANES numbers here, so
+that a function reads as for one vehicle. Kernels are compiled under `runtime.vectors_in_registers`, where vectors
 have no negation (write 0 − x), no comparison, no `ti.select`, no `abs` and no transcendental functions. There are
 `magnitude` and `positive` below, ti.min, ti.max, ti.sqrt and ti.floor; a loop over ti.static(range(LANES)) does the
 rest, slowly.
