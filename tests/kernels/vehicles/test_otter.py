@@ -171,6 +171,15 @@ def test_runge_kutta_is_of_fourth_order():
     assert errors[0] / errors[1] > 11
 
 
+@pytest.mark.parametrize("rate", [1.2, 3.0])
+def test_a_boat_that_spins_comes_to_rest(rate):
+    """Quadratic damping is then too stiff for one step of Runge–Kutta of `LONGEST`."""
+    spinning = np.zeros((1, 8))
+    spinning[0, HullColumn.r] = rate
+    coarse, fine = (sailed(spinning, (0.0, 0.0), dt=dt, time=2.0, **CALM)[0][0] for dt in (otter.LONGEST, 0.01))
+    np.testing.assert_allclose(coarse[:4], fine[:4], atol=0.02)
+
+
 def test_what_is_allocated_keeps_the_moment_first():
     table = torch.from_numpy(otter.table_of(NUMBERS))
     ahead, astern, lever = 0.01108 * 103.9**2, 0.006445 * 101.7**2, NUMBERS["lever"]
