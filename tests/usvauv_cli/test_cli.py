@@ -472,6 +472,7 @@ class TestResultsThatAreThere:
         (["train", "--worlds", "0"], ["--worlds 0", "at least 1"]),
         (["train", "--resume", "--out", "nothing"], ["nothing"]),
         (["train", "--resume", "--worlds", "8", "--each"], ["--worlds, --shared: a resumed run keeps"]),
+        (["train", "--resume", "--usv", "fim"], ["--usv: a resumed run keeps"]),
         (["scenarios", "--set", "auv.count=3"], ["--set: needs a scenario"]),
         (["export", "sac-ideal", "--onnx", "a.pt"], ["--onnx a.pt: the ending must be .onnx"]),
     ],

@@ -111,7 +111,8 @@ def train(
                 raise UserError(f"--seeds {seeds}: must be from 1 to {MOST_SEEDS}")
             if resume and seeds != 1:
                 raise UserError("--seeds: a resumed run keeps the seeds it was begun with")
-            kept = {"--set": overrides, "--learn": learn, "--targets": targets, "--worlds": worlds, "--shared": shared}
+            kept = {"--set": overrides, "--learn": learn, "--usv": usv, "--targets": targets}
+            kept |= {"--worlds": worlds, "--shared": shared}
             if resume and (given := ", ".join(name for name, value in kept.items() if value or value is False)):
                 raise UserError(f"{given}: a resumed run keeps the scenario and settings it was begun with")
             setting = Scenario.load(scenario, overrides or ()).with_targets(targets)
