@@ -36,7 +36,9 @@ from usvauv.kernels.types import Columns, array1, array2, vec2, vec6
 from usvauv.kernels.vehicles.vehicle import cross_flow
 
 LONGEST = 0.2  # s, of a substep
-STABLE = 2.0  # of a substep times a rate of damping; Runge–Kutta of fourth order is stable up to 2.78
+# Longest substep times a rate of damping; Runge–Kutta of fourth order is stable up to 2.78.
+STABLE = 2.7
+STABLE_SPIN = 2.0  # without the cross-flow's part of the damping
 AIR = 1.225  # kg/m³
 SEA_WATER = 1025.0  # kg/m³
 
@@ -215,7 +217,7 @@ def advance(table: ti.template(), hull: boat8, orders: vec2, air: vec2, dt: ti.f
         air: as of `rates`.
     """
     damping = table[Number.damping_yaw] + 2.0 * table[Number.damping_turn] * ti.abs(hull[HullColumn.r])
-    parts = ti.max(ti.ceil(dt * table[Number.inverse_33] * damping / STABLE), 1.0)
+    parts = ti.max(ti.ceil(dt * table[Number.inverse_33] * damping / STABLE_SPIN), 1.0)
     part = dt / parts
     half = ti.exp(-0.5 * part / table[Number.lag])
     ended = vec2(hull[HullColumn.left], hull[HullColumn.right])
