@@ -2,7 +2,7 @@
 Boat strategies in the same worlds
 ==================================
 
-Eight AUVs out of hearing of one another: what they bring in depends on whom the boat visits.
+Eight AUVs are out of acoustic range of one another: the data they collect depends on which of them the boat visits.
 """
 
 import matplotlib.pyplot as plt
@@ -30,6 +30,6 @@ print(f"visit less centroid: {found.mean:.1f} ± {found.half:.1f} Mbit")
 figure, axes = plt.subplots(figsize=(6, 4), layout="constrained")
 axes.plot(strategies, [data[usv] for usv in strategies], color="0.7", lw=0.8)
 axes.plot(strategies, [data[usv].mean() for usv in strategies], "o-", color="tab:blue", lw=2, label="mean")
-axes.set(ylabel="data brought in, Mbit", xlabel="where the boat goes; a grey line is a world")
+axes.set(ylabel="data collected, Mbit", xlabel="boat strategy; each grey line is one world")
 axes.legend(frameon=False)
 plt.show()

@@ -41,7 +41,7 @@ axes.plot(trace.time, error, lw=1)
 axes.set(xlabel="time, s", ylabel="error of the boat's estimate, m", ylim=0)
 plt.show()
 print(f"rms {np.sqrt((error**2).mean()):.2f} m, a fix in {usable(trace).mean():.0%} of the steps")
-print(f"data brought in: {trace.delivered.sum():.1f} Mbit")
+print(f"data collected: {trace.delivered.sum():.1f} Mbit")
 
 # %%
 # The mission as a video, or one moment of it as a picture; the ending of the name says which.

@@ -41,7 +41,7 @@ means = table["mean"].unstack("figure").droplevel(["usv", "targets"])
 figure, axes = plt.subplots(figsize=(6.5, 4), layout="constrained")
 for name in compared:
     axes.plot(means.loc[name, "ec"], means.loc[name, "delivered_mbit"], "o", ms=8, label=name)
-axes.set(xlabel="power, W", ylabel="data brought in, Mbit")
+axes.set(xlabel="power, W", ylabel="data collected, Mbit")
 axes.legend(frameon=False)
 plt.show()
 table.loc[["delivered_mbit", "ec", "collisions"]].round(2)

@@ -191,14 +191,14 @@ class TestComparison:
         comparison.add({ONE: rows(base + gain), TWO: rows(base), THREE: rows(base - gain + 30)})
         half = stats.t.ppf(0.975, 39) * stats.sem(gain)
         ahead, level = sentences(comparison, "delivered_mbit")
-        assert ahead == f"one brings in {gain.mean():.1f} ± {half:.1f} Mbit more than two"
+        assert ahead == f"one collects {gain.mean():.1f} ± {half:.1f} Mbit more than two"
         assert level.startswith("data: no difference beyond chance between three and two (")
         assert level.endswith(f" ± {half:.1f} Mbit)")
 
     @pytest.mark.parametrize(
         ("less", "name", "expected"),
         [
-            (Estimate(-30.21, 9.13, 9), "delivered_mbit", "a brings in 30.2 ± 9.1 Mbit less than b"),
+            (Estimate(-30.21, 9.13, 9), "delivered_mbit", "a collects 30.2 ± 9.1 Mbit less than b"),
             (Estimate(0.61, math.nan, 1), "arps", "a earns 0.610 more reward per step than b (one world: no interval)"),
             (
                 Estimate(-2.0, math.nan, 64),

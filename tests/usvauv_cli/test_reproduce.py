@@ -176,7 +176,7 @@ class TestCollaboration:
         path = reproduce("collaboration", tables)
         assert capsys.readouterr().out.startswith("nothing to do: 53 runs done already")
         text = path.read_text()
-        for words in ("`centroid` | 95.0 ± 190.6 | 63.3 % | 25.0 ± 190.6", "Number of boats", "bring in 150.0 Mbit"):
+        for words in ("`centroid` | 95.0 ± 190.6 | 63.3 % | 25.0 ± 190.6", "Number of boats", "collect 150.0 Mbit"):
             assert words in text
         names = ("collaboration.csv", "collaboration.pdf", "collaboration-dark.png", "collaboration-light.png")
         assert {file.name for file in (tables / paper.RESULTS).iterdir()} == set(names)

@@ -19,7 +19,7 @@ LONGEST_NAME = {1: 30, 2: 24, 3: 16}  # by the number of columns with names
 HEADLINES = {"data-collection": "delivered_mbit", "station-keeping": "target_distance"}  # by task; of others ARPS
 PHRASES = {
     "arps": ("reward per step", "{one} earns {by} {way} reward per step than {other}", "more", "less"),
-    "delivered_mbit": ("data", "{one} brings in {by} Mbit {way} than {other}", "more", "less"),
+    "delivered_mbit": ("data", "{one} collects {by} Mbit {way} than {other}", "more", "less"),
     "energy_wh": ("energy", "{one} uses {by} Wh {way} than {other}", "more", "less"),
     "target_distance": (
         "distance to stations",
@@ -186,7 +186,7 @@ def headline(scenario: Scenario) -> str:
 
 
 def sentence(less: Estimate, one: str, other: str, name: str) -> str:
-    """A difference as a sentence: "belief brings in 30 ± 9 Mbit more than fim".
+    """A difference as a sentence: "belief collects 30 ± 9 Mbit more than fim".
 
     `less` is a figure, a column of the CSV, of `one` minus that of `other` in the same worlds, with its interval. If
     the interval contains 0, there is no difference beyond chance.

@@ -1,4 +1,4 @@
-"""What the boat's strategy brings in, by range, ping interval, drift and number of boats; the same worlds for all."""
+"""Data collected with each boat strategy, by range, ping interval, drift and number of boats, in the same worlds."""
 
 from __future__ import annotations
 
@@ -84,8 +84,8 @@ def runs(settings: Settings) -> list[Piece]:
 def points(settings: Settings, folder: Path) -> Iterator[dict[str, Any]]:
     """All points of all axes, from the rows of the episodes: a row of `SUMMARY` each.
 
-    "share" is of the data that AUVs with perfect fixes bring in; `FIGURES` are means over episodes; "belief_more" is
-    what `belief` brings in more in the same worlds, Mbit; "mbit95", "belief_more95" are half the width of intervals.
+    "share" is of the data that AUVs with perfect fixes collect; `FIGURES` are means over episodes; "belief_more" is
+    the gain of `belief` in the same worlds, Mbit; "mbit95", "belief_more95" are half the width of intervals.
     """
 
     def columns(boat: str, changes: tuple[str, ...]) -> dict[str, np.ndarray]:
@@ -113,13 +113,13 @@ def make(settings: Settings, folder: Path, place: Path) -> list[str]:
     write_rows(place / f"{NAME}.csv", SUMMARY, found)
     write_pair(place / f"{NAME}.png", partial(_draw, found), pdf=True)
     most = found[0]["delivered_mbit"] / found[0]["share"]
-    head = ["", "boat", "Mbit", "of perfect", "`belief` brings more", "age, s", "own rms, p95, m", "fixes", "outage, s"]
+    head = ["", "boat", "Mbit", "of perfect", "gain of `belief`", "age, s", "own rms, p95, m", "fixes", "outage, s"]
     sections = [
         f"{found[0]['episodes']} episodes of `wide` for each, the same worlds for all; AUVs are steered by"
-        f" `{STEERING}`. With perfect fixes they bring in {rounded(most, 1)} Mbit. ± is half the 95 %"
+        f" `{STEERING}`. With perfect fixes they collect {rounded(most, 1)} Mbit. ± is half the 95 %"
         " interval of a mean, or of the mean difference in the same worlds. Age is that of information (mean over nodes"
-        " and time), own the error of where AUVs take themselves to be, fixes the share of AUVs and seconds with one,"
-        " outage an episode's longest time without a fix of some AUV.",
+        " and time), own the error of the AUVs' own position estimates, fixes the share of AUVs and seconds with a"
+        " fix, outage the longest time in an episode that any AUV is without a fix.",
         picture_pair(NAME, "Data by the boat's strategy, range, ping interval, drift and number of boats"),
     ]
     for axis in AXES:
@@ -145,7 +145,7 @@ def make(settings: Settings, folder: Path, place: Path) -> list[str]:
 def _draw(found: Sequence[dict[str, Any]], ground: Ground) -> Figure:
     drawn = titled_figure(
         7.6,
-        "What the boat's strategy brings in",
+        "Data collected with each boat strategy",
         f"data of 8 AUVs over those with perfect fixes; {found[0]['episodes']} episodes of {WIDE}, the same for all;"
         " bars: 95 % of the mean",
         ground,

@@ -200,7 +200,7 @@ def make_errors(settings: paper.Settings, folder: Path, place: Path) -> list[str
         "## Fig. 4(b)",
         f"Medians over {levels[0]['episodes']} episodes ({len(settings.seeds)} seeds × {settings.fix_episodes}) of an"
         " episode's median horizontal error over steps and AUVs, in brackets the 95 % interval by the bootstrap; AUVs"
-        " steered by `straight`, so that every strategy has the same ways to follow. The paper's levels are read off"
+        " steered by `straight`, so that every strategy has the same tracks to follow. The paper's levels are read off"
         " its figure to one digit. In `paper-extreme` `fim` maximises Eq. 2 as the paper does, in `extreme` the"
         " information on all positions. The bound is the error of a single fix by a level array that is at every moment"
         " at the D-optimal place.",

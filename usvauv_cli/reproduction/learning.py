@@ -138,9 +138,9 @@ def _room(rows: Sequence[Row], settings: Settings) -> str:
     return (
         f"Travelling at the lowest speed, {speed:g} m/s, takes {rounded(travelling, 1)} W; the rest of EC is hovering,"
         f" which each service needs: `straight` in ISC has {rounded(services, 1)} services at"
-        f" {rounded(ec, 1)} W. At that price {rounded(limit, 1)} W leave room for"
-        f" {rounded(share * services, 1)} services, an SDR of {rounded(share * sdr)}; whoever serves more"
-        " has a higher EC."
+        f" {rounded(ec, 1)} W. At that energy per service {rounded(limit, 1)} W allow"
+        f" {rounded(share * services, 1)} services, an SDR of {rounded(share * sdr)}; more services"
+        " have a higher EC."
     )
 
 
@@ -149,7 +149,7 @@ def _weighted(rows: Sequence[Row]) -> str:
     row = next(row for row in rows if (row["method"], row["trained_in"], row["tested_in"]) == ("data", "ISC", "ISC"))
     sdr, ec = (paper.printed("sac", "ISC")[name][0] for name in ("sdr", "ec"))
     return (
-        f"**{row['row'].removesuffix(' (ISC)')}** learns from a reward with other weights and is tested like the"
+        f"**{row['row'].removesuffix(' (ISC)')}** is trained with other reward weights and tested like the"
         f" others: an SDR of {rounded(row['sdr_mean'])} at {rounded(row['ec_mean'], 1)} W, where the paper's SAC (ISC)"
         f" has {rounded(sdr)} at {rounded(ec, 1)} W."
     )
@@ -177,7 +177,7 @@ def _draw_table(rows: Sequence[Row], settings: Settings, ground: Ground) -> Figu
     shown = [row for row in rows if row["trained_in"] in ("ISC", "")]
     drawn = paper.titled_figure(
         1.85 + 0.3 * len(shown),
-        "Table 2: ours beside the paper's",
+        "Table 2: ours and the paper's",
         f"trained in ISC, tested in both; mean ± standard deviation over {shown[0]['episodes']} episodes of"
         f" {len(settings.seeds)} runs of {settings.steps:,} world-steps",
         ground,
@@ -247,7 +247,7 @@ def make_curves(settings: Settings, folder: Path, place: Path) -> list[str]:
         "## Fig. 3",
         f"Evaluations on worlds not trained in, {settings.judged} episodes each, at {points} times of"
         f" {len(settings.seeds)} runs, without exploration; the first is of the policy before any update. The paper"
-        " prints no numbers with its curves, so Table 2's stand beside. In brackets: the worst and the best run.",
+        " gives no numbers with its curves, so Table 2's are given. In brackets: the worst and the best run.",
         paper.picture_pair("fig3", "SDR, EC and ARPS against training, DDPG and SAC in ISC and ESC"),
         markdown_table(["", *head], rows),
     ]

@@ -42,25 +42,25 @@ class Target(NamedTuple):
 
 PAPER = {
     "table2": Target(
-        "Table 2, made again",
+        "Table 2, reproduced",
         "Table 2: DDPG, SAC, TD3, the baseline and heuristics, in ideal and extreme sea",
         learning.table_runs,
         learning.make_table,
     ),
     "fig3": Target(
-        "Fig. 3, made again",
+        "Fig. 3, reproduced",
         "Figure 3: learning curves of the three algorithms",
         partial(learning.learned_runs, methods=learning.LEARNING),
         learning.make_curves,
     ),
     "fig4a": Target(
-        "Fig. 4(a), made again",
+        "Fig. 4(a), reproduced",
         "Figure 4(a): tracks of the AUVs and the boat in extreme sea",
         fig4.track_runs,
         fig4.make_tracks,
     ),
     "fig4b": Target(
-        "Fig. 4(b), made again", "Figure 4(b): position errors by where the boat is", fig4.error_runs, fig4.make_errors
+        "Fig. 4(b), reproduced", "Figure 4(b): position errors by where the boat is", fig4.error_runs, fig4.make_errors
     ),
 }
 WIDE = Target(
@@ -93,7 +93,7 @@ def reproduce(
         UserError: a run failed; all others are done.
         KeyboardInterrupt: after Ctrl-C, when everything is saved.
     """
-    title, name, wanted = "Table 2 and Figures 3 and 4 of the paper, made again", "reproduction", list(PAPER.values())
+    title, name, wanted = "Table 2 and Figures 3 and 4 of the paper, reproduced", "reproduction", list(PAPER.values())
     if target != "all":
         wanted = [PAPER.get(target, WIDE)]
         title, name = wanted[0].title, target

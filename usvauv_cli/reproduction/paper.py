@@ -74,26 +74,24 @@ CONVENTIONS = (
 )
 
 EXPLAINED = """\
-- **SDR** is the sum over an episode's services of the data rate, Mbit/s; **EC** the mean over AUVs of energy over the
-  time not hovering, W; **ARPS** the mean over steps of the reward summed over AUVs. Services are given beside them.
-- **± of ours** is the sample standard deviation over episodes, pooled over the runs. The paper does not say what its ±
-  is.
+- **SDR** is the sum of the data rate over an episode's services, Mbit/s; **EC** the mean over AUVs of energy divided by
+  the time not hovering, W; **ARPS** the mean over steps of the reward summed over AUVs. Services are also given.
+- **± of ours** is the sample standard deviation over episodes, pooled over the runs. The paper does not define its ±.
 - **ISC** is `paper-ideal`, **ESC** is `paper-extreme`: Table 1's tide and reference [4]'s three vortices, whose current
   is below 0.05 m/s. So the two conditions hardly differ.
-- **Environmental generalisation** is read as: trained in one condition, tested in both. The rows set beside the paper's
-  are trained in ISC; those trained in ESC are in the table of all tests.
-- **The policy of a run** is the one with the highest ARPS among its evaluations before and while learning, on worlds
-  that it is neither trained nor tested in. It acts without exploration. Tests are paired: every method has the same
-  worlds.
-- **Learning** differs from the demonstration's (networks of width 128, one update a step, learning rate 1e-3, γ 0.97,
+- **Environmental generalisation** is interpreted as training in one condition and testing in both. The rows compared
+  with the paper's are trained in ISC; those trained in ESC are in the table of all tests.
+- **The policy of a run** is the one with the highest ARPS among its evaluations before and during training, on worlds
+  used for neither training nor tests. It acts without exploration. Tests are paired: every method has the same worlds.
+- **Training** differs from the demonstration's (networks of width 128, one update per step, learning rate 1e-3, γ 0.97,
   τ 1e-3, batch 64, a replay of 20000, exploration 0.8 falling to 0.1, one world): many worlds are stepped together,
-  returns are of n steps, and the network sees in the target's frame and steers through an autopilot (`frame`).
-- **Baseline [4]** is MAISAC: independent SAC with learned temperature, learning rate 3e-4, γ 0.99, τ 0.01. The current
-  is in its energy, but it neither observes it (no Eq. 4) nor has Eq. 5 in the reward it learns from, and the boat is
-  held at (100, 100), without Eq. 3. It is tested under the full reward, like all others; ARPS without Eq. 5 stands
-  beside.
-- **SAC for data** learns from the reward terms of our own scenarios with other weights, power at four tenths of its
-  price there; it shows another point between data and energy.
+  returns are of n steps, and the network has inputs in the target's frame and steers through an autopilot (`frame`).
+- **Baseline [4]** is MAISAC: independent SAC with learned temperature, learning rate 3e-4, γ 0.99, τ 0.01. Its energy
+  includes the current, but it neither observes the current (no Eq. 4) nor has Eq. 5 in its training reward, and the
+  boat is held at (100, 100), without Eq. 3. It is tested under the full reward, like all others; ARPS without Eq. 5 is
+  also given.
+- **SAC for data** is trained with the reward terms of our own scenarios with other weights, power at four tenths of its
+  price there; it shows another trade-off between data and energy.
 - **Heuristics** (`straight`, `crab`) travel at the constant speed recorded in the scenario.
 """
 
