@@ -1,9 +1,9 @@
-"""The `usvauv` command: exit codes, and one line on standard error for whatever ends a command early.
+"""The `usvauv` command: exit codes, and one line on standard error if a command ends early.
 
 0 done; 2 an error; 128 + n ended by signal n: 130 Ctrl-C, 143 SIGTERM, 129 the terminal
 hung up, 141 the reader of standard output is gone.
-Of several processes that torchrun starts the first one alone uses standard output.
-Everything else is imported when signals are handled already, so that Ctrl-C during the imports is no traceback either.
+Of several processes started by torchrun only the first one uses standard output.
+Everything else is imported after signal handlers are set, so that Ctrl-C during imports gives no traceback either.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     import typer
 
 FAILED = 2
-LEADS = "WORLD_SIZE" not in os.environ or os.environ.get("RANK", "0") == "0"  # what launchers of several processes set
+LEADS = "WORLD_SIZE" not in os.environ or os.environ.get("RANK", "0") == "0"  # set by launchers of several processes
 
 PLAIN = "usvauv.plain"  # handler of errors of an encoding
 SIGNS = {
@@ -52,7 +52,7 @@ GREEK = re.compile(r"GREEK (SMALL|CAPITAL) LETTER (\w+)")
 
 
 class _Output(io.FileIO):
-    """Standard output, whose failures are told from those of files, and come once: the rest goes nowhere."""
+    """Standard output; its failures are distinguished from those of files and raised once: later output is dropped."""
 
     _failed = False
 
@@ -69,17 +69,17 @@ class _Output(io.FileIO):
 
 
 class _Text(io.TextIOWrapper):
-    """Standard output in letters that the terminal has."""
+    """Standard output in characters that the terminal has."""
 
     @property
     def encoding(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Its name. ASCII gets another one than Python's: to what is called so, typer writes UTF-8."""
+        """Its name. ASCII gets another name than Python's, under which typer would write UTF-8."""
         return {"ascii": "7-bit"}.get(codecs.lookup(super().encoding).name, super().encoding)
 
 
 def main() -> NoReturn:
     """Entry point of the installed command."""
-    gc.set_threshold(100_000, 20, 20)  # imports leave hardly any cycles, and there is much to search for them
+    gc.set_threshold(100_000, 20, 20)  # imports leave hardly any cycles, and searching for them takes long
     interruption = Interruption()
     interruption.install()
     threading.excepthook, sys.unraisablehook = in_thread, _in_callback
@@ -87,7 +87,7 @@ def main() -> NoReturn:
         raw = _Output(sys.stdout.fileno() if LEADS else os.open(os.devnull, os.O_WRONLY), "w", closefd=False)
         stream = _Text(io.BufferedWriter(raw), sys.stdout.encoding, PLAIN, None, raw.isatty())
         sys.stdout = sys.__stdout__ = stream  # Taichi compares the two
-    if not sys.stderr:  # closed, as by `2>&-`; what is printed to None goes to standard output
+    if not sys.stderr:  # closed, as by `2>&-`; text printed to None would go to standard output
         sys.stderr = os.fdopen(os.open(os.devnull, os.O_WRONLY), "w", encoding="utf-8")
     if isinstance(sys.stderr, io.TextIOWrapper):
         sys.stderr.reconfigure(errors=PLAIN)
@@ -95,8 +95,8 @@ def main() -> NoReturn:
     for signum in SIGNALS:  # all is done; a traceback from the interpreter's end would be noise
         signal.signal(signum, signal.SIG_IGN)
     if (runtime := sys.modules.get("usvauv.kernels.runtime")) is not None:
-        runtime.stop()  # now, because Taichi writes no cache at its end when the objects below are left alone
-    gc.freeze()  # all that is there, which the interpreter's end would search for cycles
+        runtime.stop()  # now, because Taichi writes no cache at exit when the objects below are not collected
+    gc.freeze()  # all objects, which the interpreter would search for cycles at exit
     sys.exit(code)
 
 
@@ -117,7 +117,7 @@ def run(interruption: Interruption | None = None) -> int:
         if os.environ.get(TRACEBACK):
             raise
         message = _message(error)
-        if message:  # without a message help was asked for by naming no command
+        if message:  # without a message no command was given, and help was shown
             _say(f"error: {message}")
         return FAILED
     return code
@@ -128,7 +128,7 @@ def _command() -> int:
 
     command = typer.main.get_command(parser())
     try:
-        # Not `app()`: it has answers of its own to Ctrl-C and to a closed pipe.
+        # Not `app()`: it handles Ctrl-C and a closed pipe itself.
         with command.make_context("usvauv", sys.argv[1:]) as context:
             return command.invoke(context) or 0
     except typer.Exit as done:
@@ -178,7 +178,7 @@ def parser() -> typer.Typer:
 
 
 def _signal(error: BaseException, interruption: Interruption | None) -> int | None:
-    """The signal that ended a command; libraries turn what a signal raised into errors of their own."""
+    """The signal that ended a command; libraries convert a signal's exception into their own errors."""
     if isinstance(error, Interrupted):
         return error.signum
     if isinstance(error, KeyboardInterrupt):
@@ -192,13 +192,13 @@ def _message(error: BaseException) -> str:
     """An error in one line."""
     if isinstance(error, UserError):
         return str(error)
-    # The command-line library's own usage errors, whichever copy of it typer brings along.
+    # Usage errors of the command-line library, whichever copy of it typer includes.
     explain = getattr(error, "format_message", None)
     if explain is not None:
         return " ".join(explain().split())
-    refusal: BaseException | None = error  # the system's, of something that no file being written accounts for
+    refusal: BaseException | None = error  # an error of the system that does not concern a file being written
     while refusal is not None and not isinstance(refusal, OSError):
-        refusal = refusal.__cause__  # a library may have made an error of its own of it
+        refusal = refusal.__cause__  # a library may have converted it into its own error
     if refusal is not None:
         return ": ".join(str(part) for part in (refusal.filename, refusal.strerror or refusal) if part)
     kind, text = type(error).__name__, " ".join(str(error).split())
@@ -211,7 +211,7 @@ def _say(line: str) -> None:
 
 
 def _in_callback(about: sys.UnraisableHookArgs) -> None:
-    """Deliver a signal again that came while Python cannot raise, as in a destructor."""
+    """Deliver again a signal that arrived while Python could not raise, as in a destructor."""
     if not isinstance(about.exc_value, Interrupted):
         sys.__unraisablehook__(about)
         return
@@ -229,7 +229,7 @@ def plain(letter: str) -> str:
 
 
 def _replaced(error: UnicodeError) -> tuple[str | bytes, int]:
-    """The first letter that cannot be encoded, made plain; a byte of a file's name that is no text stays as it is."""
+    """The first letter that cannot be encoded, made plain; a byte of a file's name that is not text is unchanged."""
     assert isinstance(error, UnicodeEncodeError)
     letter = error.object[error.start]
     if "\udc80" <= letter <= "\udcff" and not error.encoding.startswith(("utf-16", "utf-32")):

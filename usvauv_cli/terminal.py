@@ -1,6 +1,6 @@
-"""What commands print in the terminal: text and tables as wide as it is, progress of long work, and numbers in words.
+"""Output of commands in the terminal: text and tables of its width, progress of long work, and formatted numbers.
 
-Text and tables are as wide as the terminal, or 80 columns where the output goes to a file or a pipe.
+Text and tables are as wide as the terminal, or 80 columns wide if the output goes to a file or a pipe.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ LINE_EVERY = 10.0  # seconds between lines where the output is not a terminal
 
 
 def width() -> int:
-    """Columns of the terminal that is standard output; `WIDTH` where it is none."""
+    """Columns of the terminal on standard output; `WIDTH` if it is not a terminal."""
     from rich.console import Console  # here, as it takes long to import
 
     console = Console()
@@ -30,12 +30,12 @@ def width() -> int:
 
 
 def redraws(console: Console) -> bool:
-    """Whether text can be drawn over: it goes to a terminal, and not to a dumb one, where rich shows nothing of it."""
+    """Whether text can be overwritten: on a terminal, except a dumb one, where rich does not show it."""
     return console.is_terminal and not console.is_dumb_terminal
 
 
 def wrapped(text: str, indent: int = 0) -> str:
-    """Text in lines that fit, broken at spaces alone; those after the first are indented."""
+    """Text in lines that fit, broken only at spaces; lines after the first are indented."""
     lines = textwrap.wrap(text, width(), subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False)
     return "\n".join(lines)
 
@@ -56,7 +56,7 @@ def shortened(names: Iterable[str], longest: int) -> dict[str, str]:
 
 
 def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]], names: int = 1, limit: int = 0) -> None:
-    """Print a table in as many parts below each other as it takes to fit into `limit` columns of text, by default
+    """Print a table in as many parts below each other as needed to fit into `limit` columns of text, by default
     `width()`. No cell is cut. The first `names` columns hold names, aligned left and repeated in each part.
     """
     from rich import box
@@ -89,8 +89,8 @@ def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]], names: i
 
 @contextmanager
 def progress(description: str, total: int) -> Iterator[Callable[..., None]]:
-    """Show the progress of long work and the time left; the function it gives takes the number of units just done,
-    and lines that say how things stand, which replace those before.
+    """Show the progress of long work and the time left; yields a function of the number of units just done and of
+    status lines, which replace the previous ones.
 
     A terminal gets a bar that is removed at the end, below the lines; a file, a pipe or a dumb terminal gets a line
     every `LINE_EVERY` seconds, and below it the lines if they are new; work shorter than `SHOW_AFTER` shows nothing.

@@ -1,4 +1,4 @@
-"""The commands of `usvauv`, as a rule one a file, and the options they share (`options`).
+"""The commands of `usvauv`, usually one per file, and their common options (`options`).
 
 A command imports what it needs when it runs, so that `--help` answers at once.
 """

@@ -1,4 +1,4 @@
-"""`usvauv scenarios`, `policies`, `boats`, `targets` and `doctor`: what there is, and what works on this machine."""
+"""`usvauv scenarios`, `policies`, `boats`, `targets` and `doctor`: lists, and checks of this machine."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`usvauv sweep` and `reproduce`: many runs, each done once."""
+"""`usvauv sweep` and `reproduce`: many runs, each performed once."""
 
 from __future__ import annotations
 

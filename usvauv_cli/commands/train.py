@@ -1,4 +1,4 @@
-"""`usvauv train`: learn a policy, watch it learn, keep the best."""
+"""`usvauv train`: train a policy, show its progress, keep the best."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`usvauv train-targets`: learn which node is next."""
+"""`usvauv train-targets`: train the choice of the next node."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `usvauv train` shows of a run: a live table, or lines where the output is no terminal."""
+"""Output of `usvauv train` during a run: a live table, or lines if the output is not a terminal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The panel in the tab: pace and past, sliders and choices, figures, and what is moved in the scene."""
+"""The panel in the tab: play speed and past, sliders and choices, figures, and moving things in the scene."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a world was like in its last steps and between them, and its sea surface at any of these moments."""
+"""States of a world in its last steps and between them, and its sea surface at any of these moments."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Snapshot:
     depth: np.ndarray  # of the AUVs, (K,), m
     attitude: np.ndarray  # of the AUVs, (K, 3), rad, as in a trace
     fins: np.ndarray  # of the AUVs, (K, 3), rad and 1/s, as in a trace
-    own: np.ndarray  # where the AUVs take themselves to be, (K, 2), m
+    own: np.ndarray  # the AUVs' own position estimates, (K, 2), m
     flow: np.ndarray  # velocity of the water at cruise level on a grid, (rows, columns, 2), m/s
     long_waves: np.ndarray  # elevation on the points of a `SurfaceGrid`, (Y, X), m
     storm: AirySea  # the short waves, whatever time they were set to last
@@ -53,7 +53,7 @@ class Moment:
 
 
 class History:
-    """The last `MOST_STATES` snapshots, equally far apart."""
+    """The last `MOST_STATES` snapshots, equally spaced in time."""
 
     def __init__(self) -> None:
         self._kept: deque[Snapshot] = deque(maxlen=MOST_STATES)
@@ -67,7 +67,7 @@ class History:
         return self._kept[0]
 
     def add(self, snapshot: Snapshot) -> None:
-        """Append a snapshot; one of the latest's time takes its place, one of an earlier time begins anew."""
+        """Append a snapshot; one with the latest's time replaces it, one with an earlier time begins anew."""
         if self._kept and snapshot.time == self.latest.time:
             self._kept.pop()
         elif self._kept and snapshot.time < self.latest.time:
@@ -75,7 +75,7 @@ class History:
         self._kept.append(snapshot)
 
     def at(self, time: float) -> Moment:
-        """The moment of a time, s; the oldest or the latest where it is not kept."""
+        """The moment of a time, s; the oldest or the latest if it is not kept."""
         time = min(max(time, self.oldest.time), self.latest.time)
         if len(self._kept) == 1:
             return Moment(time, self.latest, self.latest, 0.0)

@@ -1,4 +1,4 @@
-"""A viser server for this machine alone, which needs the token in its address, and the loop that it shows."""
+"""A viser server for this machine only, which requires the token in its address, and the loop that it shows."""
 
 from __future__ import annotations
 

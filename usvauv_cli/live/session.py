@@ -1,4 +1,4 @@
-"""A mission that runs while it is watched: its pace, its past, and what is changed while it runs."""
+"""A mission that runs while it is shown: its play speed, its past, and changes while it runs."""
 
 from __future__ import annotations
 
@@ -83,17 +83,17 @@ def sliders(scenario: Scenario) -> dict[str, Slider]:
 
 
 class Session:
-    """World 0 of a seed in a scenario, stepped as the time that is shown goes on.
+    """World 0 of a seed in a scenario, stepped as the shown time advances.
 
     Attributes:
-        world: as it is now; another one after `set_strategy` and `set_rule`.
+        world: the present world; another one after `set_strategy` and `set_rule`.
         grid: points of the surface that is drawn.
         history: the last states.
-        sliders, values: that this scenario has, and what they stand at, by name.
-        paused: whether the mission stands still.
+        sliders, values: of this scenario, and their values, by name.
+        paused: whether the mission is paused.
         speed: times real time; infinite: as fast as possible.
-        back: how far before the latest state the shown one lies, s; 0: what is shown goes on.
-        ended: why the mission cannot go on; empty while it can.
+        back: time from the shown state to the latest one, s; 0: the shown time advances.
+        ended: why the mission cannot continue; empty while it can.
 
     Raises:
         UserError: as `World`, `policies.load` and `usvauv.env.storage.memory.require`.
@@ -133,7 +133,7 @@ class Session:
 
     @property
     def scenario(self) -> Scenario:
-        """What is simulated, with what has been changed."""
+        """The simulated scenario, with all changes."""
         return self.world.scenario
 
     @property
@@ -151,22 +151,22 @@ class Session:
         return moment.mixed("long_waves") + self.grid.storm(moment.after.storm, moment.time)
 
     def run(self) -> None:
-        """Go on from the latest state; after the end of a mission begin the next episode."""
+        """Continue from the latest state; after the end of a mission begin the next episode."""
         if self.ended:
             self._begin()
         self.paused, self.back = False, 0.0
 
     def pause(self) -> None:
-        """Stand still."""
+        """Pause."""
         self.paused = True
 
     def look_back(self, seconds: float) -> None:
-        """Stand still and show what was so many seconds before the latest state, as far as it is kept."""
+        """Pause and show the state so many seconds before the latest one, as far as it is kept."""
         self.paused = True
         self.back = min(max(seconds, 0.0), self.time - self.history.oldest.time)
 
     def advance(self, elapsed: float) -> None:
-        """Let so much real time pass, s; a slow world gets as far as it comes."""
+        """Advance by an amount of real time, s; a slow world advances less."""
         if self.paused or self.ended:
             return
         begun = time.perf_counter()
@@ -277,14 +277,14 @@ class Session:
         self.policy = name
 
     def set_strategy(self, name: str) -> None:
-        """Go on with another strategy of the boat, in a world that takes over the state, see `World.continue_from`.
+        """Continue with another boat strategy, in a world that takes over the state, see `World.continue_from`.
 
-        Where that refuses it, the mission goes on with the present one.
+        If that refuses it, the mission continues with the present one.
         """
         self._go_on_in({"boat": {"strategy": name}})
 
     def set_rule(self, name: str) -> None:
-        """Go on with another target rule, likewise."""
+        """Continue with another target rule, likewise."""
         self._go_on_in({"nodes": {"target_rule": name}})
 
     def _go_on_in(self, changes: Mapping[str, Mapping[str, Any]]) -> None:
@@ -318,10 +318,10 @@ class Session:
         return self._figures
 
     def errors(self, span: float) -> tuple[np.ndarray, np.ndarray]:
-        """Errors of the estimated positions (K, T), m, in the last `span` seconds up to what is shown.
+        """Errors of the estimated positions (K, T), m, in the last `span` seconds up to the shown time.
 
         Returns:
-            Times less the shown one (T,), −span to 0, s; and the errors.
+            Times minus the shown one (T,), −span to 0, s; and the errors.
         """
         now = self.moment.time
         states = self.history.until(now, int(span / self.scenario.mission.step) + 1)

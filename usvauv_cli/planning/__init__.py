@@ -1,1 +1,1 @@
-"""What only `usvauv plan` needs: its figure, and logs of fixes that a real USBL system made."""
+"""Modules for `usvauv plan` alone: its figure, and logs of fixes from a real USBL system."""

@@ -1,4 +1,4 @@
-"""Fixes that a real USBL system made, from CSV or its sentences: where AUVs are by them, and how much they scatter."""
+"""Fixes of a real USBL system, from CSV or its sentences: the AUVs' positions, and the scatter of the fixes."""
 
 from __future__ import annotations
 

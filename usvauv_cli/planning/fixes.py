@@ -1,4 +1,4 @@
-"""A fix in a log, what of a log is no fix, and logs that are tables, as programs and spreadsheets write CSV."""
+"""A fix in a log, lines without a fix, and logs that are tables, as programs and spreadsheets write CSV."""
 
 from __future__ import annotations
 
@@ -36,11 +36,11 @@ SHOWN = 20  # characters of a value that is named
 
 
 class BadLine(Exception):
-    """A line is broken, or of a kind that cannot be used; the message says how."""
+    """A line is damaged, or of a kind that cannot be used; the message has the reason."""
 
 
 class NoFix(Exception):
-    """A line is as its maker documents it, and what it says is no good fix or position; the message says why."""
+    """A line has the documented form, but contains no usable fix or position; the message has the reason."""
 
 
 class Fix(NamedTuple):
@@ -57,7 +57,7 @@ class Fix(NamedTuple):
 
 @dataclass
 class Contents:
-    """What is in a log: its fixes, the lines that are bad, how many are left out for which reason, and notes."""
+    """Contents of a log: its fixes, bad lines, numbers of fixes left out for each reason, and notes."""
 
     fixes: list[Fix] = field(default_factory=list)
     bad: list[str] = field(default_factory=list)
@@ -76,7 +76,7 @@ class Contents:
         return lines + self.notes
 
     def reasons(self) -> str:
-        """How many are left out for which reason, in words."""
+        """Numbers of fixes left out for each reason, in words."""
         most = self.left_out.most_common()
         rest = sum(count for _, count in most[REASONS:])
         return "; ".join([f"{count} × {reason}" for reason, count in most[:REASONS]] + [f"{rest} others"] * bool(rest))

@@ -1,4 +1,4 @@
-"""Fixes in a log of sentences, one a line, of USBL systems and of the boat's own position and heading.
+"""Fixes in a log of sentences, one per line, from USBL systems and of the boat's own position and heading.
 
 $PSIMSSB   Kongsberg Simrad HiPAP and HPR: "NMEA 0183 Sentences", 850-160045/E; Cartesian, relative to the boat
 $PSONLLD   Sonardyne Ranger 2: latitude and longitude in decimal degrees
@@ -46,7 +46,7 @@ LEVER = 100.0  # distance of an AUV at which an error of the heading is a drift,
 class Relative(NamedTuple):
     """A fix relative to the boat, m; `ahead` says that x is to starboard and y ahead, else they are east and north.
 
-    `said`: when it was said by the system's own clock, s, if that is no time of the day: then `time` is by it too.
+    `said`: time of the sentence by the system's own clock, s, if that is no time of day: then `time` is by it too.
     """
 
     time: float
@@ -87,7 +87,7 @@ Sentence = Relative | Geographic | Boat | Heading
 
 
 def parse(line: str) -> Sentence | None:
-    """What a line says; None for other sentences. Raises `BadLine` and `NoFix`, see there."""
+    """Contents of a line; None for other sentences. Raises `BadLine` and `NoFix`, see there."""
     own = EVOLOGICS.search(line)
     if own:
         return _guarded(_evologics, own["body"].split(","))
@@ -212,9 +212,9 @@ class Way(NamedTuple):
     def at(self, when: np.ndarray, contents: Contents | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Values (M, D) at (M,) times, and whether they are known there.
 
-        They are between two positions at most a minute apart; before the first and after the last for as long as to
-        the next one, at most `BASE`, and everywhere for a minute in which the boat goes less than `DRIFT`. `contents`
-        is told how many are not known, and for how long a position was taken to hold.
+        They are known between two positions at most a minute apart; before the first and after the last for as long as
+        to the next one, at most `BASE`, and everywhere for a minute in which the boat moves less than `DRIFT`.
+        `contents` receives the number of unknown values, and for how long a position was assumed to hold.
         """
         last = len(self.times) - 1
         after = np.searchsorted(self.times, when, side="right")
@@ -247,7 +247,7 @@ class Way(NamedTuple):
 
 
 class _Lines:
-    """What the lines of a log say, each with its number, and times that go on after midnight."""
+    """Contents of a log's lines, each with its number, and times that continue after midnight."""
 
     def __init__(self, lines: Sequence[str], contents: Contents) -> None:
         self.boats: list[tuple[int, Boat]] = []

@@ -1,4 +1,4 @@
-"""Fig. 4: where AUVs and boat go in an episode, and the error of the AUVs' positions by the boat's strategy."""
+"""Fig. 4: tracks of AUVs and boat in an episode, and the error of the AUVs' positions by boat strategy."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Table 2 and Fig. 3: sum data rate, energy consumption and reward of every method, and while two of them learn."""
+"""Table 2 and Fig. 3: sum data rate, energy consumption and reward of every method, and of two during training."""
 
 from __future__ import annotations
 

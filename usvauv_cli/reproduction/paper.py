@@ -1,5 +1,5 @@
-"""What the paper prints, what is trained and tested beside it, and how the two are set out: conventions, settings and
-runs, tables of Markdown, the look of figures.
+"""The paper's printed values, the runs compared with them, and their presentation: conventions, settings and runs,
+tables in Markdown, the style of figures.
 
 The paper is Xu, Xie, Wang, Ding, Zhang, "USV-AUV collaboration framework for underwater tasks under extreme sea
 conditions", ICASSP 2025.
@@ -190,7 +190,7 @@ class Settings:
     methods: tuple[Method, ...] = METHODS  # the learned rows of Table 2
     seeds: tuple[int, ...] = (0, 1, 2, 3, 4)  # of the training runs; of the worlds of Fig. 4(b), too
     steps: int = 300_000  # world-steps of a training run
-    evaluations: int = 10  # of a training run, beside one of the untrained policy
+    evaluations: int = 10  # of a training run, besides one of the untrained policy
     judged: int = 32  # episodes in each
     # Of each policy in each condition it is tested in. Run number i is tested in episodes i·episodes to
     # (i+1)·episodes − 1 of `test_seed`, heuristics in all of them.

@@ -1,1 +1,1 @@
-"""Views of the sea alone for `usvauv sea`: `video`, `figure`, and what both use (`surface`)."""
+"""Views of the sea alone for `usvauv sea`: `video`, `figure`, and their common parts (`surface`)."""

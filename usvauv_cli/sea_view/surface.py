@@ -1,4 +1,4 @@
-"""What figure and video of a sea share: its surface in colours, a section along the waves, its weather in words."""
+"""Common parts of a sea's figure and video: its surface in colours, a section along the waves, its weather in words."""
 
 from __future__ import annotations
 

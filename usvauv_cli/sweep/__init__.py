@@ -1,5 +1,5 @@
-"""Many runs, each done once, on an engine: on this machine (`engine`), on Ray or under Slurm (`perform`).
+"""Many runs, each performed once, on an engine: on this machine (`engine`), on Ray or under Slurm (`perform`).
 
-`perform` does runs (`run`) and shows them in the terminal; `results` does those of a study file (`study`) and writes
-what they say (`summary`).
+`perform` performs runs (`run`) and shows them in the terminal; `results` performs those of a study file (`study`) and
+writes their results (`summary`).
 """

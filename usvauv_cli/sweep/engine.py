@@ -1,8 +1,8 @@
-"""Pieces of work in processes, possibly of other machines: what an engine is, how all pieces are done on one, and the
-engine of this machine, `Local`.
+"""Tasks in processes, possibly on other machines: the definition of an engine, running all tasks on one, and the engine
+of this machine, `Local`.
 
-Processes that share nothing but a file system communicate by a folder of signs: SIGNS/NAME holds how much of a piece is
-done; SIGNS/stop, or the removal of the folder, asks all pieces to stop.
+Processes that share only a file system communicate through files in a folder SIGNS: SIGNS/NAME holds how much of a task
+is done; SIGNS/stop, or the removal of the folder, asks all tasks to stop.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Runs on an engine until all are done or Ctrl-C, shown in the terminal: a bar, and a line for each run that ends.
 
 Engines of several machines are Ray Core, and Slurm through submitit; extra `scale`. The nodes share the folder of the
-results and can import usvauv. Ray itself runs a task again whose node is lost. `squeue` says whether a job of Slurm has
-ended, because `sacct`, which submitit asks, has no answer where Slurm keeps no accounts.
+results and can import usvauv. Ray itself repeats a task whose node is lost. `squeue` shows whether a job of Slurm has
+ended, because `sacct`, which submitit uses, gives no answer if Slurm keeps no accounts.
 """
 
 from __future__ import annotations

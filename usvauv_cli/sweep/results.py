@@ -1,9 +1,9 @@
-"""A study from its file to its results: what is left is done, then tables are written.
+"""A study from its file to its results: remaining runs are performed, then tables are written.
 
 DIR/runs/HASH/      a run, see `usvauv.cli.sweep.run`
 DIR/results.csv     one row for each run and episode: `FIRST`, then the columns of `usvauv eval`; also as .parquet
 DIR/summary.json    see `usvauv.cli.sweep.summary`
-DIR/report/         a page: what `summary.summary` says as tables and figures, how the trainings went, and all runs
+DIR/report/         a page: results of `summary.summary` as tables and figures, training curves, and all runs
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""A run in its folder: trained where that is asked for, then evaluated. A folder with `RESULT` is finished.
+"""A run in its folder: trained if required, then evaluated. A folder with `RESULT` is finished.
 
-HASH/run.json       what defines it
+HASH/run.json       its definition
 HASH/last, best, …  the training run, as `usvauv train` keeps it
-HASH/episodes.csv   one row an episode; written last
-HASH/failure.txt    how the last attempt failed
+HASH/episodes.csv   one row per episode; written last
+HASH/failure.txt    failure of the last attempt
 HASH/made.json      seconds of all attempts, host and version of the last
 """
 

@@ -1,4 +1,4 @@
-"""A study file: which runs, how they are evaluated, what each may take.
+"""A study file: its runs, their evaluation, and the resources of each.
 
 Each `[[runs]]` is a run, or, where fields have lists, one for each combination of their entries; `[common]` holds for
 all of them.

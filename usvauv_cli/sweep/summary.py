@@ -1,9 +1,9 @@
-"""What few runs say about methods: aggregates, performance profiles, probability of improvement, bootstrap intervals,
-as JSON and as tables of at most 80 columns.
+"""Comparison of methods from few runs: aggregates, performance profiles, probability of improvement, bootstrap
+intervals, as JSON and as tables of at most 80 columns.
 
 By the definitions of Agarwal, Schwarzer, Castro, Courville and Bellemare, "Deep reinforcement learning at the edge of
 the statistical precipice" (NeurIPS 2021, arXiv:2108.13264) and of their library rliable. A method's scores are a list
-with an array for each task, of one score a run; functions of them reduce the last axis, so that they take resamples.
+with an array for each task, with one score per run; functions of them reduce the last axis, so they accept resamples.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""What all pages have: a template filled in, how it was made, and figures in it and as PDF beside it, with their look.
+"""Common parts of all pages: a filled template, its provenance, and figures in the page and as PDF, with their style.
 
-A figure is drawn in the colours of `LIGHT`, a column of a paper wide. In the page's SVG each of them is replaced by a
-variable of the page's style, which has another value where the page is dark. Each colour therefore stands for one thing
-only.
+A figure is drawn in the colours of `LIGHT`, with the width of a paper's column. In the page's SVG each of them is
+replaced by a variable of the page's style, which has another value if the page is dark. Each colour therefore has only
+one meaning.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What the page keeps of traces: one episode for the player, and how errors of positions and fixes are distributed.
+"""Data that the page keeps from traces: one episode for the player, and distributions of position and fix errors.
 
 The player, `player.js`, reads the episodes as JSON. An array of numbers is {"shape", "low", "step", "bits",
 "data"} with value = low + step × unsigned number of so many bits, little-endian, in base64. The rounding error is half

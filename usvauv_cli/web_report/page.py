@@ -1,5 +1,5 @@
-"""The folder of a report, `index.html`, which holds all that it shows, and its figures as PDF; and recorded missions
-that play in a cell of a notebook.
+"""The folder of a report: the self-contained page `index.html`, and its figures as PDF; and a player of recorded
+missions in a notebook's cell.
 """
 
 from __future__ import annotations
