@@ -1,4 +1,4 @@
-"""A recorded run as files of other tools: tables (CSV, Parquet), ROS 2 messages (MCAP), a recording of Rerun, GeoJSON.
+"""Export of a recorded run for other tools: tables (CSV, Parquet), ROS 2 messages (MCAP), a Rerun recording, GeoJSON.
 
 `export_trace` writes all but the last; `tables` has the columns of the tables, `geojson` the features of a map.
 """

@@ -1,4 +1,4 @@
-"""Where everything is in a scene with z upwards from the still water, of one episode."""
+"""Poses of everything in one episode, with z upwards from the still water."""
 
 from __future__ import annotations
 

@@ -1,19 +1,19 @@
 """A trace as MCAP with messages of ROS 2: Foxglove, PlotJuggler, RViz by `ros2 bag play`, and Rerun open it.
 
 One episode, in the frame "map": x east, y north, z up from the still water, m; stamps are seconds from the mission's
-start. Messages are CDR and travel with their definitions, so that no ROS 2 need be installed to read them.
+start. Messages are in CDR and stored with their definitions, so that they can be read without ROS 2.
 
     /tf                  tf2_msgs/TFMessage                       "map" → "auv_0" …, "usv_0" …
     /auv_0/pose          geometry_msgs/PoseStamped                the truth; of a point, heading through the water
-    /auv_0/fins          sensor_msgs/JointState                   rudder, stern plane, propeller, where it has them
+    /auv_0/fins          sensor_msgs/JointState                   rudder, stern plane, propeller, if it has them
     /auv_0/velocity      geometry_msgs/TwistStamped               through the water; z is −d(depth)/dt; in "map"
     /auv_0/fix           geometry_msgs/PoseWithCovarianceStamped  when a reply is detected
-    /auv_0/estimate      geometry_msgs/PoseWithCovarianceStamped  where the boat takes the AUV to be
-    /usv_0/pose          geometry_msgs/PoseStamped                its heading, on the waves as steep as they are
+    /auv_0/estimate      geometry_msgs/PoseWithCovarianceStamped  the boat's estimate of the AUV's position
+    /usv_0/pose          geometry_msgs/PoseStamped                its heading, tilted with the waves' surface
     /usv_0/goal          geometry_msgs/PointStamped
     /nodes               sensor_msgs/PointCloud2                  x, y, z and the packets waiting, "backlog"
-    /sea                 sensor_msgs/PointCloud2                  the surface, where the trace has it
-    …/navsat             sensor_msgs/NavSatFix                    beside each pose, if the scenario has a place on Earth
+    /sea                 sensor_msgs/PointCloud2                  the surface, if the trace has it
+    …/navsat             sensor_msgs/NavSatFix                    with each pose, if the scenario has a place on Earth
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A trace as tables: a row for each time, world and thing; also one for each fix and one for each completed service."""
+"""A trace as tables: a row for each time, world and object, for each fix and for each completed service."""
 
 from __future__ import annotations
 

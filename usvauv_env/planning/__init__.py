@@ -1,4 +1,4 @@
-"""The best place of the boat for one layout of AUVs, and what to expect of fixes from there.
+"""The boat's best place for one layout of AUVs, and the expected errors of fixes from there.
 
-From outside: `plan.solve` with what it returns, and `fix_errors`.
+Public: `plan.solve` with its result, and `fix_errors`.
 """

@@ -1,4 +1,4 @@
-"""What to expect of one fix of an AUV from a place of the boat: its error, by which causes, and whether it comes."""
+"""Predicted quality of a fix of an AUV from a place of the boat: its error by cause, and its probability."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The planner's answer for one layout of AUVs: the best place of the boat, and how good fixes from there are."""
+"""The planner's result for one layout of AUVs: the boat's best place, and the accuracy of fixes from there."""
 
 from __future__ import annotations
 

@@ -90,7 +90,7 @@ def frames_of(
     Args:
         traces: one, or two that are compared; each of at least one step.
         size: width and height of a frame, pixels.
-        view: one of `VIEWS`: the map from above with plots, the sea in perspective, or the map with it beside.
+        view: one of `VIEWS`: the map from above with plots, the sea in perspective, or both side by side.
         theme: name of one of `style.THEMES`.
         speed_up: play speed that the title states, s of mission in a second.
         pace: steps of the mission from one frame to the next.

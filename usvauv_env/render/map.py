@@ -371,7 +371,7 @@ def draw_legend(
     """Symbols and words in one column or two, and what the abbreviations stand for.
 
     Args:
-        foresees: the boat foresees AUVs. from_above: the picture is a map, which shows the current.
+        foresees: the boat predicts AUVs. from_above: the picture is a map, which shows the current.
     """
     draw_card(picture, box, layout)
     unit, size = layout.unit, 11 * layout.unit

@@ -317,10 +317,10 @@ EVERY = 3  # steps at which lines, which change slowly, are made anew
 
 
 class ReplyField:
-    """What a place of the boat is worth in world 0: the share of the AUVs' uncertainty that replies heard there remove.
+    """Value of a place of the boat in world 0: the share of the AUVs' uncertainty that replies received there remove.
 
-    At a place p it is Σ_k P_k(p) a_k / Σ_k a_k, with a_k the variance of where the boat takes AUV k to be, and P_k the
-    probability that its reply is heard at p from where the boat foresees it, over a calm array.
+    At a place p it is Σ_k P_k(p) a_k / Σ_k a_k, with a_k the variance of the boat's position estimate of AUV k, and P_k
+    the probability that its reply from the predicted position is received at p, over a calm array.
     """
 
     def __init__(self, trace: Trace) -> None:

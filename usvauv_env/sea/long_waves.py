@@ -1,7 +1,7 @@
-"""Long waves of a scenario: what forces them, how they start, the memory they take, solvers side by side.
+"""Long waves of a scenario: their forcing, initial state and memory, and solvers side by side.
 
-Sea s of a seed depends on (seed, s) alone, whatever the number of seas, and is a continuous function of position and
-time: a coarse and a fine solver carry on the same sea.
+Sea s of a seed depends only on (seed, s), not on the number of seas, and is a continuous function of position and time:
+a coarse and a fine solver compute the same sea.
 """
 
 from __future__ import annotations
@@ -146,7 +146,7 @@ def check_sea(scenario: Scenario, cells: tuple[int, int], num_seas: int, further
         scenario: whose sea it is.
         cells: (nx, ny).
         num_seas: number of seas.
-        further: bytes that its use takes beside it.
+        further: bytes that its use takes in addition.
 
     Raises:
         ScenarioError: too many substeps.

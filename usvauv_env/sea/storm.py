@@ -2,14 +2,14 @@
 
     η(x, t) = Σ a cos(k·x − ω t + φ),   E(ω, θ) = S(ω) D(θ),   D ∝ cos^{2s}((θ − θ0)/2).
 
-The spectrum is cut into as many strata as there are components. Half of them follow the energy and half the slope: each
-has the same part of (∫ S dω/m0 + ∫ k² S dω/m_slope)/2, since the slope lies mostly in a tail with little energy. A
-component has its stratum's energy and a frequency drawn from S within it, so a sum over components of any function of
-frequency has the spectrum's integral as its mean, and Hs = 4 √m0 is exact in each realisation. One direction is drawn
-from each of equally likely sectors, and components get them in random order; one direction a frequency keeps the sea
-ergodic. Phases are uniform. Time averages over N such components have the kurtosis 3 − 1.5 Σa⁴/(Σa²)².
+The spectrum is divided into as many strata as there are components, half by energy and half by slope: each has the same
+part of (∫ S dω/m0 + ∫ k² S dω/m_slope)/2, since the slope lies mostly in a tail with little energy. A component has its
+stratum's energy and a frequency drawn from S within it, so a sum over components of any function of frequency has the
+spectrum's integral as its mean, and Hs = 4 √m0 is exact in each realisation. One direction is drawn from each of
+equally likely sectors, and components get them in random order; one direction per frequency keeps the sea ergodic.
+Phases are uniform. Time averages over N such components have the kurtosis 3 − 1.5 Σa⁴/(Σa²)².
 
-Each swell is drawn likewise, from random numbers of its own: the wind sea is the same with and without it.
+Each swell is drawn likewise, from separate random numbers: the wind sea is the same with and without it.
 
 A spectrum E(ω, θ) of a file is one system. Component k has a direction drawn at its own frequency, at the quantile
 u + k φ mod 1, φ the golden ratio. These lie evenly in any range of frequencies, so that swell and wind sea each keep

@@ -1,4 +1,4 @@
-"""The water that worlds sail on: long waves, storm and real current, on one clock; and the seeds that decide it."""
+"""The water of worlds: long waves, storm and real current, on one clock; and the seeds that decide it."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Fields on longitude and latitude lines in CF-NetCDF files: variable, axes, units, and reading a part of them.
 
-Variables and coordinates are recognised by the attributes that the CF conventions give them, never by their place in
-the file. Only the part that is asked for is read. Source: https://cfconventions.org.
+Variables and coordinates are recognised by their attributes of the CF conventions, never by their position in the file.
+Only the requested part is read. Source: https://cfconventions.org.
 """
 
 from __future__ import annotations
@@ -288,7 +288,7 @@ def _decode_time(raw: np.ndarray, attributes: dict, where: str) -> np.ndarray:
     except Exception:  # the library's own, of any kind, for units and numbers that are no times
         values = raw
     if not np.issubdtype(values.dtype, np.datetime64):
-        # Without cftime xarray knows no date before FIRST_YEAR, also one from which times of today are counted.
+        # Without cftime xarray supports no date before FIRST_YEAR, not even as reference date of present times.
         old = " since " in str(units) and not importlib.util.find_spec("cftime")
         raise OceanError(
             f"{where}: units {units!r}; allowed: such as 'hours since 2000-01-01 00:00:00', "

@@ -1,7 +1,7 @@
 """Currents and bathymetry of an area on the Earth, read from CF-NetCDF files onto the local plane.
 
 Between the points of a file fields are linear in longitude, latitude, depth and time. Points without a value are land
-or bed: velocity and depth are 0 there. `docs/real-water.md` walks through one file.
+or bed: velocity and depth are 0 there. `docs/real-water.md` has an example.
 """
 
 from __future__ import annotations

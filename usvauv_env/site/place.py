@@ -1,4 +1,4 @@
-"""The place of an area on the Earth: its tangent plane, that plane in files, and positions as a user gives them.
+"""The place of an area on the Earth: its tangent plane, that plane in files, and positions given by a user.
 
 Longitude and latitude become x east, y north and back in closed form. The plane is the orthographic projection of the
 ellipsoid about the area's south-west corner, EPSG's method 9840. Source: https://cfconventions.org, section 5.6 and

@@ -2,10 +2,10 @@
 
 Between the depths of a profile the speed is linear, so rays are arcs of circles (`usvauv.kernels.positioning.rays`);
 above the first and below the last depth it is constant. Temperature and salinity need the library gsw. Without it there
-is an error and no simpler formula, so that a scenario means the same water on every machine.
+is an error instead of a simpler formula, so that a scenario has the same water on every machine.
 
-A thinned profile has fewer depths, for which sound between given depths takes the same time to within 1 cm, by the rays
-of the kernels.
+A thinned profile has fewer depths, with which the travel time of sound between given depths is equal to within 1 cm, by
+the rays of the kernels.
 """
 
 from __future__ import annotations

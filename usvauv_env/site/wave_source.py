@@ -1,4 +1,4 @@
-"""Where in a file of waves a place and a time are: its stations or grid, and its times."""
+"""Location of a place and a time in a wave file: its stations or grid, and its times."""
 
 from __future__ import annotations
 

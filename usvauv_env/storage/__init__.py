@@ -1,5 +1,5 @@
-"""What is kept on the disk and in memory: files written whole, one process at a time, tables that grow, bounded memory.
+"""Storage on the disk and in memory: files written whole, by one process at a time, growing tables, bounded memory.
 
-`files` writes, locks, and reads TOML and JSON, `netcdf` reads NetCDF, `tables` has CSV files, `memory` refuses what
-does not fit.
+`files` writes, locks, and reads TOML and JSON, `netcdf` reads NetCDF, `tables` has CSV files, `memory` refuses requests
+that do not fit.
 """

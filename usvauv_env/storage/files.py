@@ -1,6 +1,6 @@
-"""Files: written whole, by one process at a time, and TOML and JSON read from anywhere, of bounded size and depth.
+"""Files: written whole, by one process at a time, and TOML and JSON from any source, of bounded size and depth.
 
-A failure is one line: of writing with the file's name, of reading in words that follow on it.
+An error message is one line: for writing with the file's name, for reading as text to follow the name.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Memory: how much is free, refusing what does not fit before any of it is taken, rows on the disk in place of it."""
+"""Memory: how much is free, refusing requests that do not fit before allocating, and rows on the disk instead."""
 
 from __future__ import annotations
 

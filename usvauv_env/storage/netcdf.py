@@ -1,7 +1,7 @@
 """Reading NetCDF files: NetCDF-4 with h5netcdf, NetCDF-3 with SciPy where it is installed.
 
-Whatever the libraries say of a file that they cannot read becomes one line. A file that has others read in its place,
-or other programs run, is refused before any of it is read.
+The libraries' messages about a file that they cannot read become one line. A file that refers to other files, or runs
+other programs, is refused before any of it is read.
 """
 
 from __future__ import annotations

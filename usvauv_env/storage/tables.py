@@ -1,8 +1,8 @@
-"""Tables of results as CSV files with a header: written whole, or grown on the disk by batches of episodes.
+"""Tables of results as CSV files with a header: written whole, or extended on the disk by batches of episodes.
 
-A growing table survives what ends the process, and is taken up again. Beside OUT.csv it is the folder OUT.csv.partial:
-`ABOUT`, which says what defines its rows, and a CSV for each batch, whole or not there. `finish` puts the rows of each
-combination together in OUT.csv.
+A growing table survives the end of the process, and can be continued. It is the folder OUT.csv.partial next to OUT.csv:
+`ABOUT`, with the definition of its rows, and a CSV for each batch, either complete or absent. `finish` joins the rows
+of each combination in OUT.csv.
 """
 
 from __future__ import annotations
