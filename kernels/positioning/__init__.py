@@ -1,6 +1,6 @@
 """Underwater acoustic positioning: sonar equation, sound rays, USBL fixes (two models), and a tracker of the AUVs.
 
-From outside use `acoustic_link.Sonar`, `Accuracy` and `link_table`, `usbl.fixes` and the flags, `pulse.pulses`, `codes`
+Public: `acoustic_link.Sonar`, `Accuracy` and `link_table`, `usbl.fixes` and the flags, `pulse.pulses`, `codes`
 and `tones`, `matched_filter.measurements`, `rays`, `reflections`, `tracker`, and `sonar.absorption_laws` and
 `sonar.ambient_noise_laws` to add a law.
 """
