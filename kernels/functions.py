@@ -55,7 +55,7 @@ class _Context(ASTTransformerContext):
 
 
 def _definitions(body: Sequence[Any]) -> Iterator[tuple[int, ast.FunctionDef]]:
-    """The functions of a file, at whatever depth, each with the number of its first line, that of a decorator."""
+    """The functions of a file, at any depth, each with the number of its first line, that of a decorator."""
     for statement in body:
         if isinstance(statement, ast.FunctionDef):
             yield min([statement, *statement.decorator_list], key=lambda part: part.lineno).lineno, statement
@@ -327,7 +327,7 @@ class Launch:
 def mark_outside(numbers: array1, limit: ti.f32, flag: index1):
     """Set the flag if one of the numbers is not finite or beyond ±`limit`."""
     for n in range(numbers.shape[0]):
-        if flag[0] == 0 and not ti.abs(numbers[n]) <= limit:  # what is not read is not sent: `docs/architectures.md`
+        if flag[0] == 0 and not ti.abs(numbers[n]) <= limit:  # arrays not read are not sent: `docs/architectures.md`
             flag[0] = 1
 
 
@@ -380,7 +380,7 @@ class DeviceFlag:
             self._seen = self._copy.numpy()
 
     def forget(self) -> None:
-        """What was seen until now is not reported any more."""
+        """Stop reporting faults seen so far."""
         self._outside.zero_()
         if not isinstance(self._numbers, DeviceArray) and not self._at_once:
             self._copy.copy_(self._outside)

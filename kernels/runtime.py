@@ -43,7 +43,7 @@ ITERATIONS = 16  # of a loop that a thread takes at a time
 ARCHITECTURES = ("auto", "cpu", "cuda", "vulkan")
 Settings = Mapping[str, object]
 NONE: Settings = {}
-# Beginnings of names of settings that are of a whole program, of its device and of what is printed.
+# Prefixes of names of settings of a whole program, of its device and of its printed messages.
 OF_A_PROGRAM = (
     "_",
     "arch",
@@ -63,7 +63,7 @@ class RuntimeUnavailable(UserError, RuntimeError):
 
 
 class Unsupported(RuntimeUnavailable):
-    """The architecture that is running cannot do what is asked for.
+    """The running architecture cannot do what is requested.
 
     Args:
         problem: what, and why not.
@@ -318,7 +318,7 @@ atexit.register(stop)  # Taichi by itself writes no cache where objects that are
 
 
 def cache_folder() -> str:
-    """The folder of compiled kernels, without what is damaged there.
+    """The folder of compiled kernels, without damaged files.
 
     Where Taichi cannot make or write the folder it crashes at its end; then a temporary one is taken for this process.
 

@@ -309,7 +309,7 @@ class ExchangeColumn(StateColumns):
     step_x: Position  # displacement measured in the last step, m, and the part of it adrift, s
     step_y: Position
     step_adrift: Elapsed
-    way_x: Position  # the same since the last reply that the boat has heard left
+    way_x: Position  # the same since the last reply that the boat has received left
     way_y: Position
     adrift: Elapsed
     elapsed: Elapsed  # time since then, s
@@ -319,11 +319,11 @@ class ExchangeColumn(StateColumns):
     sent_elapsed: Elapsed
     sent_velocity_x: Velocity  # measured then, m/s
     sent_velocity_y: Velocity
-    velocity_x: Velocity  # the same of the last reply heard
+    velocity_x: Velocity  # the same of the last reply received
     velocity_y: Velocity
     sent_heads_for: NodeIndex  # index of the AUV's node when the reply left that is under way
     sent_hovers: Hover  # time that it still served it, s
-    heads_for: NodeIndex  # the same of the last reply heard
+    heads_for: NodeIndex  # the same of the last reply received
     hovers: Hover
 
 

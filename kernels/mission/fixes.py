@@ -136,7 +136,7 @@ def take_reply(worlds: ti.template(), pose: ArrayPose, w, k, there: vec2, age, l
     if ti.static(worlds.program.sensor != Sensor.none):
         expected = expect(worlds, w, pose.boat, k, here, worlds.p[Parameter.step] + age)
         fix = make_fix(worlds, pose, w, k, here, there, expected, lost)
-        if fix.flags & usbl.DETECTED:  # what the reply carries is there, whatever its fix is worth
+        if fix.flags & usbl.DETECTED:  # the reply's contents are received even if its fix is not usable
             motion.read_reply(worlds, w, k)
             update_track(worlds, w, k, fix, 0.0, vec2(0.0, 0.0))
     else:
@@ -326,7 +326,7 @@ def is_lost(worlds: ti.template(), w, k) -> ivec2:
 
 @func
 def answer(worlds: ti.template(), w, k):
-    """AUV k hears the interrogation, unless it is lost, and its reply leaves."""
+    """AUV k receives the interrogation, unless it is lost, and its reply leaves."""
     exchange = ti.static(worlds.exchange)
     age = -exchange[w, k, ExchangeColumn.reply_at]
     share = age / worlds.p[Parameter.step]

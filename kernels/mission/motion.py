@@ -278,7 +278,7 @@ def clear_last_step(worlds: ti.template(), w, k):
 
 @func
 def own_position(worlds: ti.template(), w, k) -> vec2:
-    """Where AUV k takes itself to be, m: by dead reckoning, or without it as the boat has it."""
+    """AUV k's own position estimate, m: by dead reckoning, or without it the boat's."""
     found = vec2(worlds.estimate[w, k, EstimateColumn.x], worlds.estimate[w, k, EstimateColumn.y])
     if ti.static(worlds.program.sensor != Sensor.none):
         found = vec2(worlds.own[w, k, tracker.X], worlds.own[w, k, tracker.Y])
@@ -393,7 +393,7 @@ def receive_state(worlds: ti.template(), w, k):
 
 @func
 def write_reply(worlds: ti.template(), w, k, age):
-    """What the reply of AUV k carries that has left `age` seconds before the end of this step."""
+    """Contents of the reply of AUV k that has left `age` seconds before the end of this step."""
     exchange = ti.static(worlds.exchange)
     share = age / worlds.p[Parameter.step]
     for c in ti.static(range(3)):  # way_x, way_y, adrift

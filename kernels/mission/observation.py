@@ -39,7 +39,7 @@ AHEAD, LEFT = (
 
 @func
 def target_offset(worlds: ti.template(), w, k) -> vec2:
-    """From where AUV k takes itself to be to its target, over the area's diagonal; near it by homing."""
+    """From AUV k's own position estimate to its target, over the area's diagonal; near it by homing."""
     target = target_of(worlds, w, k)
     here = own_position(worlds, w, k)
     if ti.static(worlds.program.sensor != Sensor.none):

@@ -27,7 +27,7 @@ from usvauv.kernels.types import mat3, vec2, vec3, vec4, vec6
 
 @ti.dataclass
 class ArrayPose:
-    """The array on its wave, and what is known of it.
+    """The array's true pose on the waves, and its measured one.
 
     Attributes:
         boat: index of the boat that has it.
@@ -150,7 +150,7 @@ def array_pose(worlds: ti.template(), w, b) -> ArrayPose:
 
 @func
 def sounds(worlds: ti.template(), pose: ArrayPose, arrival: IncomingSignal, w, k):
-    """What the hydrophones receive of a pulse, as `matched_filter.sounds` has it.
+    """Signals of a pulse at the hydrophones, as `matched_filter.sounds` has it.
 
     The array lies at its depth below the surface as it is there; it and the AUVs rise and sink over a level bottom.
     """
@@ -173,7 +173,7 @@ def sounds(worlds: ti.template(), pose: ArrayPose, arrival: IncomingSignal, w, k
 
 
 def surroundings(worlds: Worlds, boundaries, profile: reflections.Profile) -> reflections.Waveguide:
-    """What an array hears reflected."""
+    """Reflections at an array."""
     if not worlds.program.multipath:
         return reflections.Waveguide()
     if worlds.program.refraction:
@@ -193,7 +193,7 @@ def sample(worlds: ti.template(), pose: ArrayPose, arrival: IncomingSignal, sigm
 
 @func
 def receive(worlds: ti.template(), pose: ArrayPose, arrival: IncomingSignal, w, k) -> usbl.Measurement:
-    """What the array measures of a signal of AUV k; phase differences modulo one turn."""
+    """The array's measurement of a signal of AUV k; phase differences modulo one turn."""
     link = ti.static(worlds.link)
     draw = address(worlds, w, worlds.clock[w, 1], Draw.fix, k)
     sigma = acoustic_link.phase_deviation(link, k, arrival.slant_range, arrival.loss)
@@ -393,7 +393,7 @@ def make_fix(
     for c in ti.static(range(3)):
         auv[w, k, AuvColumn.covariance_xx + c] = covariance[c] + common[c]
     if ti.static(worlds.program.fleet):
-        # What fixes of one boat have in common differs from boat to boat.
+        # Errors common to a boat's fixes differ from boat to boat.
         covariance += common
     return Fix(place=place, covariance=covariance, flags=flags)
 
@@ -403,7 +403,7 @@ LOGISTIC = 1.702  # 1/(1 + e^{−1.702 x}) is the normal distribution function w
 
 @func
 def expected_reply(worlds: ti.template(), k, offset: vec3, effort, spread) -> vec2:
-    """Probability that a reply of AUV k is heard, and the variance per axis (m²) of its fix.
+    """Probability that a reply of AUV k is received, and the variance per axis (m²) of its fix.
 
     Args:
         offset: from the boat to the AUV's predicted position, m. effort: the boat's speed over its top speed.

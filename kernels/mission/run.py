@@ -147,7 +147,7 @@ def sense(worlds: ti.template(), w):
 
 @func
 def observe(worlds: ti.template(), w):
-    """What the AUVs of world w observe."""
+    """Observations of the AUVs of world w."""
     for k in range(worlds.auv.shape[1]):
         observe_round(worlds, w, k)
 
@@ -262,7 +262,7 @@ def move_boats(worlds: ti.template(), w):
 
 @func
 def ride(worlds: ti.template(), w):
-    """What the boats meet at the surface."""
+    """Water at the boats on the surface."""
     for b in range(worlds.boat.shape[1]):
         boat_motion.ride_waves(worlds, w, b)
 

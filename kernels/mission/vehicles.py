@@ -115,7 +115,7 @@ def commanded(
     k,
     n,
 ) -> vec4:
-    """What the action of AUV k commands: heading (clockwise from north), speed, depth and altitude; or as it is."""
+    """Commands of AUV k's action: heading (clockwise from north), speed, depth and altitude; or as it is."""
     asked = vec4(0.0)
     if ti.static(motion_of.action == Action.fins):
         for c in ti.static(range(3)):

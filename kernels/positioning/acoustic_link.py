@@ -265,7 +265,7 @@ def link_table(carriers: Sequence[float], sonar: Sonar) -> np.ndarray:
 
 @func
 def further_loss(link: ti.template(), k: ti.i32, offset: vec3, effort: ti.f32) -> ti.f32:
-    """What bubbles and the boat's own noise take from the ratio of a signal of AUV k, dB.
+    """Loss in the ratio of a signal of AUV k by bubbles and the boat's own noise, dB.
 
     Args:
         offset: from array to AUV, m.

@@ -40,7 +40,7 @@ PARABOLAS = 4  # to the peak of noiseless sounds
 SOUNDS = 1 + reflections.REFLECTIONS
 BOUNDARIES = len(reflections.Boundaries.members)
 
-# What the receiver measures, columns of a measurement.
+# The receiver's results, columns of a measurement.
 PHASE_X = 0  # rad
 PHASE_Y = 1
 RANGE_ERROR = 2  # measured minus true slant range, m
@@ -102,7 +102,7 @@ def sounds(
     axes: mat3,
     around: ti.template(),
 ):
-    """What the hydrophones receive of a pulse of AUV k: a row for each sound and hydrophone.
+    """Signals at the hydrophones of a pulse of AUV k: a row for each sound and hydrophone.
 
     Args:
         body: where the direct sound comes from, in the frame of the array: `path` (m) times the direction, which is
@@ -234,7 +234,7 @@ def tone_peak(tables: ti.template(), k: ti.i32, heard: ti.template(), level: vec
 
 @func
 def disturbance(tables: ti.template(), link: ti.template(), k: ti.i32, heard: ti.template()) -> vec4:
-    """What reflections do to the direct sound's peak, without noise.
+    """Effect of reflections on the direct sound's peak, without noise.
 
     They add to both phase differences (rad) and to the slant range (m), and are a factor on the amplitude.
     """

@@ -315,7 +315,7 @@ def sense(track: ti.template(), w, k, reading: vec2, variance):
 
 @ti.dataclass
 class Drift:
-    """What a time t adrift does to half the traces of a covariance's blocks: a of A, b of B, c of C.
+    """Effect of a time t adrift on half the traces of a covariance's blocks: a of A, b of B, c of C.
 
     They are enough where drift and fixes treat both axes alike. With f = 1 − e^{−t/τ}, σ² and τ variance and memory of
     the current, and w the variance that a white error of velocity adds a second (m²/s),

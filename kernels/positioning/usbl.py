@@ -90,7 +90,7 @@ UNUSABLE = NO_DEPTH | NO_RAY | LOST | AMBIGUOUS | REJECTED  # the receiver does 
 
 @ti.dataclass
 class Measurement:
-    """What the receiver measures of a tone."""
+    """The receiver's measurements of a tone."""
 
     phase: vec2  # phase differences, unwrapped, rad
     residual: ti.f32  # mean phase by the y pair minus that by the x pair, modulo one turn, rad

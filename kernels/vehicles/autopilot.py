@@ -75,7 +75,7 @@ def direction(x, y) -> lanes:
 
 @func
 def unless(stuck, gained, pushed) -> lanes:
-    """What an integral gains in a substep: nothing where `stuck` is 1 and it has the sign of `pushed`."""
+    """Increment of an integral in a substep: nothing where `stuck` is 1 and it has the sign of `pushed`."""
     return gained * (1.0 - stuck * positive(gained * pushed))
 
 
@@ -148,7 +148,7 @@ def run(table: ti.template(), u, command, reference, integral, dt: ti.f32) -> Ru
 
 @func
 def control(table: ti.template(), body, memory, command, water, depth_error, dt: ti.f32):
-    """What the actuators are told in a substep, and what is remembered: `Vehicle.control`."""
+    """Commands to the actuators in a substep, and the autopilot's memory: `Vehicle.control`."""
     axis = axes(body)
     heading = direction(axis.x.x, axis.x.y)
     level = ti.max(axis.x.x * axis.x.x + axis.x.y * axis.x.y, TINY)

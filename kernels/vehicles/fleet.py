@@ -126,7 +126,7 @@ class Fleet:
         return Flight(self._vehicle.advance, self._vehicle.control, self._vehicle.trim, commanded)
 
     def flight(self, steps: int, dt: float | None = None, commanded: bool = False) -> Launch:
-        """What advances the vehicles by `steps` substeps of `dt` s (default: the model's longest) at each call.
+        """A launch that advances the vehicles by `steps` substeps of `dt` s (default: the model's longest) per call.
 
         Args:
             commanded: the autopilot follows `command`; otherwise `actuators` stay as they are.

@@ -44,7 +44,7 @@ SEA_WATER = 1025.0  # kg/m³
 
 
 class Number(Columns):
-    """What the functions read, (N,)."""
+    """Numbers read by the functions, (N,)."""
 
     m11: int
     m22: int

@@ -214,7 +214,7 @@ def rates(table: ti.template(), body, water) -> Rates:
 
 @func
 def follow(angle, told, limit, most, share) -> lanes:
-    """An actuator after a time: a first-order lag towards what it is told, with its limit and its largest change."""
+    """An actuator after a time: a first-order lag towards its command, with its limit and its largest change."""
     return angle + autopilot.clamp(share * (autopilot.clamp(told, limit) - angle), most)
 
 
@@ -314,13 +314,13 @@ def trim(table: ti.template(), speed, depth, heading) -> Body:
 
 @func
 def drive(table: ti.template(), rudder, stern, propeller) -> Actuators:
-    """What shares of their limits, in [−1, 1], tell the actuators."""
+    """Commands to the actuators for shares of their limits in [−1, 1]."""
     limit, fastest = table[Constant.fin_limit], table[Constant.propeller_limit]
     return Actuators(rudder=limit * rudder, stern=limit * stern, propeller=fastest * propeller)
 
 
 def table_of(n: Mapping[str, float]) -> np.ndarray:
-    """What the functions read, (N,) float32: constants of the equations, then those of the autopilot.
+    """Numbers read by the functions, (N,) float32: constants of the equations, then those of the autopilot.
 
     Raises:
         ValueError: the length is not above the diameter.

@@ -133,7 +133,7 @@ class Surroundings:
 
 @ti.dataclass
 class Command:
-    """What an autopilot is to do.
+    """Commands to an autopilot.
 
     Attributes:
         heading: clockwise from north, rad.
@@ -150,7 +150,7 @@ class Command:
 
 @ti.dataclass
 class Actuators:
-    """What the actuators are told: angles in rad, revolutions a second."""
+    """Commands to the actuators: angles in rad, revolutions per second."""
 
     rudder: lanes
     stern: lanes
@@ -159,7 +159,7 @@ class Actuators:
 
 @ti.dataclass
 class Memory:
-    """What an autopilot remembers from one substep to the next; all 0 as an episode begins.
+    """An autopilot's state from one substep to the next; all 0 as an episode begins.
 
     Attributes:
         heading, depth, pitch, speed: of its reference filters.

@@ -48,7 +48,7 @@ def start_exposure(p: ti.template()):
 
 @func
 def begin(worlds: ti.template(), w):
-    """What is known at the start of an episode: the mean and variance of the rates, and half the largest backlog."""
+    """Knowledge at the start of an episode: the mean and variance of the rates, and half the largest backlog."""
     p = ti.static(worlds.p)
     belief = ti.static(worlds.belief)
     for b in range(belief.shape[1]):

@@ -44,7 +44,7 @@ LARGEST_FILE = 1_000_000  # bytes
 
 
 class Feature(Columns):
-    """What the network sees of a node, of order one."""
+    """Features of a node for the network, of order one."""
 
     future: int  # F, −1 of other nodes than candidates
     travel: int  # time to it

@@ -116,7 +116,7 @@ def go_on(worlds: ti.template(), w, k, end):
 
 @func
 def future(worlds: ti.template(), w, k, i):
-    """Packets that all AUVs bring in if AUV k goes to node i next, each times exp(−t/T)."""
+    """Packets that all AUVs collect if AUV k goes to node i next, each times exp(−t/T)."""
     end = TIMES * worlds.rule_numbers[0]
     total = begin(worlds, w, k, end)
     total += serve(worlds, w, k, k, i)
@@ -143,13 +143,13 @@ def next_best(worlds: ti.template(), w, k, last, last_value):
 
 @func
 def expected(worlds: ti.template(), i):
-    """Place in the workspace of what is expected after node i, packets; −1 where it is no candidate."""
+    """Index in the workspace of the packets expected after node i; the value is −1 if it is no candidate."""
     return memory(worlds, worlds.auv.shape[1], 0) + i
 
 
 @func
 def try_candidates(worlds: ti.template(), w, k):
-    """Write what is `expected` after each candidate; returns the best of them, −1 where no node is free."""
+    """Write the packets `expected` after each candidate; returns the best candidate, −1 if no node is free."""
     for i in range(worlds.node.shape[1]):
         worlds.workspace[w, expected(worlds, i)] = -1.0
     best = -1

@@ -245,7 +245,7 @@ def collect_in_passing(worlds: ti.template(), w, k, distance):
 
 @func
 def move_in_passing(worlds: ti.template(), w, k, a0, a1):
-    """One step of AUV k, which travels as it is told and takes data as it comes within range of its node.
+    """One step of AUV k, which travels as commanded and collects data once it is within range of its node.
 
     Progress towards the node counts as far as its range: inside, the data do.
     """
