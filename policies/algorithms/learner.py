@@ -101,7 +101,7 @@ class Adam:
 
 
 class Settings(Protocol):
-    """What algorithms read of a run's settings, see `policies.TrainingConfig`."""
+    """A run's settings read by algorithms, see `policies.TrainingConfig`."""
 
     @property
     def hidden(self) -> tuple[int, ...]: ...
@@ -248,7 +248,7 @@ class Learner(nn.Module, Generic[Actor]):
         return dict(self.state_dict()) | self.moments()
 
     def moments(self) -> dict[str, Tensor]:
-        """What the optimisers keep, by name."""
+        """The optimisers' state, by name."""
         return {
             f"optimiser.{name}.{index}.{moment}": value
             for name, optimiser in self.optimisers.items()

@@ -135,7 +135,7 @@ def curves(figures: Mapping[str, Any]) -> dict[str, float]:
 
 @contextmanager
 def scalar_writer(directory: Path, first_step: int) -> Iterator[Callable[[Mapping[str, Any]], None]]:
-    """A function that writes the figures of a step; what is in the directory from `first_step` on is discarded.
+    """A function that writes the figures of a step; figures in the directory from `first_step` on are discarded.
 
     Raises:
         OutputError: the directory cannot be written.

@@ -36,7 +36,7 @@ def learning_bytes(config: TrainingConfig, sizes: Sizes) -> float:
 
 
 class SavedRun:
-    """What a training run consists of: worlds, learner, replay, random generators and counters; see `Trainer`."""
+    """The parts of a training run: worlds, learner, replay, random generators and counters; see `Trainer`."""
 
     def __init__(
         self,
@@ -110,7 +110,7 @@ class SavedRun:
             )
 
     def save(self) -> None:
-        """Write `last`: the policy, and the state of the run for `resume`, the same whatever the number of ranks.
+        """Write `last`: the policy, and the state of the run for `resume`, the same for any number of ranks.
 
         Raises:
             DivergenceError: a weight is not finite; what was saved before stays.
@@ -216,7 +216,7 @@ class SavedRun:
         return checkpoint.describe(self.policy(), self.config, about)
 
     def _own_tensors(self) -> dict[str, Tensor]:
-        """What a checkpoint has of this rank, beside the learner."""
+        """This rank's part of a checkpoint, apart from the learner."""
         own = {
             "observation": self.observation,
             "noise": self.noise.value,
@@ -236,7 +236,7 @@ class SavedRun:
 
 
 class Counters(Checked):
-    """What a checkpoint says of a run beside its tensors; `head` and `size` of its replay."""
+    """A run's values in a checkpoint apart from tensors; `head` and `size` of its replay."""
 
     steps: Count
     updates: Count
