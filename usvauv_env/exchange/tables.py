@@ -28,7 +28,7 @@ def tables(trace: Trace) -> dict[str, Table]:
 
 
 def write(trace: Trace, folder: Path, form: str) -> None:
-    """Write each table as a file NAME.csv or NAME.parquet; what is not there, as a fix where none was made, is empty.
+    """Write each table as a file NAME.csv or NAME.parquet; missing values, such as a fix not made, are empty.
 
     Raises:
         OutputError: a file cannot be written.
@@ -64,7 +64,7 @@ def _table(trace: Trace, variable: str) -> Table:
 
 
 def _fixes(trace: Trace) -> Table:
-    """What the boats' USBL put out, in the order of time."""
+    """Output of the boats' USBL, ordered by time."""
     step, world, auv = np.nonzero(np.isfinite(trace.fix).all(-1))
     (x, y), (xx, xy, yy) = trace.fix[step, world, auv].T, trace.fix_covariance[step, world, auv].T
     covariance = {"covariance_xx": xx, "covariance_xy": xy, "covariance_yy": yy}

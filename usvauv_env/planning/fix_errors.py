@@ -40,7 +40,7 @@ Position = tuple[float, float, float]  # x, y and depth, m
 
 @dataclass(frozen=True)
 class FixError:
-    """What to expect of one fix of an AUV.
+    """Predicted quality of one fix of an AUV.
 
     Attributes:
         range: slant range, m.
@@ -90,7 +90,7 @@ def predict(
     measurement: str,
     slope: tuple[float, float],
 ) -> list[FixError]:
-    """What to expect of one fix of every AUV from a boat.
+    """Predicted quality of one fix of every AUV from a boat.
 
     Args:
         link: (K, acoustic_link.COLUMNS) float32, of `usvauv.kernels.positioning.acoustic_link.link_table`.

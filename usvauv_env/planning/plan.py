@@ -22,7 +22,7 @@ from usvauv.kernels.positioning import acoustic_link
 LARGEST_ERROR = 1e8  # m; beyond, an error is unbounded
 REFLECTIONS = "reflections"  # in the budget
 OBJECTIVE_NAMES = {"d": "ln det J", "a": "−ln tr J⁻¹", "sum": "ln det ΣJ", "paper": "ln of Eq. 3"}
-NO_INFORMATION = -1e29  # ln of an objective; what is below stands for ln 0
+NO_INFORMATION = -1e29  # ln of an objective; lower values stand for ln 0
 LARGEST_RAISE = 30  # dB, a thousand times the power; no source louder than that, or than LOUDEST, is proposed
 LOUDEST = 230.0  # dB re 1 µPa at 1 m
 NOTHING = f"neither {LARGEST_RAISE} dB more nor a nearer boat alone"
@@ -240,7 +240,7 @@ def warnings_of(
 
 
 def reason(error: FixError) -> str:
-    """What costs most of an AUV's fixes: "no ray", "undetected", "wrapped" or "no depth"."""
+    """The most frequent reason for lost fixes of an AUV: "no ray", "undetected", "wrapped" or "no depth"."""
     if not error.direct_ray:
         return "no ray"
     losses = {

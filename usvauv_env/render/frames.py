@@ -116,7 +116,7 @@ def frames_of(
 
 
 def _named(trace: Trace) -> dict[str, str]:
-    """What tells runs apart."""
+    """The names that distinguish runs."""
     return {
         "policy": trace.policy,
         "boat": trace.usv,
@@ -135,7 +135,7 @@ def title_of(first: Trace, second: Trace) -> tuple[str, str]:
 
 
 def differences(first: Trace, second: Trace) -> tuple[str, str]:
-    """What each of two runs has that the other has not, in a few words."""
+    """Differences of two runs, for each in a few words."""
     one, other = _named(first), _named(second)
     differ = [name for name in one if one[name] != other[name]] or ["policy"]
     first_words, second_words = (" · ".join(f"{name} {which[name]}" for name in differ) for which in (one, other))
@@ -204,7 +204,7 @@ class MissionFrames(Frames):
 
 
 class Instruments:
-    """What an AUV's instruments say, in the upper left corner of a view that follows it."""
+    """An AUV's instruments, in the upper left corner of a view that follows it."""
 
     def __init__(self, play: Playback, auv: int, view: Rectangle, layout: Layout) -> None:
         trace = play.trace
@@ -380,7 +380,7 @@ class ComparisonFrames(Frames):
         return [*self._plays[side].figures(t), error]
 
     def _plot_yield(self, box: Rectangle) -> RecordedPlot:
-        """What both have brought in so far, or how far both are off station."""
+        """Data collected by both so far, or their distances from the stations."""
         stations = self._plays[0].stations
         series = [play.off_target if stations else play.delivered for play in self._plays]
         title = "Distance of the AUVs to their stations, m" if stations else "Data delivered, Mbit"

@@ -127,12 +127,12 @@ class Room(NamedTuple):
         return Rectangle(left, top, round(self.right * unit) - left, round(self.bottom * unit) - top)
 
     def over(self, height: float) -> tuple[Room, Room]:
-        """The upper part, of a height, and what is below it."""
+        """The upper part, of a height, and the part below it."""
         upper = self._replace(height=height)
         return upper, self._replace(top=upper.bottom + GAP, height=self.height - height - GAP)
 
     def beside(self, width: float) -> tuple[Room, Room]:
-        """The left part, of a width, and what is at the right of it."""
+        """The left part, of a width, and the part to the right of it."""
         left = self._replace(width=width)
         return left, self._replace(left=left.right + GAP, width=self.width - width - GAP)
 

@@ -116,7 +116,7 @@ class MissionMap:
             self._overlay.strokes([piece], colour, opacity * (1 - full * (1 - share**1.3)), width)
 
     def _draw_field(self, step: int) -> None:
-        """Lines of what replies heard at a place are worth, brighter where it is more; none where all is heard."""
+        """Contour lines of the value of replies received at a place, brighter if larger; none if all are received."""
         for level, lines in self._play.field.lines(step):
             self._overlay.strokes(
                 [self.view.pixel(line) for line in lines], style.FIELD, 0.15 + 0.6 * level, self._layout.px(1.2)
@@ -130,14 +130,14 @@ class MissionMap:
                 self._overlay.strokes([line], style.auv_colour(auv), 0.8, self._layout.px(1))
 
     def _draw_pings(self, t: float, auvs: np.ndarray, boats: np.ndarray) -> None:
-        """A ring from each boat that has asked, and lines from the boats to the AUVs they have heard."""
+        """A ring from each boat that has interrogated, and lines from the boats to the AUVs that have replied."""
         for boat, share in zip(boats, self._play.ping(t), strict=True):
             if share is not None:
                 reach = np.hypot(*(auvs - boat).T).max()
                 self._overlay.ring(boat, share * reach, style.BOAT, 0.45 * (1 - 0.7 * share), self._layout.px(1.3))
         for auv, position in enumerate(auvs):
             boat, fresh = self._play.heard(t, auv)
-            if 0.5 * fresh > 0.03:  # what is drawn later replaces what is there
+            if 0.5 * fresh > 0.03:  # later drawing replaces earlier drawing
                 ends = np.stack([boats[boat], position])
                 self._overlay.strokes([ends], style.auv_colour(auv), 0.5 * fresh, self._layout.px(1.2))
 
@@ -224,7 +224,7 @@ def draw_map_axes(picture: np.ndarray, layers: MapLayers, layout: Layout, note: 
 
 
 def draw_ticks(picture: np.ndarray, view: MapView, layout: Layout) -> None:
-    """Metres along the western and southern border of what is shown of the area."""
+    """Metres along the western and southern border of the shown part of the area."""
     unit, box, size = layout.unit, layout.map, 11 * layout.unit
     low, high = view.bounds
     apart = max(text_width(f"{float(high.max()):g}", size) + 8 * unit, 0.2 * max(box.width, box.height))

@@ -157,7 +157,7 @@ def error_axes(covariance: np.ndarray) -> np.ndarray:
 
 
 PING_STEPS = 12  # in which the ring of a ping runs from the boat to the farthest AUV; one begins after another
-HEARD_STEPS = 6.0  # in which the line to an AUV that was heard fades to 1/e
+HEARD_STEPS = 6.0  # in which the line to an AUV fades to 1/e after its reply
 NEXT = 3  # nodes of an AUV that are shown beyond the one it heads for
 
 
@@ -223,7 +223,7 @@ class Playback:
 
     @cached_property
     def field(self) -> ReplyField:
-        """What places of the boat are worth."""
+        """Values of places of the boat."""
         return ReplyField(self.trace)
 
     def figures(self, t: float) -> list[tuple[str, float, str]]:
@@ -258,7 +258,7 @@ class Playback:
         return [share if share < 1 else None for share in shares]
 
     def heard(self, t: float, auv: int) -> tuple[int, float]:
-        """The boat that last heard an AUV, and how fresh that is at a moment: 1 in that step, 0 if it never was."""
+        """The boat with an AUV's last reply, and how recent it is at a moment: 1 in that step, 0 without one."""
         last = int(self._heard[step_of(t), auv])
         return int(self._by[last, auv]), math.exp((last - t) / HEARD_STEPS) if last >= 0 else 0.0
 

@@ -27,11 +27,11 @@ from usvauv.env.render.scene import (
 from usvauv.env.render.sea import TEXELS, MapView, SeaShading, colour_scale, elevation_limit
 from usvauv.env.render.style import Theme, shorten, text_width, write
 
-OPACITY = 0.78  # of the surface before what is below
+OPACITY = 0.78  # of the surface over the scene below
 LEAST_WITH_WORDS = 150  # height in pixels of the design; pictures below it have no scale and no note
 FINE = 320  # cells along the longer side, of the sea in a view that goes along with a vehicle
 BOAT_LENGTH = 0.085  # as drawn, of the area's longer side
-FAINTEST = 0.1  # share of its colour to which the line to an AUV that was heard fades
+FAINTEST = 0.1  # share of its colour to which the line to an AUV fades after a reply
 
 
 class PerspectiveView:
@@ -121,7 +121,7 @@ class PerspectiveView:
             write(picture, low, (left - gap, line), size, muted, anchor="right")
 
     def _draw_sound(self, canvas: Canvas, t: float) -> None:
-        """Lines to the AUVs that were heard, and two half circles of each ping's sphere, down to the bed."""
+        """Lines to the AUVs that have replied, and two half circles of each ping's sphere, down to the bed."""
         auvs, boats, width = self._below.auvs.at(t), self.boats.at(t), self._layout.px(1.2)
         for auv, place in enumerate(auvs):
             boat, fresh = self._play.heard(t, auv)
@@ -154,7 +154,7 @@ class PerspectiveView:
         return running
 
     def _draw_field(self, canvas: Canvas, step: int, heights: np.ndarray) -> None:
-        """Lines on the water of what replies heard at a place are worth, brighter where it is more."""
+        """Contour lines on the water of the value of replies received at a place, brighter for larger values."""
         for level, lines in self._play.field.lines(step):
             ink = style.mix(style.SEA[2], style.FIELD, 0.15 + 0.6 * level)
             for line in lines:
@@ -185,7 +185,7 @@ def _backdrop(width: int, height: int, theme: Theme) -> np.ndarray:
 
 
 def _paint_surface(picture: np.ndarray, columns: Columns, sheet: Sheet, colours: np.ndarray) -> None:
-    """Lay the surface, translucent, over what is below."""
+    """Draw the translucent surface over the scene below."""
     small = cv2.remap(colours, sheet.texel_x, sheet.texel_y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     size = 2 * small.shape[1], 2 * small.shape[0]
     region = picture[sheet.top : sheet.top + size[1], 2 * columns.first : 2 * columns.first + size[0]]

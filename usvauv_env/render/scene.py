@@ -151,7 +151,7 @@ class Columns(NamedTuple):
 
 
 class Sheet(NamedTuple):
-    """What the pixels of a half-size picture show of the surface: R rows from `top`, columns as `Columns`.
+    """Surface points in the pixels of a half-size picture: R rows from `top`, columns as `Columns`.
 
     Attributes:
         top: row of the picture at which it begins, pixels.
@@ -275,7 +275,7 @@ class Scene(NamedTuple):
 
     @property
     def note(self) -> str:
-        """What is exaggerated, in words."""
+        """Exaggerated parts, in words."""
         parts = [("heights", self.heights), ("depths", self.depths)]
         told = [f"{name} × {factor:g}" for name, factor in parts if factor != 1]
         return ", ".join(told) if told else "true to scale"

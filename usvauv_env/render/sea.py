@@ -45,7 +45,7 @@ class MapView:
         self.look(0.5 * self._sides)
 
     def look(self, place: np.ndarray) -> None:
-        """Show what is around a place (2,), m, as far as it is within the area."""
+        """Show the surroundings of a place (2,), m, as far as they are within the area."""
         shown = self._sides / self.zoom
         corner = np.clip(place - 0.5 * shown, 0.0, self._sides - shown)
         self.bounds = np.stack([corner, corner + shown])
@@ -53,7 +53,7 @@ class MapView:
         self._origin = np.array([self.rectangle.left - 0.5, self.rectangle.bottom - 0.5]) - corner * self._scale
 
     def grid(self, pixels: int = 160) -> tuple[np.ndarray, np.ndarray]:
-        """Middles x (X,) and y (Y,) of cells that cover what is shown, at most `pixels` on a side, m."""
+        """Centres x (X,) and y (Y,) of cells that cover the view, at most `pixels` per side, m."""
         low, high = self.bounds
         counts = np.maximum(np.round((high - low) / (high - low).max() * pixels).astype(int), 2)
         x, y = (a + (np.arange(n) + 0.5) * (b - a) / n for a, b, n in zip(low, high, counts, strict=True))

@@ -43,7 +43,7 @@ def _import_matplotlib() -> None:
         importlib.import_module("matplotlib")
     except ImportError:
         raise
-    except Exception:  # of any kind, by what is wrong with the settings
+    except Exception:  # any error, depending on the settings
         for name in [name for name in sys.modules if name.startswith("matplotlib.")]:
             del sys.modules[name]  # parts of the module that was not made
         names = ("MPLBACKEND", "MATPLOTLIBRC")

@@ -83,7 +83,7 @@ class Seeds:
         return int(seed[0])
 
     def keys(self) -> np.ndarray:
-        """What the kernels read, (W, 3) int32, columns `usvauv.kernels.mission.columns.KeyColumn`."""
+        """Keys read by the kernels, (W, 3) int32, columns `usvauv.kernels.mission.columns.KeyColumn`."""
         words = self.seed & np.uint64(0xFFFFFFFF), self.seed >> np.uint64(32), self.index
         return np.stack([word.astype(np.uint32) for word in words], axis=1).view(np.int32)
 
@@ -240,7 +240,7 @@ class WorldWater:
         self.stream = torch.from_numpy(still if self._flow is None else self._flow.at(0.0)).to(device)
         self.begin(0)
 
-    @torch.inference_mode(False)  # what is made within torch's inference mode could not be written outside it
+    @torch.inference_mode(False)  # tensors made in torch's inference mode could not be written outside it
     def begin(self, episode: int) -> None:
         """Start the seas of an episode; all worlds that share one sail on it from the same moment."""
         seas, scenario = self.seas_of(episode), self._site.scenario
@@ -277,7 +277,7 @@ class WorldWater:
         self._set_clock()
 
     def state(self) -> dict[str, torch.Tensor]:
-        """Copies of what decides the future of the water; `load_state` brings it back bit for bit."""
+        """Copies of the state that decides the water's future; `load_state` restores it bit for bit."""
         fields, clock = self.long_waves.state()
         return {"sea": fields, "sea_clock": clock, "sea_episode": torch.tensor([self.episode, self.steps])}
 
@@ -290,7 +290,7 @@ class WorldWater:
         self._set_clock()
 
     def arguments(self) -> dict[str, Any]:
-        """What the mission's kernel reads of the water, by the names of its arguments."""
+        """The water's arguments of the mission's kernel, by name."""
         sea = self.long_waves
         return {
             "stream": self.stream,
@@ -334,7 +334,7 @@ class WorldWater:
         return f"sea of world{'s' if len(worlds) > 1 else ''} {', '.join(map(str, worlds[:NAMED]))}{more}"
 
     def _updates(self, steps: int) -> int:
-        """Updates of the long waves in some mission steps: as many as bring them to the steps' end or beyond it."""
+        """Number of updates of the long waves in some mission steps: they reach the steps' end or pass it."""
         scenario = self._site.scenario
         return math.ceil(steps * scenario.mission.step / scenario.sea.update_interval - ROUNDING)
 

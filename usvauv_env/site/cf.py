@@ -74,7 +74,7 @@ class Axis:
 
 @dataclass(frozen=True)
 class Field:
-    """A variable of an open file with its axes by kind, as in `AXES`; `factor` brings it to SI units."""
+    """A variable of an open file with its axes by kind, as in `AXES`; `factor` converts it to SI units."""
 
     path: str
     name: str

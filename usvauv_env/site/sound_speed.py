@@ -226,7 +226,7 @@ def _refined(depths: np.ndarray, temperature: np.ndarray) -> np.ndarray:
 
 
 class _Sound:
-    """What a thinned profile is held to: first arrivals at arrays from a source below (m), up to a range (m)."""
+    """Tests of a thinned profile: first arrivals at arrays from a source below (m), up to a range (m)."""
 
     def __init__(
         self, depths: np.ndarray, speeds: np.ndarray, arrays: tuple[float, ...], source: float, longest: float

@@ -118,7 +118,7 @@ class Partition(NamedTuple):
 
 @dataclass(frozen=True)
 class Waves:
-    """What a file has for a place and a time.
+    """A file's waves for a place and a time.
 
     Attributes:
         path: of the file.

@@ -351,5 +351,5 @@ def is_text(text: str) -> bool:
 
 
 def readable(text: str) -> str:
-    """The text, what is none in it as Python writes it."""
+    """The text, with bytes that are not text as Python writes them."""
     return text.encode("utf-8", "backslashreplace").decode()

@@ -19,7 +19,7 @@ import torch
 from usvauv.env.storage.files import OutputError, writing
 from usvauv.kernels.errors import UserError
 
-SHARE = 0.8  # of what is free that one thing may take
+SHARE = 0.8  # of the free memory that one request may take
 CGROUP = Path("/sys/fs/cgroup")
 PLACE = "/var/tmp"  # of rows on the disk; unlike /tmp never in memory
 
@@ -56,7 +56,7 @@ def require(number: float, what: str, device: torch.device | None = None) -> Non
 
 
 def give_back() -> None:
-    """Return to the system what was freed; glibc keeps it, after compiling kernels tens of MB."""
+    """Return freed memory to the system; glibc keeps it, after compiling kernels tens of MB."""
     if trim := getattr(ctypes.CDLL(None), "malloc_trim", None):
         trim(0)
 
@@ -70,7 +70,7 @@ def words(number: float) -> str:
 
 
 def _meminfo() -> int:
-    """What the kernel could hand out without swapping; without /proc, all physical memory."""
+    """Memory available without swapping; without /proc, all physical memory."""
     try:
         lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
         return next(int(line.split()[1]) << 10 for line in lines if line.startswith("MemAvailable:"))
@@ -86,7 +86,7 @@ def _cgroup(limit: str, used: str) -> int | None:
 
 
 def _limit() -> int | None:
-    """What an address space limit (ulimit -v) leaves."""
+    """Memory left by an address space limit (ulimit -v)."""
     try:
         soft, _ = resource.getrlimit(resource.RLIMIT_AS)
         if soft == resource.RLIM_INFINITY:
@@ -98,7 +98,7 @@ def _limit() -> int | None:
 
 
 class StoredRows(np.memmap):
-    """An array (T, …) of a file, to be read row by row: what was read before is not kept in memory."""
+    """An array (T, …) of a file, to be read row by row: earlier rows are not kept in memory."""
 
     _mmap: mmap.mmap  # of numpy.memmap
 

@@ -45,7 +45,7 @@ def read_rows(path: Path) -> list[dict[str, str]]:
 
 
 class Combination(NamedTuple):
-    """What was evaluated: a policy, a boat strategy and a target rule, empty where the task has none."""
+    """An evaluated combination: policy, boat strategy and target rule, empty if the task has none."""
 
     policy: str
     usv: str
