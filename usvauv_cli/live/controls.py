@@ -37,7 +37,7 @@ Drag the boat or a node to move it. Shift and click: the nearest node moves ther
 
 
 class Controls:
-    """The panel of a session; what is done in the tab waits until `serve_requests` does it."""
+    """The panel of a session; actions in the tab wait until `serve_requests` carries them out."""
 
     def __init__(self, server: Any, session: Session, scene: Scene) -> None:
         self._server, self._session, self._scene = server, session, scene

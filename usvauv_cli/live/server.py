@@ -114,7 +114,7 @@ class _Guarded:
             return response
 
         def handled(connection: Any) -> Any:
-            # What a message of a tab asks for and viser cannot do is not done.
+            # Requests in a tab's message that viser cannot carry out are ignored.
             asyncio.get_running_loop().set_exception_handler(lambda loop, context: None)
             return handler(connection)
 

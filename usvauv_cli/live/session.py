@@ -49,7 +49,7 @@ class Slider:
         return 0.0 if value == "storm" else value
 
     def changes(self, scenario: Scenario, value: float) -> dict[str, dict[str, float]]:
-        """What becomes of the scenario as it was loaded: section → field → value."""
+        """Changes of the scenario as it was loaded: section → field → value."""
         section = getattr(scenario, self.section)
         return {self.section: {name: value * (getattr(section, name) if self.factor else 1) for name in self.fields}}
 
@@ -143,7 +143,7 @@ class Session:
 
     @property
     def moment(self) -> Moment:
-        """What is shown."""
+        """The shown moment."""
         return self.history.at(self.time - self.back if self.back else self._shown)
 
     def surface(self, moment: Moment) -> np.ndarray:

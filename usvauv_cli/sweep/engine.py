@@ -100,7 +100,7 @@ class Task:
     directory: Path = field(default_factory=Path.cwd)  # where relative paths begin
 
     def __call__(self) -> Ended:
-        """Do the piece in this process; whatever it raises becomes the answer."""
+        """Perform the piece in this process; any exception becomes the answer."""
         from usvauv.env import plugins
         from usvauv.kernels import runtime
 

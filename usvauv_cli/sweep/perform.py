@@ -216,7 +216,7 @@ def engine(resources: Resources, folder: Path, ray: str | None, slurm: str | Non
 def perform_all(
     pieces: Sequence[Piece], folder: Path, make_engine: Callable[[], Engine], threads: int, arch: str
 ) -> str:
-    """Do what is left of runs; returns which failed in words, empty if none did. The others are done then.
+    """Perform the rest of runs; returns which failed in words, empty if none did. The others are done then.
 
     Raises:
         KeyboardInterrupt: after Ctrl-C, when what was running is saved.

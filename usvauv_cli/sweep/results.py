@@ -51,7 +51,7 @@ LONGEST, WORDS = 40, 240  # letters of a name in a figure, of a failure
 
 
 def sweep(study: Study, folder: Path, make_engine: Callable[[], Engine]) -> None:
-    """Do what is left of a study, write its tables and print its summary.
+    """Perform the remaining runs of a study, write its tables and print its summary.
 
     Raises:
         UserError: a run failed; all others are done.

@@ -113,7 +113,7 @@ def key_of(definition: Mapping[str, Any]) -> str:
 
 
 def perform(definition: Mapping[str, Any], evaluate: Evaluate, place: Path, signs: Signs) -> None:
-    """Do a run, or what is left of it, see `Piece`; `Stopped`, with the training saved, where `signs` asks for it."""
+    """Perform a run, or its remainder, see `Piece`; `Stopped`, with the training saved, if `signs` asks for it."""
 
     def step(world_steps: int) -> None:
         signs.advance(EVALUATION_STEP * world_steps / EVALUATION_EPISODES)
@@ -178,7 +178,7 @@ def _train(definition: Mapping[str, Any], place: Path, signs: Signs) -> None:
 
 @contextmanager
 def _noted(path: Path) -> Iterator[None]:
-    """Write what the block took, added to what is there, whether or not it succeeds."""
+    """Write the time of the block, added to the recorded time, whether or not it succeeds."""
     before, begun = seconds(path.parent) or 0.0, time.monotonic()
     try:
         yield
@@ -190,7 +190,7 @@ def _noted(path: Path) -> Iterator[None]:
 
 
 def seconds(place: Path) -> float | None:
-    """What all attempts at the run of a folder took; None if that is not known."""
+    """Time of all attempts at the run of a folder; None if unknown."""
     with suppress(OSError, ValueError, KeyError, TypeError):
         return float(read_text(place / MADE, "JSON")["seconds"])
     return None

@@ -70,7 +70,7 @@ class Evaluation(Section):
 
 
 class Resources(Section):
-    """What a run may take; an engine gives it that."""
+    """Resources of a run, which an engine gives it."""
 
     cores: int = Field(default=1, ge=1, le=1024, description="CPU cores")
     memory: float = Field(default=2.0, ge=0.1, le=100_000, description="memory, GB")
@@ -85,7 +85,7 @@ class Resources(Section):
 
 @dataclass(frozen=True)
 class Study:
-    """What a study file says; runs that are there twice are taken once."""
+    """Contents of a study file; duplicate runs are taken once."""
 
     path: Path
     text: str

@@ -148,7 +148,7 @@ def new(height: float, handles: Sequence[Line2D] = ()) -> Figure:
 
 
 def style_axes(axes: Axes, grid: bool = True) -> None:
-    """Muted numbers, and a grid behind what is drawn."""
+    """Muted numbers, and a grid behind the plot."""
     axes.set_axisbelow(True)
     if grid:
         axes.grid(color=LINE, lw=0.5)

@@ -79,7 +79,7 @@ class Recordings(dict[Combination, Recording]):
         self.shown = min(combinations, MOST_SHOWN)
 
     def add(self, trace: Trace, first: int) -> None:
-        """Take what is shown of the trace of worlds from number `first` on."""
+        """Add the shown data of a trace whose first world has number `first`."""
         combination = combination_of(trace)
         if combination not in self:
             if len(self) == self.shown:
@@ -108,7 +108,7 @@ def collects_data(scenario: Scenario) -> bool:
 
 
 def combination_of(trace: Trace) -> Combination:
-    """What acted in a mission."""
+    """Policy, boat strategy and target rule of a mission."""
     rule = trace.scenario.nodes.target_rule if collects_data(trace.scenario) else ""
     return Combination(trace.policy, trace.usv, rule)
 

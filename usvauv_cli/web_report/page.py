@@ -136,7 +136,7 @@ def _figures(comparison: Comparison, scenario: Scenario, recordings: Recordings)
 
 @dataclass(frozen=True)
 class Player:
-    """What a cell of a notebook shows of recorded missions: world 0 of each. The page in it needs nothing else.
+    """A notebook cell's view of recorded missions: world 0 of each. The page in it is self-contained.
 
     Attributes:
         traces: to choose from, of missions in one area.
