@@ -86,5 +86,5 @@ def test_train_keeps_the_checkpoint_before(tmp_path, run_usvauv, monkeypatch):
     monkeypatch.setattr(World, "step", step)
     code, _, error = run_usvauv("train", "--resume", "--out", out, "--steps", 4000)
     assert code == 2
-    assert error.splitlines()[-1].startswith("error: world 2 at ")
+    assert error.splitlines()[-1].startswith("error: seed 0: world 2 at ")
     assert (out / "last.safetensors").read_bytes() == before
