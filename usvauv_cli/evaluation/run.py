@@ -1,5 +1,5 @@
 """The episodes of an evaluation, batch by batch with all combinations, everything that decides their results, and
-`evaluate` (also `usvauv.evaluate`), which compares from Python and returns a table of pandas.
+`evaluate`, which compares policies from Python and returns a pandas table; the package `usvauv` exports it too.
 """
 
 from __future__ import annotations
