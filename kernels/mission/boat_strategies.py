@@ -13,6 +13,8 @@ from usvauv.kernels.planning import search
 from usvauv.kernels.planning.information import Team, indices
 from usvauv.kernels.types import vec2
 
+SEARCH_INTERVAL = 4.0  # s, in which AUVs move by some 10 m, and the highest maximum rarely becomes another
+
 
 @func
 def hold(worlds: ti.template(), w, b) -> vec2:
@@ -71,7 +73,12 @@ def team_of(worlds, w, count, chosen) -> Team:
 
 @func
 def best_place(worlds: ti.template(), w, b, start: vec2, reach, limited: ti.template()) -> vec2:
-    """The place with the best information on the AUVs of boat b; if that is `limited` within `reach` of `start`, m."""
+    """The place with the best information on the AUVs of boat b; if that is `limited` within `reach` of `start`, m.
+
+    Every `SEARCH_INTERVAL` it is the best of all; in between the maximum uphill of `start` is followed.
+    """
+    interval = ti.max(ti.cast(SEARCH_INTERVAL / worlds.p[Parameter.step] + 0.5, ti.i32), 1)
+    everywhere = worlds.clock[w, 1] % interval == 0
     count = boat_motion.num_served(worlds, w, b)
     chosen = members(worlds, w, b)
     team = ti.static(team_of(worlds, w, count, chosen))
@@ -79,7 +86,7 @@ def best_place(worlds: ti.template(), w, b, start: vec2, reach, limited: ti.temp
     goal = boat_motion.boat_place(worlds, w, b)
     if count > 0:
         region = ti.static(search.Region(size, start, reach, limited))
-        best = search.search(team, worlds.program.objective_code, start, region)
+        best = search.search(team, worlds.program.objective_code, start, region, everywhere)
         goal = vec2(best[0], best[1])
     return goal
 

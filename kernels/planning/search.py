@@ -43,7 +43,8 @@ from usvauv.kernels.types import array2, array3, vec2, vec3, vec6
 
 MAX_EVALUATIONS = 60
 ROUNDING = 4e-7  # of ln of an objective, relative to 1 + its size
-SMALL_GAIN = 1e-6  # a Newton step of a smaller predicted gain is accepted without evaluation
+SMALL_GAIN = 1e-4  # a Newton step of a smaller predicted gain is accepted without evaluation; it errs by some 1e-6
+SMALL_GAIN_OF_PAPER = 1e-6  # whose peaks are narrower
 LEAST_DAMPING = 1e-6
 UNBOUNDED = 1e9  # m, length of a step
 STEP = 0.5  # of the least slant range, longest step: longer ones skip from one maximum to another
@@ -198,6 +199,7 @@ def ascend(
         bounded: whether no step is longer than STEP of the least slant range, a constant of the kernel.
         region: `Region`.
     """
+    small = ti.static(SMALL_GAIN_OF_PAPER if objective_of(code) == PAPER else SMALL_GAIN)
     place = start
     candidate = start
     f = vec6(-1e30, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -220,7 +222,7 @@ def ascend(
         candidate = vec2(there[0], there[1])
         gain = there[2]
         ascending = damping > LEAST_DAMPING and evaluations < MAX_EVALUATIONS
-        if gain <= SMALL_GAIN * damping:
+        if gain <= small * damping:
             ascending = False
             if gain > 0.0:
                 place = candidate
@@ -283,18 +285,19 @@ def best_between_auvs(team: ti.template(), code: ti.template(), region: ti.templ
 
 
 @func
-def multistart(team: ti.template(), code: ti.template(), start: vec2, region: ti.template()) -> vec3:
-    """The highest of the maxima of D, SUM or PAPER; that uphill of `start` wins a tie."""
+def multistart(team: ti.template(), code: ti.template(), start: vec2, region: ti.template(), everywhere) -> vec3:
+    """The highest of the maxima of D, SUM or PAPER, or that uphill of `start`, which wins a tie."""
     starts_per_auv = ti.static(RING_STARTS if objective_of(code) == PAPER else 1)
     nearest = 1e30
     for k in range(team.count):
         nearest = ti.min(nearest, squared_separation(team, k))
-    middle = mean_position(team)
     at_auvs = team.count * starts_per_auv
     between = mat2x3(0.0)
-    starts = 2 + at_auvs
+    starts = 1
+    if everywhere:
+        starts = 2 + at_auvs
     if ti.static(objective_of(code) == D):
-        if team.count > 2:
+        if everywhere and team.count > 2:
             between = best_between_auvs(team, code, region)
             starts += 2
     tried = each_auv(0.0)
@@ -304,7 +307,7 @@ def multistart(team: ti.template(), code: ti.template(), start: vec2, region: ti
         point = start
         new = True
         if i == 1:
-            point = middle
+            point = mean_position(team)
         elif i >= 2 + at_auvs:
             row = i - 2 - at_auvs
             point = vec2(between[row, 0], between[row, 1])
@@ -327,18 +330,19 @@ def multistart(team: ti.template(), code: ti.template(), start: vec2, region: ti
 
 
 @func
-def search(team: ti.template(), code: ti.template(), start: vec2, region: ti.template()) -> vec3:
+def search(team: ti.template(), code: ti.template(), start: vec2, region: ti.template(), everywhere) -> vec3:
     """The best place of a region and ln of the objective there: (x*, y*, ln of the objective, lengths in m).
 
     Args:
         team: `Team`. code: of `objectives.objective_code`. region: `Region`.
         start: a place to start from, m. Its maximum wins a tie within rounding, so a goal handed back in stays.
+        everywhere: whether to start from other places too, or to follow the maximum uphill of `start`.
     """
     best = vec3(0.0, 0.0, 0.0)
     if ti.static(objective_of(code) == A):
         best = ascend(team, code, clip(start, region), vec3(0.0, 0.0, -1e30), 0.0, False, region)
     else:
-        best = multistart(team, code, start, region)
+        best = multistart(team, code, start, region, everywhere)
     return best
 
 
@@ -358,7 +362,7 @@ def _batch(
         team = ti.static(Team(points, link, i, points.shape[1]))
         start = vec2(place[i, 0], place[i, 1])
         size = vec2(width, length)
-        best = search(team, code, start, ti.static(Region(size, start, reach, limited)))
+        best = search(team, code, start, ti.static(Region(size, start, reach, limited)), True)
         for j in ti.static(range(3)):
             out[i, j] = best[j]
 
