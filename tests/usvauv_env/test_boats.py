@@ -206,6 +206,20 @@ class TestPlans:
                     goal = world.boat[w, b, BoatColumn.span("goal_x", "goal_y")]
                     torch.testing.assert_close(goal, best[0, :2], atol=0.05, rtol=0)
 
+    def test_fim_leaves_a_lower_maximum_within_four_seconds(self):
+        """Its goal is above one AUV, while two others are close together and far away."""
+        world = world_of([*TWO, "boat.count=1", "auv.count=3", "auv.depth=30"], "fim")
+        auvs = torch.tensor([[40.0, 200.0], [40.0, 200.0], [360.0, 200.0]])
+        step(world, auvs)
+        goal = world.boat[..., BoatColumn.span("goal_x", "goal_y")]
+        goal[...] = auvs[-1].to(world.device)
+        east = []
+        for _ in range(4):
+            step(world, auvs)
+            east.append(float(goal[..., 0].mean()))
+        assert east[0] > 300
+        assert east[-1] < 100
+
     def test_belief_visits_its_own_auvs(self):
         """And a state that is brought back has the same future."""
         world = world_of(BY_NEED, "belief", 8, 3)
