@@ -86,7 +86,7 @@ def best_place(worlds: ti.template(), w, b, start: vec2, reach, limited: ti.temp
     goal = boat_motion.boat_place(worlds, w, b)
     if count > 0:
         region = ti.static(search.Region(size, start, reach, limited))
-        best = search.search(team, worlds.program.objective_code, start, region, everywhere)
+        best = search.search(team, worlds.program.objective_code, start, everywhere, region)
         goal = vec2(best[0], best[1])
     return goal
 

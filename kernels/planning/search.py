@@ -43,8 +43,8 @@ from usvauv.kernels.types import array2, array3, vec2, vec3, vec6
 
 MAX_EVALUATIONS = 60
 ROUNDING = 4e-7  # of ln of an objective, relative to 1 + its size
-SMALL_GAIN = 1e-4  # a Newton step of a smaller predicted gain is accepted without evaluation; it errs by some 1e-6
-SMALL_GAIN_OF_PAPER = 1e-6  # whose peaks are narrower
+SMALL_GAIN = 1e-6  # a Newton step of a smaller predicted gain is accepted without evaluation
+SMALL_GAIN_BETWEEN = 1e-4  # likewise between searches everywhere
 LEAST_DAMPING = 1e-6
 UNBOUNDED = 1e9  # m, length of a step
 STEP = 0.5  # of the least slant range, longest step: longer ones skip from one maximum to another
@@ -187,6 +187,7 @@ def ascend(
     start: vec2,
     best: vec3,
     near,
+    small,
     bounded: ti.template(),
     region: ti.template(),
 ) -> vec3:
@@ -196,10 +197,10 @@ def ascend(
         team, code: `Team`, and of `objectives.objective_code`.
         best: a maximum found earlier. An ascent whose next step leads to a place less than √near (m) away from it, and
             not above it, ends there as that maximum.
+        small: predicted gain up to which a step is accepted without evaluation.
         bounded: whether no step is longer than STEP of the least slant range, a constant of the kernel.
         region: `Region`.
     """
-    small = ti.static(SMALL_GAIN_OF_PAPER if objective_of(code) == PAPER else SMALL_GAIN)
     place = start
     candidate = start
     f = vec6(-1e30, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -285,7 +286,7 @@ def best_between_auvs(team: ti.template(), code: ti.template(), region: ti.templ
 
 
 @func
-def multistart(team: ti.template(), code: ti.template(), start: vec2, region: ti.template(), everywhere) -> vec3:
+def multistart(team: ti.template(), code: ti.template(), start: vec2, everywhere, small, region: ti.template()) -> vec3:
     """The highest of the maxima of D, SUM or PAPER, or that uphill of `start`, which wins a tie."""
     starts_per_auv = ti.static(RING_STARTS if objective_of(code) == PAPER else 1)
     nearest = 1e30
@@ -321,7 +322,7 @@ def multistart(team: ti.template(), code: ti.template(), start: vec2, region: ti
                 new = not is_close_by(team, k, tried, nearest)
                 tried[k] = ti.cast(new, ti.f32)
         if new:
-            top = ascend(team, code, clip(point, region), best, near, True, region)
+            top = ascend(team, code, clip(point, region), best, near, small, True, region)
             if top[2] > best[2] + ROUNDING:
                 best = top
         if ti.static(objective_of(code) != PAPER):  # the dips and peaks of PAPER are narrower than the AUVs are deep
@@ -330,7 +331,7 @@ def multistart(team: ti.template(), code: ti.template(), start: vec2, region: ti
 
 
 @func
-def search(team: ti.template(), code: ti.template(), start: vec2, region: ti.template(), everywhere) -> vec3:
+def search(team: ti.template(), code: ti.template(), start: vec2, everywhere, region: ti.template()) -> vec3:
     """The best place of a region and ln of the objective there: (x*, y*, ln of the objective, lengths in m).
 
     Args:
@@ -338,11 +339,14 @@ def search(team: ti.template(), code: ti.template(), start: vec2, region: ti.tem
         start: a place to start from, m. Its maximum wins a tie within rounding, so a goal handed back in stays.
         everywhere: whether to start from other places too, or to follow the maximum uphill of `start`.
     """
+    small = SMALL_GAIN_BETWEEN
+    if everywhere:
+        small = SMALL_GAIN
     best = vec3(0.0, 0.0, 0.0)
     if ti.static(objective_of(code) == A):
-        best = ascend(team, code, clip(start, region), vec3(0.0, 0.0, -1e30), 0.0, False, region)
+        best = ascend(team, code, clip(start, region), vec3(0.0, 0.0, -1e30), 0.0, small, False, region)
     else:
-        best = multistart(team, code, start, region, everywhere)
+        best = multistart(team, code, start, everywhere, small, region)
     return best
 
 
@@ -362,7 +366,7 @@ def _batch(
         team = ti.static(Team(points, link, i, points.shape[1]))
         start = vec2(place[i, 0], place[i, 1])
         size = vec2(width, length)
-        best = search(team, code, start, ti.static(Region(size, start, reach, limited)), True)
+        best = search(team, code, start, True, ti.static(Region(size, start, reach, limited)))
         for j in ti.static(range(3)):
             out[i, j] = best[j]
 
