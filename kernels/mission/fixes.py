@@ -251,14 +251,20 @@ def prepare_next_step(worlds: ti.template(), w, k):
 
 
 @func
+def squared_distance(worlds: ti.template(), w, b, k) -> ti.f32:
+    """Square of the true distance between boat b and AUV k, m²."""
+    dx = worlds.auv[w, k, AuvColumn.x] - worlds.boat[w, b, BoatColumn.x]
+    dy = worlds.auv[w, k, AuvColumn.y] - worlds.boat[w, b, BoatColumn.y]
+    z = worlds.p[Parameter.separation_boat] + worlds.boat[w, b, BoatColumn.elevation]
+    z += worlds.auv[w, k, AuvColumn.depth_error]
+    return dx * dx + dy * dy + z * z
+
+
+@func
 def duration(worlds: ti.template(), w, b, k) -> vec2:
     """Time (s) from boat b's interrogation of AUV k to the departure of the reply, and to its end at the boat."""
     p = ti.static(worlds.p)
-    dx = worlds.auv[w, k, AuvColumn.x] - worlds.boat[w, b, BoatColumn.x]
-    dy = worlds.auv[w, k, AuvColumn.y] - worlds.boat[w, b, BoatColumn.y]
-    z = p[Parameter.separation_boat] + worlds.boat[w, b, BoatColumn.elevation]
-    z += worlds.auv[w, k, AuvColumn.depth_error]
-    travel = ti.sqrt(dx * dx + dy * dy + z * z) / p[Parameter.sound_speed]
+    travel = ti.sqrt(squared_distance(worlds, w, b, k)) / p[Parameter.sound_speed]
     reply = travel + p[Parameter.turn_around]
     return vec2(reply, reply + travel + p[Parameter.signal_length])
 
@@ -270,36 +276,30 @@ def may_ask(worlds: ti.template(), w, b, k, start):
 
 
 @func
-def asks(worlds: ti.template(), w, b, k) -> bool:
-    """Whether boat b ever asks AUV k, as long as it is where it is."""
-    found = True
-    if ti.static(worlds.program.schedule != Schedule.all):
-        found = boat_motion.serves(worlds, w, b, k)
-    return found
-
-
-@func
 def chosen(worlds: ti.template(), w, b, start):
     """The AUV that boat b asks at `start`, −1 for none; with all at once the one whose reply is there last."""
     count = worlds.auv.shape[1]
     best = -1
     largest = -1.0
-    last = ti.cast(worlds.boat[w, b, BoatColumn.asked], ti.i32)
-    for n in range(count):
-        k = (last + 1 + n) % count
-        value = 0.0  # in turn: the first of them
-        if ti.static(worlds.program.schedule == Schedule.by_need):
-            waits = start - worlds.exchange[w, k, ExchangeColumn.reply_at]  # else one that does not reply is asked on
-            value = waits * reply_worth(worlds, w, b, k)
-        elif ti.static(worlds.program.schedule == Schedule.all):
-            value = duration(worlds, w, b, k)[1]
-        if value > largest and asks(worlds, w, b, k):
-            if ti.static(worlds.program.schedule == Schedule.all) or may_ask(worlds, w, b, k, start):
+    if ti.static(worlds.program.schedule == Schedule.all):
+        for k in range(count):
+            value = squared_distance(worlds, w, b, k)
+            if value > largest:
                 largest = value
                 best = k
-    if ti.static(worlds.program.schedule == Schedule.all):
         if not may_ask(worlds, w, b, best, start):
             best = -1
+    else:
+        last = ti.cast(worlds.boat[w, b, BoatColumn.asked], ti.i32)
+        for n in range(count):
+            k = (last + 1 + n) % count
+            value = 0.0  # in turn: the first of them
+            if ti.static(worlds.program.schedule == Schedule.by_need):
+                waits = start - worlds.exchange[w, k, ExchangeColumn.reply_at]  # else one that does not reply goes on
+                value = waits * reply_worth(worlds, w, b, k)
+            if value > largest and boat_motion.serves(worlds, w, b, k) and may_ask(worlds, w, b, k, start):
+                largest = value
+                best = k
     return best
 
 
