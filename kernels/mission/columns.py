@@ -116,6 +116,7 @@ class Parameter(Columns):
     packet_loss: int
     current_variance: int
     correlation_time: int
+    current_change: int  # 1 − e^{−step/correlation time}
     current_reading: int
     auv_speed: int  # greatest over ground, m/s
     cruise: int

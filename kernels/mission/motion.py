@@ -339,17 +339,6 @@ def move_filter(worlds: ti.template(), w, k, way: vec3, time):
 
 
 @func
-def move_own(worlds: ti.template(), w, k, way: vec3, time):
-    """Move what AUV k has of the state, as `move_filter` does."""
-    tau = worlds.p[Parameter.correlation_time]
-    tracker.drift_state(worlds.own, w, k, vec2(way[0], way[1]), tracker.decayed(way[2] / tau)[0], tau)
-    if time != way[2]:
-        rho = ti.exp(-(time - way[2]) / tau)
-        for c in ti.static((tracker.CURRENT_X, tracker.CURRENT_Y)):
-            worlds.own[w, k, c] = rho * worlds.own[w, k, c]
-
-
-@func
 def reckon(worlds: ti.template(), w, k):
     """Measure the displacement of AUV k in the step it has made, and reckon on."""
     p = ti.static(worlds.p)
@@ -357,9 +346,11 @@ def reckon(worlds: ti.template(), w, k):
     exchange = ti.static(worlds.exchange)
     step = p[Parameter.step]
     moved = vec2(auv[w, k, AuvColumn.moved_x], auv[w, k, AuvColumn.moved_y])
+    moves = 1.0
     adrift = step
     if ti.static(worlds.program.sensor == Sensor.water):
-        adrift *= drifted(worlds, w, k)
+        moves = drifted(worlds, w, k)
+        adrift *= moves
         moved = adrift * vec2(auv[w, k, AuvColumn.water_x], auv[w, k, AuvColumn.water_y])
     noise = normals(worlds, w, Draw.navigation, k)
     memory = p[Parameter.bias_memory]
@@ -368,14 +359,13 @@ def reckon(worlds: ti.template(), w, k):
     for axis in ti.static(range(2)):
         column = ti.static(ExchangeColumn.bias_x + axis)
         exchange[w, k, column] = memory * exchange[w, k, column] + fresh * noise[axis]
-        measured = moved[axis] + adrift * exchange[w, k, column] + walk * noise[2 + axis]
-        exchange[w, k, ExchangeColumn.step_x + axis] = measured
-        exchange[w, k, ExchangeColumn.way_x + axis] = exchange[w, k, ExchangeColumn.way_x + axis] + measured
+        moved[axis] += adrift * exchange[w, k, column] + walk * noise[2 + axis]
+        exchange[w, k, ExchangeColumn.step_x + axis] = moved[axis]
+        exchange[w, k, ExchangeColumn.way_x + axis] = exchange[w, k, ExchangeColumn.way_x + axis] + moved[axis]
     exchange[w, k, ExchangeColumn.step_adrift] = adrift
     exchange[w, k, ExchangeColumn.adrift] = exchange[w, k, ExchangeColumn.adrift] + adrift
     exchange[w, k, ExchangeColumn.elapsed] = exchange[w, k, ExchangeColumn.elapsed] + step
-    way = vec3(exchange[w, k, ExchangeColumn.step_x], exchange[w, k, ExchangeColumn.step_y], adrift)
-    move_own(worlds, w, k, way, step)
+    tracker.drift_state(worlds.own, w, k, moved, p[Parameter.current_change], moves * p[Parameter.correlation_time])
 
 
 @func
@@ -383,12 +373,15 @@ def receive_state(worlds: ti.template(), w, k):
     """AUV k takes the filter's state from an interrogation, and moves it on by what it has measured since."""
     exchange = ti.static(worlds.exchange)
     copy_state(worlds, w, k)
-    way = vec3(
-        exchange[w, k, ExchangeColumn.way_x],
-        exchange[w, k, ExchangeColumn.way_y],
-        exchange[w, k, ExchangeColumn.adrift],
-    )
-    move_own(worlds, w, k, way, exchange[w, k, ExchangeColumn.elapsed])
+    way = vec2(exchange[w, k, ExchangeColumn.way_x], exchange[w, k, ExchangeColumn.way_y])
+    adrift = exchange[w, k, ExchangeColumn.adrift]
+    held = exchange[w, k, ExchangeColumn.elapsed] - adrift
+    tau = worlds.p[Parameter.correlation_time]
+    tracker.drift_state(worlds.own, w, k, way, tracker.decayed(adrift / tau)[0], tau)
+    if held != 0.0:
+        rho = ti.exp(-held / tau)
+        for c in ti.static((tracker.CURRENT_X, tracker.CURRENT_Y)):
+            worlds.own[w, k, c] = rho * worlds.own[w, k, c]
 
 
 @func

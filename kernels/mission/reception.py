@@ -140,7 +140,7 @@ def array_pose(worlds: ti.template(), w, b) -> ArrayPose:
     return ArrayPose(
         boat=b,
         axes=axes,
-        measured=usbl.turned(usbl.array_axes(angles + error), heading + boat[w, b, BoatColumn.turn]),
+        measured=usbl.turned(usbl.array_axes(usbl.tilted(angles, error)), heading + boat[w, b, BoatColumn.turn]),
         displaced=gnss + arm,
         slowness=boat[w, b, BoatColumn.slowness],
         effort=boat[w, b, BoatColumn.effort],
@@ -234,10 +234,18 @@ def place_heard(worlds: ti.template(), pose: ArrayPose, w, direction: vec3, slan
 
 
 @func
-def covariance_at(worlds: ti.template(), pose: ArrayPose, k, offset: vec3) -> vec3:
-    """Covariance (xx, xy, yy) in m² of a fix's own errors at the offset that the receiver measured."""
-    loss = acoustic_link.further_loss(worlds.link, k, offset, pose.effort)
-    sigma = acoustic_link.phase_deviation(worlds.link, k, offset.norm(), loss)
+def deviation_at(worlds: ti.template(), k, offset: vec3, noise) -> ti.f32:
+    """Standard deviation of a phase difference (rad) at an offset (m); `noise` of `acoustic_link.noise_loss`, dB."""
+    loss = acoustic_link.further_loss(worlds.link, k, offset, noise)
+    return acoustic_link.phase_deviation(worlds.link, k, offset.norm(), loss)
+
+
+@func
+def covariance_at(worlds: ti.template(), pose: ArrayPose, k, offset: vec3, sigma) -> vec3:
+    """Covariance (xx, xy, yy) in m² of a fix's own errors at the offset that the receiver measured.
+
+    `sigma` as of `deviation_at`.
+    """
     seen, axes = as_heading_east(worlds, pose, offset)
     return as_it_heads(worlds, pose, usbl.horizontal_covariance(worlds.link, k, seen, axes, sigma))
 
@@ -286,10 +294,12 @@ def may_lack(phase: vec2, m, n, odd: ti.i32, kappa) -> bool:
 
 
 @func
-def whole_turns(worlds: ti.template(), signal: usbl.Measurement, length, pose: ArrayPose, expected: Expectation, w, k):
+def whole_turns(
+    worlds: ti.template(), signal: usbl.Measurement, length, pose: ArrayPose, noise, expected: Expectation, w, k
+):
     """Phase differences of a signal of AUV k with the turns that they most probably lack, and 1 where others are near.
 
-    See `usvauv.kernels.positioning.usbl`. `length` as of `usbl.located`.
+    See `usvauv.kernels.positioning.usbl`. `length` as of `usbl.located`, `noise` as of `deviation_at`.
     """
     link = ti.static(worlds.link)
     odd = usbl.odd_turns(signal.residual)
@@ -312,9 +322,8 @@ def whole_turns(worlds: ti.template(), signal: usbl.Measurement, length, pose: A
                     candidate = with_turns(signal.phase, m, n)
                     found = usbl.located(link, k, candidate, candidate, signal.amplitude, pose.measured, length)
                     offset = place_heard(worlds, pose, w, found.vector, signal.slant_range)
-                    loss = acoustic_link.further_loss(link, k, offset, pose.effort)
-                    sigma = acoustic_link.phase_deviation(link, k, offset.norm(), loss)
-                    covariance = covariance_at(worlds, pose, k, offset)
+                    sigma = deviation_at(worlds, k, offset, noise)
+                    covariance = covariance_at(worlds, pose, k, offset, sigma)
                     cost = usbl.candidate_cost(link, k, expected, offset, covariance, sigma)
                     if cost < best:
                         second = best
@@ -327,11 +336,11 @@ def whole_turns(worlds: ti.template(), signal: usbl.Measurement, length, pose: A
 
 
 @func
-def measure(worlds: ti.template(), offset: vec3, pose: ArrayPose, expected: Expectation, w, k) -> vec4:
+def measure(worlds: ti.template(), offset: vec3, pose: ArrayPose, noise, expected: Expectation, w, k) -> vec4:
     """The offset (m) from boat to AUV k that a fix gives, and its flags.
 
     Args:
-        offset: the true one, m. expected: the one that the receiver expects.
+        offset: the true one, m. noise: as of `deviation_at`. expected: the offset that the receiver expects.
     """
     layers = ti.static(worlds.layers)
     link = ti.static(worlds.link)
@@ -351,13 +360,13 @@ def measure(worlds: ti.template(), offset: vec3, pose: ArrayPose, expected: Expe
         length = c / sound_speed(layers, z)
     # Where sound is slower than supposed, it comes later and less across the array.
     body = pose.slowness * (pose.axes @ direction)
-    loss = acoustic_link.further_loss(link, k, offset, pose.effort)
+    loss = acoustic_link.further_loss(link, k, offset, noise)
     arrival = IncomingSignal(offset=offset, body=body, slant_range=S, path=pose.slowness * path, loss=loss)
     signal = receive(worlds, pose, arrival, w, k)
     phase = signal.phase
     ambiguous = 0
     if ti.static(worlds.program.turns):
-        phase, ambiguous = whole_turns(worlds, signal, length, pose, expected, w, k)
+        phase, ambiguous = whole_turns(worlds, signal, length, pose, noise, expected, w, k)
     true_phase = link[k, acoustic_link.KAPPA] * vec2(body[0], body[1])
     found = usbl.located(link, k, true_phase, phase, signal.amplitude, pose.measured, length)
     place = place_heard(worlds, pose, w, found.vector, signal.slant_range)
@@ -373,7 +382,8 @@ def make_fix(
     """Fix AUV k, which was `there` when its signal left, from its boat `here`, m; `lost`: no signal comes."""
     auv = ti.static(worlds.auv)
     offset = vec3(there[0] - here[0], there[1] - here[1], true_height(worlds, w, pose.boat, k))
-    found = measure(worlds, offset, pose, expected, w, k)
+    noise = acoustic_link.noise_loss(worlds.link, k, pose.effort)
+    found = measure(worlds, offset, pose, noise, expected, w, k)
     flags = ti.cast(found[3], ti.i32)
     if lost:
         flags = usbl.LOST
@@ -382,7 +392,7 @@ def make_fix(
             read = auv[w, k, AuvColumn.depth_error] + worlds.body[w, k, BodyColumn.sensor_error]
             worlds.body[w, k, BodyColumn.told_depth] = read
     measured = vec3(found[0], found[1], found[2])
-    covariance = covariance_at(worlds, pose, k, measured)
+    covariance = covariance_at(worlds, pose, k, measured, deviation_at(worlds, k, measured, noise))
     common = common_covariance(worlds, pose, k, measured)
     place = here + pose.displaced + vec2(found[0], found[1])
     for c in ti.static(range(2)):
@@ -411,8 +421,7 @@ def expected_reply(worlds: ti.template(), k, offset: vec3, effort, spread) -> ve
     """
     link = ti.static(worlds.link)
     S = offset.norm()
-    loss = acoustic_link.further_loss(link, k, offset, effort)
-    sigma = acoustic_link.phase_deviation(link, k, S, loss)
+    sigma = deviation_at(worlds, k, offset, acoustic_link.noise_loss(link, k, effort))
     strength = 2.8284271 / sigma  # √(8 E/N0)
     root = ti.sqrt(strength * strength + 7.0)
     slope = strength * offset.xy.norm() / (S * S)  # of that root with the horizontal distance, 1/m

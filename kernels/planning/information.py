@@ -224,13 +224,12 @@ def phase_jacobian(offset: vec3, slope: vec2) -> mat2:
 @func
 def phase_noise(link: ti.template(), k, offset: vec3, slope: vec2) -> mat2:
     """R: covariance of the two direction cosines by phase noise, attitude error and systematic errors."""
-    angles = usbl.attitude(slope)
-    axes = usbl.array_axes(angles)
+    axes = usbl.array_axes(usbl.attitude(slope))
     body = axes @ offset
     q = offset.norm_sqr()
     loss = acoustic_link.further_loss(link, k, offset, 0.0)
     deviation = acoustic_link.phase_deviation(link, k, ti.sqrt(q), loss) / link[k, acoustic_link.KAPPA]
-    by_pitch = vec2(axes[0, 0] * offset[2] - axes[0, 2] * offset[0], -ti.sin(angles[1]) * body[0])
+    by_pitch = vec2(axes[0, 0] * offset[2] - axes[0, 2] * offset[0], axes[2, 1] * body[0])
     by_roll = vec2(0.0, body[2])
     cosines = vec2(body[0], body[1]) / ti.sqrt(q)
     H = phase_jacobian(offset, slope)

@@ -264,17 +264,22 @@ def link_table(carriers: Sequence[float], sonar: Sonar) -> np.ndarray:
 
 
 @func
-def further_loss(link: ti.template(), k: ti.i32, offset: vec3, effort: ti.f32) -> ti.f32:
+def noise_loss(link: ti.template(), k: ti.i32, effort: ti.f32) -> ti.f32:
+    """Loss in the ratio of a signal of AUV k by the noise of a boat at a speed over its top speed, dB."""
+    cube = effort * effort * effort
+    return 10.0 * log10(1.0 + link[k, OWN_NOISE] * cube * cube)
+
+
+@func
+def further_loss(link: ti.template(), k: ti.i32, offset: vec3, noise: ti.f32) -> ti.f32:
     """Loss in the ratio of a signal of AUV k by bubbles and the boat's own noise, dB.
 
     Args:
         offset: from array to AUV, m.
-        effort: the boat's speed through the water over its top speed.
+        noise: of `noise_loss`, dB.
     """
     slope = offset.norm() / ti.max(ti.abs(offset[2]), 1e-3)
-    loss = link[k, PATHS] * ti.min(link[k, BUBBLES] * slope, MOST_BUBBLES)
-    cube = effort * effort * effort
-    return loss + 10.0 * log10(1.0 + link[k, OWN_NOISE] * cube * cube)
+    return link[k, PATHS] * ti.min(link[k, BUBBLES] * slope, MOST_BUBBLES) + noise
 
 
 @func

@@ -33,6 +33,7 @@ import taichi as ti
 from usvauv.kernels.registry import Registry
 
 LN10 = 2.302585092994046
+LOG10_OF_E = 0.4342944819032518
 LOG2_OF_10 = 3.321928094887362
 
 # Density of the noise of rain of 1 mm/h, dB re 1 µPa²/Hz, at frequencies in Hz; straight lines over log f between them.
@@ -74,7 +75,7 @@ ambient_noise_laws: Registry[NoiseLaw] = Registry("ambient noise law")
 @ti.pyfunc
 def log10(value: ti.f32) -> ti.f32:
     """Decimal logarithm."""
-    return ti.log(value) / LN10
+    return ti.log(value) * LOG10_OF_E
 
 
 @ti.pyfunc
@@ -161,7 +162,7 @@ def path_loss(r: ti.f32, spreading: ti.f32, alpha: ti.f32) -> ti.f32:
     `spreading` is k, dB a decade of range: 20 spherical, 10 cylindrical, 15 between them; `alpha` is α, dB/km.
     """
     R = ti.max(r, 1.0)
-    return spreading * log10(R) + alpha * R / 1000.0
+    return spreading * log10(R) + 0.001 * alpha * R
 
 
 @ti.pyfunc

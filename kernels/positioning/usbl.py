@@ -68,6 +68,7 @@ from usvauv.kernels.positioning.acoustic_link import (
     phase_deviation,
     range_deviation,
 )
+from usvauv.kernels.trigonometry import circle
 from usvauv.kernels.types import array2, index1, mat2, mat3, vec2, vec3, vec4, vec5
 
 TWO_PI = 2.0 * math.pi
@@ -108,28 +109,42 @@ class Direction:
 
 
 @func
-def attitude(slope: vec2) -> vec2:
-    """Pitch and roll (rad) of an array lying on a surface with the slopes (∂η/∂x, ∂η/∂y)."""
-    pitch = ti.atan2(slope[0], 1.0)
-    return vec2(pitch, ti.atan2(slope[1] * ti.cos(pitch), 1.0))
+def attitude(slope: vec2) -> vec4:
+    """Cosine and sine of pitch and of roll of an array lying on a surface with the slopes (∂η/∂x, ∂η/∂y)."""
+    ct = 1.0 / ti.sqrt(1.0 + slope[0] * slope[0])
+    tangent = slope[1] * ct
+    cp = 1.0 / ti.sqrt(1.0 + tangent * tangent)
+    return vec4(ct, slope[0] * ct, cp, tangent * cp)
 
 
 @func
-def array_axes(angles: vec2) -> mat3:
-    """The array's axes in the world's frame, one a row: forward, left, up; `angles` are pitch and roll (rad)."""
-    ct = ti.cos(angles[0])
-    st = ti.sin(angles[0])
-    cp = ti.cos(angles[1])
-    sp = ti.sin(angles[1])
+def tilted(angles: vec4, error: vec2) -> vec4:
+    """Cosine and sine of pitch and of roll that are measured with errors (rad)."""
+    by_pitch, by_roll = circle(error[0]), circle(error[1])
+    return vec4(
+        angles[0] * by_pitch[0] - angles[1] * by_pitch[1],
+        angles[1] * by_pitch[0] + angles[0] * by_pitch[1],
+        angles[2] * by_roll[0] - angles[3] * by_roll[1],
+        angles[3] * by_roll[0] + angles[2] * by_roll[1],
+    )
+
+
+@func
+def array_axes(angles: vec4) -> mat3:
+    """The array's axes in the world's frame, one a row: forward, left, up; `angles` as of `attitude`."""
+    ct, st, cp, sp = angles[0], angles[1], angles[2], angles[3]
     return mat3([[ct, 0.0, st], [-sp * st, cp, sp * ct], [-cp * st, -sp, cp * ct]])
 
 
 @func
 def turned(axes: mat3, heading: ti.f32) -> mat3:
     """The array's axes after a turn, or as they seem with an error of the heading (rad, anticlockwise)."""
-    c = ti.cos(heading)
-    s = ti.sin(heading)
-    return axes @ mat3([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    by = circle(heading)
+    found = axes
+    for row in ti.static(range(3)):
+        found[row, 0] = axes[row, 0] * by[0] - axes[row, 1] * by[1]
+        found[row, 1] = axes[row, 0] * by[1] + axes[row, 1] * by[0]
+    return found
 
 
 @func
@@ -221,7 +236,7 @@ def fix(link: ti.template(), k: ti.i32, offset: vec3, slope: vec2, noise: vec4, 
     body = array_axes(angles) @ offset / S
     sigma = phase_deviation(link, k, S, further_loss(link, k, offset, 0.0))
     measured = measure(link, k, body, S, sigma, noise, further_noise[2])
-    axes = array_axes(angles + ti.sqrt(link[k, ATTITUDE]) * vec2(further_noise[0], further_noise[1]))
+    axes = array_axes(tilted(angles, ti.sqrt(link[k, ATTITUDE]) * vec2(further_noise[0], further_noise[1])))
     true_phase = link[k, KAPPA] * vec2(body[0], body[1])
     phase = vec2(wrap(measured.phase[0]), wrap(measured.phase[1]))
     found = located(link, k, true_phase, phase, measured.amplitude, axes, 1.0)

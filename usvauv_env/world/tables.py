@@ -374,6 +374,7 @@ def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
         "propagates": s.usbl.propagation,
         "current_variance": current_variance,
         "correlation_time": correlation_time,
+        "current_change": -math.expm1(-s.mission.step / correlation_time),
         "auv_speed": s.auv.speed_max + 6 * s.auv.speed_noise + current_bound(site),
         **speed_response(s),
         "depth_memory": math.exp(-s.mission.step / DEPTH_TIME),
