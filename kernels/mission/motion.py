@@ -320,7 +320,7 @@ def begin_reckoning(worlds: ti.template(), w, k):
 def gnss_change(worlds: ti.template(), time) -> ti.f32:
     """Variance per axis (m²) of the change in some time (s) of the boat's error of its own position."""
     p = ti.static(worlds.p)
-    return 2.0 * p[Parameter.gnss_error] ** 2 * (1.0 - ti.exp(-time / p[Parameter.gnss_time]))
+    return 2.0 * p[Parameter.gnss_error] ** 2 * tracker.decayed(time / p[Parameter.gnss_time])[0]
 
 
 @func

@@ -195,10 +195,10 @@ def sample(worlds: ti.template(), pose: ArrayPose, arrival: IncomingSignal, sigm
 def receive(worlds: ti.template(), pose: ArrayPose, arrival: IncomingSignal, w, k) -> usbl.Measurement:
     """The array's measurement of a signal of AUV k; phase differences modulo one turn."""
     link = ti.static(worlds.link)
-    draw = address(worlds, w, worlds.clock[w, 1], Draw.fix, k)
     sigma = acoustic_link.phase_deviation(link, k, arrival.slant_range, arrival.loss)
     phase, residual, slant_range, amplitude = vec2(0.0), 0.0, arrival.path, 0.0
     if ti.static(worlds.program.waveform):
+        draw = address(worlds, w, worlds.clock[w, 1], Draw.fix, k)
         measured = sample(worlds, pose, arrival, sigma, draw, w, k)
         phase = vec2(measured[matched_filter.PHASE_X], measured[matched_filter.PHASE_Y])
         residual = measured[matched_filter.RESIDUAL]
@@ -212,7 +212,7 @@ def receive(worlds: ti.template(), pose: ArrayPose, arrival: IncomingSignal, w, 
             body += vec3(disturbed[0], disturbed[1], 0.0) / link[k, acoustic_link.KAPPA]
             slant_range += disturbed[2]
             sigma = ti.min(sigma / ti.max(disturbed[3], 1e-6), acoustic_link.LARGEST_DEVIATION)
-        noise = random.normals(draw, key(worlds, w))
+        noise = normals(worlds, w, Draw.fix, k)
         residual_noise = 0.0
         if ti.static(worlds.program.turns):
             residual_noise = normals(worlds, w, Draw.residual, k)[0]
@@ -235,8 +235,8 @@ def place_heard(worlds: ti.template(), pose: ArrayPose, w, direction: vec3, slan
 
 @func
 def deviation_at(worlds: ti.template(), k, offset: vec3, noise) -> ti.f32:
-    """Standard deviation of a phase difference (rad) at an offset (m); `noise` of `acoustic_link.noise_loss`, dB."""
-    loss = acoustic_link.further_loss(worlds.link, k, offset, noise)
+    """Standard deviation of a phase difference (rad) at an offset (m); `noise`: loss in the boat's, dB."""
+    loss = acoustic_link.loss_in_bubbles(worlds.link, k, offset) + noise
     return acoustic_link.phase_deviation(worlds.link, k, offset.norm(), loss)
 
 
@@ -360,7 +360,7 @@ def measure(worlds: ti.template(), offset: vec3, pose: ArrayPose, noise, expecte
         length = c / sound_speed(layers, z)
     # Where sound is slower than supposed, it comes later and less across the array.
     body = pose.slowness * (pose.axes @ direction)
-    loss = acoustic_link.further_loss(link, k, offset, noise)
+    loss = acoustic_link.loss_in_bubbles(link, k, offset) + noise
     arrival = IncomingSignal(offset=offset, body=body, slant_range=S, path=pose.slowness * path, loss=loss)
     signal = receive(worlds, pose, arrival, w, k)
     phase = signal.phase
@@ -382,7 +382,7 @@ def make_fix(
     """Fix AUV k, which was `there` when its signal left, from its boat `here`, m; `lost`: no signal comes."""
     auv = ti.static(worlds.auv)
     offset = vec3(there[0] - here[0], there[1] - here[1], true_height(worlds, w, pose.boat, k))
-    noise = acoustic_link.noise_loss(worlds.link, k, pose.effort)
+    noise = acoustic_link.loss_in_own_noise(worlds.link, k, pose.effort)
     found = measure(worlds, offset, pose, noise, expected, w, k)
     flags = ti.cast(found[3], ti.i32)
     if lost:
@@ -421,7 +421,8 @@ def expected_reply(worlds: ti.template(), k, offset: vec3, effort, spread) -> ve
     """
     link = ti.static(worlds.link)
     S = offset.norm()
-    sigma = deviation_at(worlds, k, offset, acoustic_link.noise_loss(link, k, effort))
+    loss = acoustic_link.further_loss(link, k, offset, effort)
+    sigma = acoustic_link.phase_deviation(link, k, S, loss)
     strength = 2.8284271 / sigma  # √(8 E/N0)
     root = ti.sqrt(strength * strength + 7.0)
     slope = strength * offset.xy.norm() / (S * S)  # of that root with the horizontal distance, 1/m

@@ -264,22 +264,26 @@ def link_table(carriers: Sequence[float], sonar: Sonar) -> np.ndarray:
 
 
 @func
-def noise_loss(link: ti.template(), k: ti.i32, effort: ti.f32) -> ti.f32:
-    """Loss in the ratio of a signal of AUV k by the noise of a boat at a speed over its top speed, dB."""
+def loss_in_bubbles(link: ti.template(), k: ti.i32, offset: vec3) -> ti.f32:
+    """Loss in the ratio of a signal of AUV k by bubbles, dB; `offset` is that from array to AUV, m."""
+    slope = offset.norm() / ti.max(ti.abs(offset[2]), 1e-3)
+    return link[k, PATHS] * ti.min(link[k, BUBBLES] * slope, MOST_BUBBLES)
+
+
+@func
+def loss_in_own_noise(link: ti.template(), k: ti.i32, effort: ti.f32) -> ti.f32:
+    """Loss in the ratio of a signal of AUV k by the boat's own noise, dB.
+
+    `effort` is the boat's speed through the water over its top speed.
+    """
     cube = effort * effort * effort
     return 10.0 * log10(1.0 + link[k, OWN_NOISE] * cube * cube)
 
 
 @func
-def further_loss(link: ti.template(), k: ti.i32, offset: vec3, noise: ti.f32) -> ti.f32:
-    """Loss in the ratio of a signal of AUV k by bubbles and the boat's own noise, dB.
-
-    Args:
-        offset: from array to AUV, m.
-        noise: of `noise_loss`, dB.
-    """
-    slope = offset.norm() / ti.max(ti.abs(offset[2]), 1e-3)
-    return link[k, PATHS] * ti.min(link[k, BUBBLES] * slope, MOST_BUBBLES) + noise
+def further_loss(link: ti.template(), k: ti.i32, offset: vec3, effort: ti.f32) -> ti.f32:
+    """`loss_in_bubbles` and `loss_in_own_noise` together, dB."""
+    return loss_in_bubbles(link, k, offset) + loss_in_own_noise(link, k, effort)
 
 
 @func

@@ -190,12 +190,11 @@ def renew(track: ti.template(), w, k, time, variance, correlation_time):
 @func
 def decayed(t):
     """f = 1 − e^{−t} for t ≥ 0, and 2t − 3 + 4e^{−t} − e^{−2t} = 2 (t − f) − f², without cancellation."""
-    f = 1.0 - ti.exp(-t)
-    spreading = 2.0 * (t - f) - f * f
-    if t < 0.1:
-        spreading = t * t * t * (2.0 / 3.0 - t * (0.5 - t * (7.0 / 30.0 - t * (1.0 / 12.0))))
-    if t < 1e-3:
-        f = t * (1.0 - 0.5 * t)
+    f = t * (1.0 - t * (0.5 - t * (1.0 / 6.0 - t * (1.0 / 24.0 - t * (1.0 / 120.0)))))
+    spreading = t * t * t * (2.0 / 3.0 - t * (0.5 - t * (7.0 / 30.0 - t * (1.0 / 12.0))))
+    if t >= 0.1:
+        f = 1.0 - ti.exp(-t)
+        spreading = 2.0 * (t - f) - f * f
     return f, spreading
 
 
