@@ -7,8 +7,9 @@ State (x, y, c_x, c_y). Over a time t in which the AUV moves with the water (a h
 v the commanded velocity through the water, R the fix's predicted covariance. For an Ornstein–Uhlenbeck current, whose
 given σ² and τ, and Gaussian fixes this is the least-squares
 estimate. A fix in Cartesian coordinates and v in the world's frame make the filter linear; only R is linearised. The
-covariance consists of 2 × 2 blocks A (position), B (position, current), C (current) and is updated in Joseph's form, a
-sum of squares, with I − gain written as R S⁻¹, which does not cancel: it stays positive definite in single precision.
+covariance consists of 2 × 2 blocks A (position), B (position, current), C (current). After a fix, S = A + R, they are
+R S⁻¹ A = (|A| R + |R| A)/|S|, R S⁻¹ B and C − Bᵀ S⁻¹ B: I − gain, written as R S⁻¹, does not cancel, and a sum of
+positive definite blocks with positive weights stays so in single precision.
 
 The attitude error is common to all fixes of a moment. R contains it, so every AUV's filter is consistent by itself; the
 correlation between AUVs is not used. The error of a relative position is therefore smaller than the two covariances
@@ -110,19 +111,13 @@ def corrections(A: mat2, B: mat2, R: mat2, innovation: vec2):
 
 
 @func
-def joseph(A: mat2, B: mat2, C: mat2, R: mat2):
+def measured(A: mat2, B: mat2, C: mat2, R: mat2):
     """Blocks A, B, C after a measurement of covariance R of the part with block A; B is the cross block."""
     S = A + R
     S_inverse = S.inverse()
-    rest = R @ S_inverse  # I − gain, without cancellation
-    G = A @ S_inverse
-    L = B.transpose() @ S_inverse
-    LB = L @ B
-    return (
-        rest @ A @ rest.transpose() + G @ R @ G.transpose(),
-        rest @ (B - A @ L.transpose()) + G @ R @ L.transpose(),
-        C - LB - LB.transpose() + L @ S @ L.transpose(),
-    )
+    share = 1.0 / S.determinant()
+    kept = ti.max(A.determinant(), 0.0) * share * R + R.determinant() * share * A
+    return kept, R @ S_inverse @ B, C - B.transpose() @ S_inverse @ B
 
 
 @func
@@ -287,7 +282,7 @@ def update(track: ti.template(), w, k, fix: TrackFix, variance, speed):
     C = current_block(track, w, k)
     position, current, squared = corrections(A, B, R, innovation)
     if squared <= GATE:
-        A, B, C = joseph(A, B, C, R)
+        A, B, C = measured(A, B, C, R)
         store_covariance(track, w, k, A, B, C)
         correct_state(track, w, k, position, current)
         track[w, k, REJECTIONS] = 0.0
@@ -307,7 +302,7 @@ def sense(track: ti.template(), w, k, reading: vec2, variance):
     B = cross_block(track, w, k).transpose()
     C = current_block(track, w, k)
     current, position, _ = corrections(C, B, R, innovation)
-    C, B, A = joseph(C, B, A, R)
+    C, B, A = measured(C, B, A, R)
     store_covariance(track, w, k, A, B.transpose(), C)
     correct_state(track, w, k, position, current)
 
