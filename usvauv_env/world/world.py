@@ -362,8 +362,8 @@ class World:
         for part in self._step:
             part()
         self._stop_at_fault()
-        served = self._service_rate > 0
-        horizon_ended = served if self.scenario.reward.service_terminates else torch.zeros_like(served)
+        ends = self.scenario.reward.service_terminates
+        horizon_ended = self._service_rate > 0 if ends else torch.zeros_like(self.reward, dtype=torch.bool)
         truncated = self._steps_done >= self.steps
         info = {"reward_terms": self.reward_terms, "measures": self._measures}
         return Step(self.observation, self.reward, horizon_ended, truncated, info)
