@@ -1,15 +1,12 @@
 """The boat's visits by rollouts: predicted uncertainty of the AUVs' own positions over the next minutes.
 
-**Prediction.** Each reply contains the AUV's target node and its speed. From there on the boat predicts that the AUV
-travels from node to node as expected from the target rule, with a typical service at each; an AUV so uncertain of its
-own position that it misses its node waits there.
-
-**Rollouts.** The boat compares first goals: each AUV's predicted position, their mean, and its present goal. After the
-first goal it visits, in the rollout, the AUV that is then least certain of its position. The loss of a goal is the mean
-of a², over the horizon and all AUVs, with a the variance of an AUV's own position: the square, so that one AUV alone
-for long counts more than several for a short time. The boat goes to the least certain AUV unless another goal's loss is
-less by a margin, because rollouts have errors. It keeps the goal until it has received a reply of the AUV that it
-visits, has arrived, or has searched for too long: with a new plan in each step, a far AUV would always come second.
+The boat compares first goals: each AUV's predicted position (`usvauv.kernels.mission.foresight`), their mean, and its
+present goal. After the first goal it visits, in the rollout, the AUV that is then least certain of its position. The
+loss of a goal is the mean of a², over the horizon and all AUVs, with a the variance of an AUV's own position: the
+square, so that one AUV alone for long counts more than several for a short time. The boat goes to the least certain AUV
+unless another goal's loss is less by a margin, because rollouts have errors. It keeps the goal until it has received a
+reply of the AUV that it visits, has arrived, or has searched for too long: with a new plan in each step, a far AUV
+would always come second.
 
 One number of each 2 × 2 block of a filter's covariance is enough, half its trace, because drift and fixes are equal for
 both axes: (a, b, c) of `usvauv.kernels.positioning.tracker.Drift`, with the current's variance and memory, or those of
@@ -23,8 +20,9 @@ Iteration, and Distributed Reinforcement Learning" (2020), §2.3).
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission import boat_motion, reception
-from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, ExchangeColumn, ForesightColumn, NodeColumn, Parameter
+from usvauv.kernels.mission import boat_motion, foresight, reception
+from usvauv.kernels.mission.columns import BoatColumn, ExchangeColumn, ForesightColumn, Parameter
+from usvauv.kernels.mission.foresight import Way, drift_over, foreseen_place, own_uncertainty
 from usvauv.kernels.planning.information import each_auv
 from usvauv.kernels.positioning import tracker
 from usvauv.kernels.types import vec2, vec3
@@ -33,51 +31,12 @@ INTERVAL = 5.0  # s, of a step of the rollout, and the least between two plans
 STEPS = 60  # of a rollout
 PATIENCE = 150.0  # s that the boat looks for an AUV before it plans anew
 SURE = 0.8  # probability from which on a reply is received in a rollout
-LEARNED = 0.1  # share of the predicted speed that each reply renews
-SLOWEST = 1e-3  # m/s, of a predicted AUV
 BISECTIONS = 8  # of the acoustic range, from the area's diagonal on
 MARGIN = 0.03  # share by which another goal's loss must be below that of going to the least certain AUV
 NO_LIMIT = 3e38  # m⁴
 OTHER_GOALS = 2  # of a boat besides the AUVs, see `goal_of`
 NO_AUV = -1  # the index of a goal that is no AUV
 STRAYING = 0.3  # standard deviation per axis of an AUV's velocity from the predicted one, over the reference speed
-
-
-@ti.dataclass
-class Way:
-    """Predicted state of an AUV.
-
-    Attributes:
-        place: m.
-        node: its target.
-        hovers: remaining time of its service at this node, s; in passing it continues towards it.
-        speed: m/s.
-    """
-
-    place: vec2
-    node: ti.i32
-    hovers: ti.f32
-    speed: ti.f32
-
-
-@func
-def drift_over(worlds: ti.template(), time) -> tracker.Drift:
-    """The drift of AUVs over a time, s."""
-    p = ti.static(worlds.p)
-    return tracker.drift_over(
-        time, p[Parameter.current_variance], p[Parameter.correlation_time], p[Parameter.velocity_walk]
-    )
-
-
-@func
-def own_uncertainty(worlds: ti.template(), w, k) -> vec3:
-    """(a, b, c) of the errors of AUV k's own position and current at present, with the fixes that the boat has made."""
-    track = ti.static(worlds.track)
-    s = vec3(0.0, 0.0, 0.0)
-    s[0] = 0.5 * (track[w, k, tracker.XX] + track[w, k, tracker.YY])
-    s[1] = 0.5 * (track[w, k, tracker.XU] + track[w, k, tracker.YV])
-    s[2] = 0.5 * (track[w, k, tracker.UU] + track[w, k, tracker.VV])
-    return tracker.drifted(s, drift_over(worlds, worlds.exchange[w, k, ExchangeColumn.elapsed]))
 
 
 @func
@@ -91,133 +50,6 @@ def straying(worlds: ti.template(), elapsed) -> ti.f32:
     tau = p[Parameter.velocity_memory]
     speed = STRAYING * p[Parameter.reference_speed]
     return speed * speed * tau * tau * tracker.decayed(elapsed / tau)[1]
-
-
-@func
-def works_within(worlds: ti.template()) -> ti.f32:
-    """Largest error (m) of its own position with which an AUV still finds its node."""
-    return ti.max(worlds.p[Parameter.hover_radius], worlds.p[Parameter.homing_range])
-
-
-@func
-def approached(worlds: ti.template(), w, way: Way, time) -> vec2:
-    """Position of an AUV that has gone straight towards its node for some time (s), at most to it, m."""
-    node = ti.static(worlds.node)
-    ahead = vec2(node[w, way.node, NodeColumn.x], node[w, way.node, NodeColumn.y]) - way.place
-    distance = ahead.norm()
-    return way.place + ti.min(way.speed * time / ti.max(distance, 1e-6), 1.0) * ahead
-
-
-@func
-def advanced(worlds: ti.template(), w, way: Way, time, lost: ti.i32) -> Way:
-    """An AUV's state after some time (s); one that is lost goes no farther than to its target."""
-    p = ti.static(worlds.p)
-    node = ti.static(worlds.node)
-    left = time
-    for _ in range(8):
-        if left <= 0.0:
-            break
-        if way.hovers > 0.0:
-            spent = ti.min(way.hovers, left)
-            if ti.static(worlds.program.passing):
-                way.place = approached(worlds, w, way, spent)
-            way.hovers -= spent
-            left -= spent
-            if way.hovers <= 0.0:
-                way.node = worlds.program.target_rule.foreseen(worlds, w, way.node)
-        else:
-            there = vec2(node[w, way.node, NodeColumn.x], node[w, way.node, NodeColumn.y])
-            distance = (there - way.place).norm()
-            if ti.static(worlds.program.passing):
-                distance = ti.max(distance - p[Parameter.hover_radius], 0.0)
-            needed = distance / ti.max(way.speed, SLOWEST)
-            if needed > left:
-                if ti.static(worlds.program.passing):
-                    way.place = approached(worlds, w, way, left)
-                else:
-                    way.place += left / needed * (there - way.place)
-                left = 0.0
-            else:
-                if ti.static(worlds.program.passing):
-                    way.place = approached(worlds, w, way, needed)
-                else:
-                    way.place = there
-                left -= needed
-                if lost:
-                    left = 0.0
-                else:
-                    way.hovers = p[Parameter.service_time]
-    return way
-
-
-@func
-def remembered(worlds: ti.template(), w, k) -> Way:
-    """The boat's present prediction of AUV k."""
-    foresight = ti.static(worlds.foresight)
-    return Way(
-        place=vec2(foresight[w, k, ForesightColumn.x], foresight[w, k, ForesightColumn.y]),
-        node=ti.cast(foresight[w, k, ForesightColumn.heads_for], ti.i32),
-        hovers=foresight[w, k, ForesightColumn.hovers],
-        speed=foresight[w, k, ForesightColumn.speed],
-    )
-
-
-@func
-def foresee(worlds: ti.template(), w, k):
-    """Advance the prediction of AUV k to the present: from the previous one, or from a new reply."""
-    foresight = ti.static(worlds.foresight)
-    exchange = ti.static(worlds.exchange)
-    way = remembered(worlds, w, k)
-    elapsed = exchange[w, k, ExchangeColumn.elapsed]
-    time = elapsed - foresight[w, k, ForesightColumn.elapsed]
-    news = time < 0.999 * worlds.p[Parameter.step]  # a reply was received in the step before
-    if worlds.clock[w, 1] == 1:  # the first node is given at deployment
-        exchange[w, k, ExchangeColumn.heads_for] = worlds.auv[w, k, AuvColumn.target]
-        news = True
-    if news:
-        way.place = vec2(worlds.track[w, k, tracker.X], worlds.track[w, k, tracker.Y])
-        way.node = ti.cast(exchange[w, k, ExchangeColumn.heads_for], ti.i32)
-        way.hovers = exchange[w, k, ExchangeColumn.hovers]
-        if way.hovers == 0.0:
-            speed = vec2(exchange[w, k, ExchangeColumn.velocity_x], exchange[w, k, ExchangeColumn.velocity_y]).norm()
-            if speed > 0.5 * worlds.p[Parameter.speed_min]:
-                way.speed += LEARNED * (speed - way.speed)
-        time = elapsed
-    works = works_within(worlds)
-    lost = ti.cast(own_uncertainty(worlds, w, k)[0] > works * works, ti.i32)
-    way = advanced(worlds, w, way, time, lost)
-    foresight[w, k, ForesightColumn.x] = way.place[0]
-    foresight[w, k, ForesightColumn.y] = way.place[1]
-    foresight[w, k, ForesightColumn.heads_for] = ti.cast(way.node, ti.f32)
-    foresight[w, k, ForesightColumn.hovers] = way.hovers
-    foresight[w, k, ForesightColumn.speed] = way.speed
-    foresight[w, k, ForesightColumn.elapsed] = elapsed
-
-
-@func
-def foresee_served(worlds: ti.template(), w, b):
-    """`foresee` for the AUVs that boat b serves."""
-    for k in range(worlds.estimate.shape[1]):
-        if boat_motion.serves(worlds, w, b, k):
-            foresee(worlds, w, k)
-
-
-@func
-def begin(worlds: ti.template(), w, k):
-    """AUV k is where it is deployed, on its way to a node that is not chosen yet."""
-    foresight = ti.static(worlds.foresight)
-    foresight[w, k, ForesightColumn.x] = worlds.auv[w, k, AuvColumn.x]
-    foresight[w, k, ForesightColumn.y] = worlds.auv[w, k, AuvColumn.y]
-    foresight[w, k, ForesightColumn.heads_for] = 0.0
-    foresight[w, k, ForesightColumn.hovers] = 0.0
-    foresight[w, k, ForesightColumn.speed] = worlds.p[Parameter.reference_speed]
-    foresight[w, k, ForesightColumn.elapsed] = 0.0
-
-
-@func
-def foreseen_place(worlds: ti.template(), w, k) -> vec2:
-    """Present predicted position of AUV k, m."""
-    return vec2(worlds.foresight[w, k, ForesightColumn.x], worlds.foresight[w, k, ForesightColumn.y])
 
 
 @func
@@ -288,7 +120,7 @@ def expected_loss(worlds: ti.template(), w, boat, n: ti.i32, ranges: each_auv, l
     count = worlds.estimate.shape[1]
     here = vec2(worlds.boat[w, boat, BoatColumn.x], worlds.boat[w, boat, BoatColumn.y])
     z = -(p[Parameter.separation_boat] + worlds.boat[w, boat, BoatColumn.elevation])
-    works = works_within(worlds)
+    works = foresight.works_within(worlds)
     reach = p[Parameter.top_speed] * INTERVAL
     over_step = drift_over(worlds, INTERVAL)
     a = each_auv(0.0)
@@ -343,7 +175,7 @@ def expected_loss(worlds: ti.template(), w, boat, n: ti.i32, ranges: each_auv, l
                     hovers=hovers[k],
                     speed=worlds.foresight[w, k, ForesightColumn.speed],
                 )
-                after = advanced(worlds, w, after, INTERVAL, lost)
+                after = foresight.advanced(worlds, w, after, INTERVAL, lost)
                 x[k] = after.place[0]
                 y[k] = after.place[1]
                 heads_for[k] = ti.cast(after.node, ti.f32)

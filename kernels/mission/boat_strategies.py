@@ -6,7 +6,7 @@ A boat plans for the AUVs that it serves; without any it stays where it is.
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission import belief_planner, boat_motion
+from usvauv.kernels.mission import belief_planner, boat_motion, foresight
 from usvauv.kernels.mission.columns import Parameter
 from usvauv.kernels.mission.worlds import Strategy
 from usvauv.kernels.planning import search
@@ -35,7 +35,7 @@ def visit(worlds: ti.template(), w, b) -> vec2:
     goal = boat_motion.boat_place(worlds, w, b)
     least = belief_planner.least_certain(worlds, w, b)
     if least != belief_planner.NO_AUV:
-        goal = belief_planner.foreseen_place(worlds, w, ti.max(least, 0))
+        goal = foresight.foreseen_place(worlds, w, ti.max(least, 0))
     return goal
 
 
@@ -49,7 +49,7 @@ def agent(worlds: ti.template(), w, b) -> vec2:
 def begin_foresight(worlds: ti.template(), w, b) -> vec2:
     """Begin the prediction of all AUVs; the boat begins at the mean of its own."""
     for k in range(worlds.estimate.shape[1]):
-        belief_planner.begin(worlds, w, k)
+        foresight.begin(worlds, w, k)
     return centroid(worlds, w, b)
 
 

@@ -15,7 +15,7 @@ from usvauv.kernels.flow import airy
 from usvauv.kernels.flow.current import Water
 from usvauv.kernels.flow.vortex import Pattern, Vortex
 from usvauv.kernels.functions import func, kernel
-from usvauv.kernels.mission import belief_planner, boat_motion, fixes, motion, observation, reception, vehicles
+from usvauv.kernels.mission import boat_motion, fixes, foresight, motion, observation, reception, vehicles
 from usvauv.kernels.mission.belief_planner import OTHER_GOALS
 from usvauv.kernels.mission.columns import AuvColumn, Draw, EstimateColumn, Parameter, Phase, Schedule, Sensor
 from usvauv.kernels.mission.tasks import rewards
@@ -235,7 +235,7 @@ def prepare(worlds: ti.template(), w):
     boat_motion.assign_boats(worlds, w, boat_motion.HYSTERESIS)
     if ti.static(worlds.program.strategy.foresees):
         for b in range(worlds.boat.shape[1]):
-            belief_planner.foresee_served(worlds, w, b)
+            foresight.foresee_served(worlds, w, b)
 
 
 @func
