@@ -20,11 +20,11 @@ Iteration, and Distributed Reinforcement Learning" (2020), §2.3).
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission import boat_motion, foresight, reception
+from usvauv.kernels.mission import boat_motion, foresight, reception, replies
 from usvauv.kernels.mission.columns import BoatColumn, ExchangeColumn, ForesightColumn, Parameter
 from usvauv.kernels.mission.foresight import Way, drift_over, foreseen_place, own_uncertainty
 from usvauv.kernels.planning.information import each_auv
-from usvauv.kernels.positioning import tracker
+from usvauv.kernels.positioning import acoustic_link, tracker
 from usvauv.kernels.types import vec2, vec3
 
 INTERVAL = 5.0  # s, of a step of the rollout, and the least between two plans
@@ -56,14 +56,17 @@ def straying(worlds: ti.template(), elapsed) -> ti.f32:
 def hearing_range(worlds: ti.template(), k, z, farthest) -> ti.f32:
     """Horizontal distance, m, beyond which AUV k's replies are not received in a rollout; at most `farthest`.
 
-    By bisection of the probability for a boat at rest and a known position, which is then the largest and decreases
+    By bisection of the signal's excess for a boat at rest and a known position, which is then the largest and decreases
     with the distance. Returns the far end of the last interval.
     """
+    sure = replies.excess_for(worlds, SURE)
     near = 0.0
     far = farthest
     for _ in range(BISECTIONS):
         middle = 0.5 * (near + far)
-        if reception.expected_reply(worlds, k, vec3(middle, 0.0, z), 0.0, 0.0)[0] >= SURE:
+        offset = vec3(middle, 0.0, z)
+        loss = acoustic_link.further_loss(worlds.link, k, offset, 0.0)
+        if replies.expected_signal(worlds, k, offset, loss, 0.0)[0] >= sure:
             near = middle
         else:
             far = middle
@@ -123,12 +126,15 @@ def expected_loss(worlds: ti.template(), w, boat, n: ti.i32, ranges: each_auv, l
     works = foresight.works_within(worlds)
     reach = p[Parameter.top_speed] * INTERVAL
     over_step = drift_over(worlds, INTERVAL)
+    strayed = straying(worlds, INTERVAL)
+    sure = replies.excess_for(worlds, SURE)
     a = each_auv(0.0)
     b = each_auv(0.0)
     c = each_auv(0.0)
     elapsed = each_auv(0.0)
     x = each_auv(0.0)
     y = each_auv(0.0)
+    noise = each_auv(0.0)  # loss in the boat's own noise at full speed, dB
     heads_for = each_auv(0.0)
     hovers = each_auv(0.0)
     for k in range(count):
@@ -137,6 +143,7 @@ def expected_loss(worlds: ti.template(), w, boat, n: ti.i32, ranges: each_auv, l
             a[k] = s[0]
             b[k] = s[1]
             c[k] = s[2]
+            noise[k] = acoustic_link.loss_in_own_noise(worlds.link, k, 1.0)
             elapsed[k] = worlds.exchange[w, k, ExchangeColumn.elapsed]
             x[k] = worlds.foresight[w, k, ForesightColumn.x]
             y[k] = worlds.foresight[w, k, ForesightColumn.y]
@@ -165,6 +172,7 @@ def expected_loss(worlds: ti.template(), w, boat, n: ti.i32, ranges: each_auv, l
             way *= gone / distance
         here += way
         reached = distance <= gone
+        effort = ti.min(distance / reach, 1.0)
         least = 0
         for k in range(count):
             if boat_motion.serves(worlds, w, boat, k):
@@ -186,10 +194,15 @@ def expected_loss(worlds: ti.template(), w, boat, n: ti.i32, ranges: each_auv, l
                 offset = vec3(after.place[0] - here[0], after.place[1] - here[1], z)
                 elapsed[k] += INTERVAL
                 if offset.xy.norm_sqr() <= ranges[k] * ranges[k]:
-                    effort = ti.min(distance / reach, 1.0)
-                    spread = s[0] + straying(worlds, elapsed[k])
-                    found = reception.expected_reply(worlds, k, offset, effort, spread)
-                    if found[0] >= SURE:
+                    spread = s[0] + strayed
+                    if elapsed[k] > INTERVAL:
+                        spread = s[0] + straying(worlds, elapsed[k])
+                    loss = noise[k]
+                    if effort < 1.0:
+                        loss = acoustic_link.loss_in_own_noise(worlds.link, k, effort)
+                    loss += acoustic_link.loss_in_bubbles(worlds.link, k, offset)
+                    found = replies.expected_signal(worlds, k, offset, loss, spread)
+                    if found[0] >= sure:
                         s = tracker.fixed(s, found[1])
                         elapsed[k] = 0.0
                         if k == visited:

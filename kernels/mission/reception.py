@@ -1,6 +1,6 @@
 """The array on a boat: its pose, its reception of an AUV's signal and the position that it measures.
 
-`expected_reply` and `reply_worth` predict the probability that a reply is received and the accuracy of its fix.
+`reply_worth` predicts what a reply is worth.
 """
 
 import math
@@ -18,6 +18,7 @@ from usvauv.kernels.mission.columns import (
     EstimateColumn,
     Parameter,
 )
+from usvauv.kernels.mission.replies import expected_reply
 from usvauv.kernels.mission.worlds import Worlds, address, key, normals
 from usvauv.kernels.positioning import acoustic_link, matched_filter, rays, reflections, usbl
 from usvauv.kernels.positioning.layered_water import sound_speed
@@ -406,31 +407,6 @@ def make_fix(
         # Errors common to a boat's fixes differ from boat to boat.
         covariance += common
     return Fix(place=place, covariance=covariance, flags=flags)
-
-
-LOGISTIC = 1.702  # 1/(1 + e^{−1.702 x}) is the normal distribution function within 0.01
-
-
-@func
-def expected_reply(worlds: ti.template(), k, offset: vec3, effort, spread) -> vec2:
-    """Probability that a reply of AUV k is received, and the variance per axis (m²) of its fix.
-
-    Args:
-        offset: from the boat to the AUV's predicted position, m. effort: the boat's speed over its top speed.
-        spread: variance per axis of that place, m².
-    """
-    link = ti.static(worlds.link)
-    S = offset.norm()
-    loss = acoustic_link.further_loss(link, k, offset, effort)
-    sigma = acoustic_link.phase_deviation(link, k, S, loss)
-    strength = 2.8284271 / sigma  # √(8 E/N0)
-    root = ti.sqrt(strength * strength + 7.0)
-    slope = strength * offset.xy.norm() / (S * S)  # of that root with the horizontal distance, 1/m
-    margin = (root - acoustic_link.detection_threshold(link, k)) / ti.sqrt(1.0 + slope * slope * spread)
-    kept = 1.0 - worlds.p[Parameter.packet_loss]
-    across = sigma * S / link[k, acoustic_link.KAPPA]
-    tilted = link[k, acoustic_link.ATTITUDE] * S * S
-    return vec2(kept * kept / (1.0 + ti.exp(-LOGISTIC * margin)), across * across + tilted)
 
 
 @func

@@ -9,7 +9,7 @@ import torch
 from scipy import stats
 
 from usvauv.kernels.mission.columns import Parameter
-from usvauv.kernels.mission.reception import expected_reply
+from usvauv.kernels.mission.replies import expected_reply
 from usvauv.kernels.positioning import acoustic_link
 from usvauv.kernels.positioning.acoustic_link import Accuracy, Sonar, link_table
 from usvauv.kernels.types import array1, array2, vec3
