@@ -331,8 +331,8 @@ class ExchangeColumn(StateColumns):
 class ForesightColumn(StateColumns):
     """The boat's prediction of an AUV, (W, K, F), for strategies that predict."""
 
-    x: X  # m
-    y: Y
+    x: Position  # m
+    y: Position
     heads_for: NodeIndex  # index of the node
     hovers: Hover  # time that it still serves it, s
     elapsed: Elapsed  # the exchange's `elapsed` at that time, s

@@ -152,11 +152,15 @@ def test_a_target_that_is_no_node_is_refused(world, value):
         world.load_state(state)
 
 
-def test_every_run_stays_within_the_ranges_of_its_state(world):
+@pytest.mark.parametrize(("name", "count"), [("extreme", WORLDS), ("wide", 64)])
+def test_every_run_stays_within_the_ranges_of_its_state(name, count):
     """The ranges are no narrower than what happens."""
+    world = World(Scenario.load(name), count, 0)
+    world.reset()
     rng = np.random.default_rng(0)
     for _ in range(60):
-        world.step(torch.from_numpy(rng.uniform(-1, 1, (WORLDS, 2, 2)).astype(np.float32)))
+        action = rng.uniform(-1, 1, (count, world.num_auvs, 2)).astype(np.float32)
+        world.step(torch.from_numpy(action))
         world.load_state(world.state())
 
 
