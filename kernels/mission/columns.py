@@ -442,11 +442,13 @@ class Action(Columns):
 class Phase(Columns):
     """Task of a launch: begin episodes, advance them by a step, or by one part of a step.
 
-    On a CPU a step in parts is `move`, `ride`, `answer` and `look`, on a GPU `begin`, `weigh`, `end` and `look_round`.
+    On a CPU a step in parts is `draw`, `move`, `ride`, `answer` and `look`, on a GPU `begin`, `weigh`, `end` and
+    `look_round`.
     """
 
     reset: int
     step: int
+    draw: int
     move: int
     ride: int
     answer: int

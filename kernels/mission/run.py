@@ -19,7 +19,7 @@ from usvauv.kernels.mission import boat_motion, fixes, foresight, motion, observ
 from usvauv.kernels.mission.belief_planner import OTHER_GOALS
 from usvauv.kernels.mission.columns import AuvColumn, Draw, EstimateColumn, Parameter, Phase, Schedule, Sensor
 from usvauv.kernels.mission.tasks import rewards
-from usvauv.kernels.mission.worlds import ARRAYS, Program, Rows, Worlds, address, key, uniforms
+from usvauv.kernels.mission.worlds import ARRAYS, Program, Rows, Worlds, address, draw_ahead, key, uniforms
 from usvauv.kernels.positioning.pulse import Pulses
 from usvauv.kernels.types import array1, array2, array3, array4, index1, index2
 
@@ -309,6 +309,7 @@ LOOK = (sense, observe)
 STAGES = {
     Phase.reset: (begin_chosen,),
     Phase.step: (*BEGIN, *END, feel_storm, *LOOK),
+    Phase.draw: (draw_ahead,),
     Phase.move: (*BEGIN, plan, move_boats),
     Phase.ride: (ride_and_feel,),
     Phase.answer: (locate, end_step),
@@ -325,7 +326,7 @@ def launches(program: Program) -> tuple[int, ...]:
     """Phases that make a mission step."""
     phases: tuple[int, ...] = (Phase.step,)
     if program.in_lanes:
-        phases = Phase.move, Phase.ride, Phase.answer, Phase.look
+        phases = Phase.draw, Phase.move, Phase.ride, Phase.answer, Phase.look
     elif program.weighs_apart:
         phases = Phase.begin, Phase.weigh, Phase.end, Phase.look_round
     elif program.in_threads:
@@ -412,7 +413,8 @@ def kernel_of(source: str, **names: Any) -> Callable[..., Any]:
 
 
 # Begins the next episode of each world w with `chosen[w]` ≠ 0, or advances all worlds by one mission step. Many worlds
-# take the step by four launches, `Phase.ride` and `Phase.look`, sums of vortices and waves, with vectors in registers.
+# take the step by five launches. `Phase.draw`, random numbers, and `Phase.ride` and `Phase.look`, sums of vortices and
+# waves, have vectors in registers.
 # For few worlds launches take longer than they save, and plugins' functions may not compile so.
 # On a GPU the last part of a step has a thread for each AUV, and a boat's plan by rollouts one for each goal.
 run = kernel_of(

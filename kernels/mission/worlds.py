@@ -8,6 +8,7 @@ from collections import namedtuple
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import numpy as np
 import taichi as ti
 from taichi.lang import impl
 
@@ -20,6 +21,7 @@ from usvauv.kernels.mission.columns import (
     BeliefColumn,
     BoatColumn,
     BodyColumn,
+    Draw,
     EstimateColumn,
     ExchangeColumn,
     ForesightColumn,
@@ -32,7 +34,7 @@ from usvauv.kernels.mission.columns import (
 )
 from usvauv.kernels.mission.tasks.task import Task
 from usvauv.kernels.positioning import tracker
-from usvauv.kernels.types import Columns
+from usvauv.kernels.types import Columns, vec4
 from usvauv.kernels.vehicles.otter import HullColumn
 
 
@@ -148,6 +150,7 @@ class Array(NamedTuple):
         return self.columns.names if self.columns else tuple(f"column {n}" for n in range(len(self.column_ranges)))
 
 
+PURPOSE = 1 << 16  # of a draw, as part of its address
 ANYWHERE = Range(-1e12, 1e12)
 TRACK = tracker.COLUMNS * (Range(-1e25, 1e25),)
 HULL = (Range(-1e6, 1e6),) * len(HullColumn.names)
@@ -172,6 +175,7 @@ TABLES = {
     "reward_weights": Array("R", "weights of the reward terms"),
     "observation_first": Array(".", "index of the first number of each term of an observation", dtype=ti.i32),
     "key": Array("W", "seed of each world", KeyColumn, ti.i32),
+    "draw_numbers": Array(".", "what the draws made before a step are for, `draw_numbers`", dtype=random.long_lanes),
 }
 # Together with the clock and the sea everything that decides the worlds' future.
 STATE = {
@@ -210,8 +214,24 @@ ARRAYS = {
     "chosen": Array("W", "whether a world is to begin an episode, 0 or 1", dtype=ti.u8),
     "action": Array("WK.", "actions in [−1, 1]"),
     "workspace": Array("W.", "numbers that the target rule needs while it chooses, at least one"),
+    "drawn": Array("W.", "random numbers drawn before a step, `draw_ahead`", dtype=random.lanes),
     "pulse_noise": Array("W..", "noise of one pulse, where it is sampled"),
 }
+
+
+# Purposes of normal numbers drawn in each step for each AUV and each boat. Many worlds draw them side by side before a
+# step, and after them the uniform numbers of arrivals at nodes, four for each address.
+OF_AUV, OF_BOAT, OF_NODES = (Draw.speed, Draw.depth, Draw.navigation), (Draw.gnss, Draw.attitude), Draw.arrival
+EACH_AUV, EACH_BOAT = len(OF_AUV), len(OF_BOAT)
+
+
+def draw_numbers(num_auvs: int, num_boats: int, num_nodes: int) -> np.ndarray:
+    """Last words of the addresses of these draws, (groups, `random.LANES`) int64."""
+    normal = [(draw, k) for k in range(num_auvs) for draw in OF_AUV]
+    normal += [(draw, b) for b in range(num_boats) for draw in OF_BOAT]
+    uniform = [(OF_NODES, n) for n in range(-(-num_nodes // 4))]
+    rows = [part + [(0, 0)] * (-len(part) % random.LANES) for part in (normal, uniform)]
+    return np.array([draw * PURPOSE + index for draw, index in rows[0] + rows[1]], np.int64).reshape(-1, random.LANES)
 
 
 class Rows(tuple[Any, ...]):
@@ -268,7 +288,7 @@ def address(worlds: ti.template(), w, step, draw, index):
         ti.cast(worlds.key[w, KeyColumn.world], ti.u32),
         ti.cast(worlds.clock[w, 0], ti.u32),
         ti.cast(step, ti.u32),
-        ti.cast(draw * 65536 + index, ti.u32),
+        ti.cast(draw * PURPOSE + index, ti.u32),
     )
 
 
@@ -282,12 +302,58 @@ def key(worlds: ti.template(), w):
 
 
 @func
-def uniforms(worlds: ti.template(), w, draw, index):
-    """Four independent numbers uniform in (0, 1), of the present step."""
-    return random.uniforms(address(worlds, w, worlds.clock[w, 1], draw, index), key(worlds, w))
+def groups_of_normals(worlds: ti.template()):
+    """Vectors of `random.LANES` draws that have the normal numbers of a step."""
+    return (EACH_AUV * worlds.auv.shape[1] + EACH_BOAT * worlds.boat.shape[1] + random.LANES - 1) // random.LANES
 
 
 @func
-def normals(worlds: ti.template(), w, draw, index):
+def draw_ahead(worlds: ti.template(), w):
+    """Draw random numbers of the coming step of world w, `draw_numbers`, for where vectors stay in registers."""
+    start, seed = ti.cast(address(worlds, w, worlds.clock[w, 1] + 1, 0, 0), ti.u64), ti.cast(key(worlds, w), ti.u64)
+    c = [random.long_lanes(start[part]) for part in ti.static(range(3))]
+    normal = groups_of_normals(worlds)
+    for group in range(worlds.draw_numbers.shape[0]):
+        words = random.rounds(c[0], c[1], c[2], worlds.draw_numbers[group], seed[0], seed[1])
+        for half in ti.static((0, 2)):
+            a, b = random.uniform_lanes(words[half]), random.uniform_lanes(words[half + 1])
+            if group < normal:
+                a, b = random.gaussian_lanes(a, b)
+            worlds.drawn[w, 4 * group + half] = a
+            worlds.drawn[w, 4 * group + half + 1] = b
+
+
+@func
+def drawn(worlds: ti.template(), w, draw: ti.template(), index) -> vec4:
+    """The four numbers of a draw that `draw_ahead` has made for the present step."""
+    place = index
+    if ti.static(draw in OF_AUV):
+        place = EACH_AUV * index + ti.static(OF_AUV.index(draw))
+    elif ti.static(draw in OF_BOAT):
+        place = EACH_AUV * worlds.auv.shape[1] + EACH_BOAT * index + ti.static(OF_BOAT.index(draw))
+    else:
+        place = random.LANES * groups_of_normals(worlds) + index
+    row, lane = 4 * (place >> 3), place & 7
+    return vec4([worlds.drawn[w, row + part][lane] for part in ti.static(range(4))])
+
+
+@func
+def uniforms(worlds: ti.template(), w, draw: ti.template(), index):
+    """Four independent numbers uniform in (0, 1), of the present step."""
+    found = vec4(0.0)
+    if ti.static(worlds.program.in_lanes and draw == OF_NODES):
+        found = drawn(worlds, w, draw, index)
+    else:
+        found = random.uniforms(address(worlds, w, worlds.clock[w, 1], draw, index), key(worlds, w))
+    return found
+
+
+@func
+def normals(worlds: ti.template(), w, draw: ti.template(), index):
     """Four independent standard normal numbers, of the present step."""
-    return random.normals(address(worlds, w, worlds.clock[w, 1], draw, index), key(worlds, w))
+    found = vec4(0.0)
+    if ti.static(worlds.program.in_lanes and draw in OF_AUV + OF_BOAT):
+        found = drawn(worlds, w, draw, index)
+    else:
+        found = random.normals(address(worlds, w, worlds.clock[w, 1], draw, index), key(worlds, w))
+    return found

@@ -35,7 +35,7 @@ from usvauv.env.world.state import (
     padded_length,
     unused_arrays,
 )
-from usvauv.kernels import runtime
+from usvauv.kernels import random, runtime
 from usvauv.kernels.errors import DivergenceError, blaming
 from usvauv.kernels.flow import current, vortex_motion
 from usvauv.kernels.flow.vortex import Vortex
@@ -54,7 +54,7 @@ from usvauv.kernels.mission.run import PARAMETERS, draw_vortices, launches, run
 from usvauv.kernels.mission.target_rules import target_rules
 from usvauv.kernels.mission.tasks.task import tasks
 from usvauv.kernels.mission.vehicles import ROWS, move
-from usvauv.kernels.mission.worlds import REWARDS, STATE
+from usvauv.kernels.mission.worlds import REWARDS, STATE, draw_numbers
 from usvauv.kernels.positioning import pulse, tracker
 from usvauv.kernels.registry import Registry
 from usvauv.kernels.vehicles.vehicle import LANES, vehicles
@@ -202,7 +202,8 @@ class World:
         self._pulses = pulse.Pulses(self._zeros(1, 1), self._zeros(1, 1, 1), self._zeros(1))
         if scenario.uses_pulse_tables:
             self._pulses = tables.pulse_tables(scenario, self.device)
-        drawn = 8 * self._pulses.noise.shape[2]  # noise of a pulse
+        self._draw_numbers = draw_numbers(self.num_auvs, scenario.boat.count, scenario.targets)
+        drawn = 8 * self._pulses.noise.shape[2] + 4 * self._draw_numbers.size  # noise of a pulse, and random numbers
         workspaces = tables.rule_workspace(scenario) + drawn
         memory = 4.0 * (WORKSPACE * sum(map(padded_length, shapes.values())) + num_worlds * workspaces)
         require(memory, f"num_worlds = {num_worlds} of {self.num_auvs} AUVs", self.device)
@@ -570,9 +571,12 @@ class World:
         in_lanes, in_threads = known and on_cpu and not serial, known and not on_cpu
         program = program._replace(serial=serial, in_lanes=in_lanes, in_threads=in_threads)
         losses = self.scenario.boat.count * (self.num_auvs + OTHER_GOALS) if program.weighs_apart else 0
+        drawn = (self.num_worlds, 4 * len(self._draw_numbers)) if in_lanes else (1, 1)
         return {
             **{name: torch.from_numpy(table).to(self.device) for name, table in uploaded.items()},
             "key": torch.from_numpy(self.seeds.keys()).to(self.device),
+            "draw_numbers": torch.from_numpy(self._draw_numbers).to(self.device),
+            "drawn": self._zeros(*drawn, random.LANES),
             "program": program,
             "workspace": self._zeros(self.num_worlds, tables.rule_workspace(self.scenario) + losses),
             "pulse_envelope": self._pulses.envelope,
@@ -605,8 +609,12 @@ class World:
 
     def _mission(self, arguments: Mapping[str, Any], phase: int) -> Launch:
         """A phase of the mission's kernel."""
-        settings = runtime.vectors_in_registers() if phase in (Phase.ride, Phase.look) else runtime.NONE
-        given = ({"phase": phase, **arguments}[name] for name in PARAMETERS)
+        in_registers = phase in (Phase.draw, Phase.ride, Phase.look)
+        settings = runtime.vectors_in_registers() if in_registers else runtime.NONE
+        program = arguments["program"]
+        if phase == Phase.reset:  # which draws for itself
+            program = program._replace(in_lanes=False)
+        given = ({**arguments, "phase": phase, "program": program}[name] for name in PARAMETERS)
         return Launch(run, *given, settings={**runtime.quickly(), **settings})
 
     def _moving(self, phase: int, arguments: Mapping[str, Any]) -> Launch:

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 import numpy as np
 import taichi as ti
 
-from usvauv.kernels import random
 from usvauv.kernels.flow.current import grid_sample
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission.columns import AuvColumn, Draw, Information, NodeColumn, Parameter, TallyColumn
@@ -21,7 +20,7 @@ from usvauv.kernels.mission.motion import distance_to_target, hold, offset_to_ta
 from usvauv.kernels.mission.target_rules import knowledge, share_nodes
 from usvauv.kernels.mission.tasks import rewards
 from usvauv.kernels.mission.tasks.task import Task, tasks
-from usvauv.kernels.mission.worlds import address, key, uniforms
+from usvauv.kernels.mission.worlds import uniforms
 from usvauv.kernels.positioning import sonar
 from usvauv.kernels.types import vec2
 
@@ -277,10 +276,8 @@ def fill_nodes(worlds: ti.template(), w):
     overflowing = 0.0
     created = 0.0
     lost = 0.0
-    counter, seed = address(worlds, w, worlds.clock[w, 1], Draw.arrival, 0), key(worlds, w)
     for group in range((node.shape[1] + 3) // 4):
-        u = random.uniforms(counter, seed)
-        counter[3] += 1
+        u = uniforms(worlds, w, Draw.arrival, group)
         for part in ti.static(range(4)):
             i = 4 * group + part
             if i < node.shape[1]:
