@@ -2,9 +2,10 @@
 
 Packets arrive at each node as a Poisson process with one of a few rates, drawn by inversion of the distribution from a
 table. A row of the table holds one rate, a guide, and the cumulative distribution of the number of arrivals in a
-mission step. The guide holds for each of GUIDE equal parts of (0, 1) the smallest count that a number in it can give:
-the search begins there and rarely needs a second step. Source: Chen and Asau (1974), "On generating random variates
-from an empirical distribution", AIIE Transactions 6(2), doi 10.1080/05695557408974949.
+mission step. The guide holds for each of GUIDE equal parts of (0, 1) the smallest count n that a number in it can give,
+and P(N ≤ n), above which it gives n + 1. Where it can give more, the guide holds −1 − n, and the search begins at n.
+Source: Chen and Asau (1974), "On generating random variates from an empirical distribution", AIIE Transactions 6(2),
+doi 10.1080/05695557408974949.
 """
 
 import math
@@ -24,9 +25,9 @@ from usvauv.kernels.mission.worlds import uniforms
 from usvauv.kernels.positioning import sonar
 from usvauv.kernels.types import vec2
 
-GUIDE = 1024
+GUIDE = 512
 RATE = 0  # column of the rate; the guide and the cumulative distribution follow
-CUMULATIVE = 1 + GUIDE
+CUMULATIVE = 1 + 2 * GUIDE
 TAIL = 2.0**-26  # probability beyond the end of a table; 1 − 2⁻²⁶ rounds to 1 in single precision
 
 
@@ -48,17 +49,25 @@ def arrival_table(rates: Sequence[float], step: float) -> np.ndarray:
     for row, rate, cumulative in zip(filled, rates, rows, strict=True):
         row[RATE] = rate
         row[CUMULATIVE : CUMULATIVE + len(cumulative) - 1] = cumulative[:-1]  # the last is 1
-        row[1:CUMULATIVE] = np.searchsorted(row[CUMULATIVE:], np.arange(GUIDE) / GUIDE)
+        counts = np.searchsorted(row[CUMULATIVE:], np.arange(GUIDE + 1) / GUIDE)
+        first = counts[:-1]
+        row[1:CUMULATIVE:2] = np.where(np.diff(counts) <= 1, first, -1 - first)
+        row[2:CUMULATIVE:2] = row[CUMULATIVE + first]
     return filled
 
 
 @func
 def draw_arrivals(arrivals: ti.template(), row: ti.i32, u: ti.f32) -> ti.f32:
     """The Poisson number of a row at a uniform number u in (0, 1): the smallest count with P(N ≤ count) ≥ u."""
-    count = ti.cast(arrivals[row, 1 + ti.cast(u * GUIDE, ti.i32)], ti.i32)
-    while u > arrivals[row, CUMULATIVE + count]:
-        count += 1
-    return ti.cast(count, ti.f32)
+    part = 1 + 2 * ti.cast(u * GUIDE, ti.i32)
+    count = arrivals[row, part]
+    if count >= 0.0:
+        count += ti.select(u > arrivals[row, part + 1], 1.0, 0.0)
+    else:
+        count = -1.0 - count
+        while u > arrivals[row, CUMULATIVE + ti.cast(count, ti.i32)]:
+            count += 1.0
+    return count
 
 
 LEAST_RATE = 1e-9  # Mbit/s; below it the link is dead, and the AUV hovers for the rest of the mission
@@ -285,11 +294,9 @@ def fill_nodes(worlds: ti.template(), w):
                 arrivals = draw_arrivals(worlds.arrivals, kind, u[part])
                 backlog = node[w, i, NodeColumn.backlog] + arrivals
                 created += arrivals
-                if backlog > buffer:
-                    lost += backlog - buffer
-                    backlog = buffer
-                    overflowing += 1.0
-                node[w, i, NodeColumn.backlog] = backlog
+                lost += ti.max(backlog - buffer, 0.0)
+                overflowing += ti.select(backlog > buffer, 1.0, 0.0)
+                node[w, i, NodeColumn.backlog] = ti.min(backlog, buffer)
     worlds.tally[w, TallyColumn.overflowing] = overflowing
     worlds.tally[w, TallyColumn.packets_created] = created
     worlds.tally[w, TallyColumn.packets_lost] = lost
