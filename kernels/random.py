@@ -41,8 +41,8 @@ def rounds(c0, c1, c2, c3, k0, k1):
 @func
 def philox(counter: uint4, key: uint2) -> uint4:
     """Philox4x32-10: four independent 32-bit words for one 128-bit counter and one 64-bit key."""
-    c, k = ti.cast(counter, ti.u64), ti.cast(key, ti.u64)
-    a0, a1, a2, a3 = rounds(c[0], c[1], c[2], c[3], k[0], k[1])
+    c = [ti.cast(counter[n], ti.u64) for n in ti.static(range(4))]
+    a0, a1, a2, a3 = rounds(c[0], c[1], c[2], c[3], ti.cast(key[0], ti.u64), ti.cast(key[1], ti.u64))
     return ti.cast(ti.Vector([a0, a1, a2, a3]), ti.u32)
 
 

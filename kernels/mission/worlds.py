@@ -310,8 +310,9 @@ def groups_of_normals(worlds: ti.template()):
 @func
 def draw_ahead(worlds: ti.template(), w):
     """Draw random numbers of the coming step of world w, `draw_numbers`, for where vectors stay in registers."""
-    start, seed = ti.cast(address(worlds, w, worlds.clock[w, 1] + 1, 0, 0), ti.u64), ti.cast(key(worlds, w), ti.u64)
-    c = [random.long_lanes(start[part]) for part in ti.static(range(3))]
+    start, word = address(worlds, w, worlds.clock[w, 1] + 1, 0, 0), key(worlds, w)
+    c = [random.long_lanes(ti.cast(start[part], ti.u64)) for part in ti.static(range(3))]
+    seed = [ti.cast(word[part], ti.u64) for part in ti.static(range(2))]
     normal = groups_of_normals(worlds)
     for group in range(worlds.draw_numbers.shape[0]):
         words = random.rounds(c[0], c[1], c[2], worlds.draw_numbers[group], seed[0], seed[1])
