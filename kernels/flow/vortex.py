@@ -34,7 +34,7 @@ from usvauv.kernels.types import Columns, array3
 PLACES = 8  # places side by side
 IMAGES = 3.15120262, 4.25286493, 3.82483015, 2.82903353  # c_k of ζ
 FAR = 16.0  # r²/δ² from which on 1 − e^{−r²/δ²} counts as that at 16, within 2e-7 of 1
-LEAST = 1e-18  # added to r², whose square is a number then
+LEAST = 1e-18  # added to r², so that something divided by it is a number
 
 places = ti.types.vector(PLACES, ti.f32)
 
@@ -91,10 +91,14 @@ class Vortex(Columns):
 
 @func
 def core(t):
-    """n = 1 − e^{−16t} for t ≥ 0, within 4e-7 of itself: a polynomial for 1 − e^{−t}, and n(2t) = n(t) (2 − n(t))."""
+    """n = 1 − e^{−16t} for t ≥ 0, within 4e-7 of itself: a polynomial for 1 − e^{−t}, and n(2t) = n(t) (2 − n(t)).
+
+    Pairs of its terms do not wait for one another (Estrin's scheme).
+    """
     t = ti.min(t, 1.0)
-    high = 0.0414065988 - t * (0.00782370753 - t * 0.000907157727)
-    n = t * (0.999999921 - t * (0.499994584 - t * (0.166605221 - t * high)))
+    t2 = t * t
+    high = (0.166605221 - t * 0.0414065988) + t2 * (0.00782370753 - t * 0.000907157727)
+    n = t * ((0.999999921 - t * 0.499994584) + t2 * high)
     for _ in ti.static(range(4)):
         n *= 2.0 - n
     return n
@@ -131,15 +135,13 @@ def induced(x, y, width2, repeats: ti.template()):
         x, y = x - ti.floor(x + 0.5), y - ti.floor(y + 0.5)
     x2, y2 = x * x, y * y
     r2 = x2 + y2 + LEAST
+    turn = core(r2 * (1.0 / width2)) / r2  # numbers side by side with one `width2` share the division by it
     u, v = x, y
     if ti.static(repeats):
-        r4 = r2 * r2
-        share = 1.0 / (r2 * width2)  # one division in place of two
-        turn = math.pi - core(r4 * share) * (width2 * share)
-        real, imaginary = images(x, y, x2 - y2, r4)
+        turn = math.pi - turn
+        real, imaginary = images(x, y, x2 - y2, r2 * r2)
         u, v = (turn - real) * y - x * imaginary, y * imaginary - (turn + real) * x
     else:
-        turn = core(r2 / width2) / r2
         u, v = (0.0 - turn) * y, turn * x
     return u, v
 
