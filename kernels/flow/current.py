@@ -113,12 +113,14 @@ def long_wave_surface(
     wy = q - 0.5 - ti.cast(i, ti.f32)
     vx = p - ti.cast(jf, ti.f32)
     vy = q - ti.cast(i_f, ti.f32)
-    west = mix_rows(eta, sea, i, j, wy, nx)
-    east = mix_rows(eta, sea, i, j + 1, wy, nx)
-    face_west = mix_rows(eta, sea, i, jf, wy, nx) - mix_rows(eta, sea, i, jf - 1, wy, nx)
-    face_east = mix_rows(eta, sea, i, jf + 1, wy, nx) - mix_rows(eta, sea, i, jf, wy, nx)
-    face_south = mix_columns(eta, sea, i_f, j, wx, nx) - mix_columns(eta, sea, i_f - 1, j, wx, nx)
-    face_north = mix_columns(eta, sea, i_f + 1, j, wx, nx) - mix_columns(eta, sea, i_f, j, wx, nx)
+    here, eastward = column(eta, sea, j, nx), column(eta, sea, j + 1, nx)
+    last, face, after = column(eta, sea, jf - 1, nx), column(eta, sea, jf, nx), column(eta, sea, jf + 1, nx)
+    west, east = mix_rows(eta, here, i, wy), mix_rows(eta, eastward, i, wy)
+    at_face = mix_rows(eta, face, i, wy)
+    face_west, face_east = at_face - mix_rows(eta, last, i, wy), mix_rows(eta, after, i, wy) - at_face
+    at_face = mix_columns(eta, here, eastward, i_f, wx)
+    face_south = at_face - mix_columns(eta, here, eastward, i_f - 1, wx)
+    face_north = mix_columns(eta, here, eastward, i_f + 1, wx) - at_face
     return vec3(
         west + wx * (east - west),
         (face_west + vx * (face_east - face_west)) / dx,
@@ -127,31 +129,27 @@ def long_wave_surface(
 
 
 @func
-def cell(eta: ti.template(), sea: ti.i32, i: ti.i32, j: ti.i32, nx: ti.i32) -> ti.f32:
-    """Elevation of the cell in row i and column j."""
-    W = eta.shape[2]
-    block = sea // LANES
-    lane = sea % LANES
-    column = j
+def column(field: ti.template(), sea: ti.i32, j: ti.i32, nx: ti.i32):
+    """Where column j of a sea is in a packed field: block, place in a row, and lane."""
+    W = field.shape[2]
+    block, place, lane = sea // LANES, j, sea % LANES
     if W <= nx:
-        block = 0
-        lane = j // W
-        column = j % W
-    return eta[block, i, column, lane]
+        block, place, lane = 0, j % W, j // W
+    return ti.Vector([block, place, lane])
 
 
 @func
-def mix_rows(eta: ti.template(), sea: ti.i32, i: ti.i32, j: ti.i32, w: ti.f32, nx: ti.i32) -> ti.f32:
-    """Between rows i and i + 1 of column j."""
-    south = cell(eta, sea, i, j, nx)
-    return south + w * (cell(eta, sea, i + 1, j, nx) - south)
+def mix_rows(field: ti.template(), j, i: ti.i32, w: ti.f32) -> ti.f32:
+    """Between rows i and i + 1 of a `column` j."""
+    south = field[j[0], i, j[1], j[2]]
+    return south + w * (field[j[0], i + 1, j[1], j[2]] - south)
 
 
 @func
-def mix_columns(eta: ti.template(), sea: ti.i32, i: ti.i32, j: ti.i32, w: ti.f32, nx: ti.i32) -> ti.f32:
-    """Between columns j and j + 1 of row i."""
-    west = cell(eta, sea, i, j, nx)
-    return west + w * (cell(eta, sea, i, j + 1, nx) - west)
+def mix_columns(field: ti.template(), j, east, i: ti.i32, w: ti.f32) -> ti.f32:
+    """Between a `column` j and the next one to the `east`, in row i."""
+    west = field[j[0], i, j[1], j[2]]
+    return west + w * (field[east[0], i, east[1], east[2]] - west)
 
 
 @func
@@ -167,13 +165,14 @@ def long_wave_velocity(water: ti.template(), sea: ti.i32, x: ti.f32, y: ti.f32) 
     # Western faces lie at (j, i + ½), southern ones at (j + ½, i).
     j = ti.min(ti.cast(p, ti.i32), nx - 1)
     i = ti.math.clamp(ti.cast(ti.floor(q - 0.5), ti.i32), 0, ny - 2)
-    west = mix_rows(water.U, sea, i, j, q - 0.5 - i, nx)
-    east = mix_rows(water.U, sea, i, j + 1, q - 0.5 - i, nx)
+    west = mix_rows(water.U, column(water.U, sea, j, nx), i, q - 0.5 - i)
+    east = mix_rows(water.U, column(water.U, sea, j + 1, nx), i, q - 0.5 - i)
     transport_x = west + (p - j) * (east - west)
     j = ti.math.clamp(ti.cast(ti.floor(p - 0.5), ti.i32), 0, nx - 2)
     i = ti.min(ti.cast(q, ti.i32), ny - 1)
-    south = mix_columns(water.V, sea, i, j, p - 0.5 - j, nx)
-    north = mix_columns(water.V, sea, i + 1, j, p - 0.5 - j, nx)
+    here, eastward = column(water.V, sea, j, nx), column(water.V, sea, j + 1, nx)
+    south = mix_columns(water.V, here, eastward, i, p - 0.5 - j)
+    north = mix_columns(water.V, here, eastward, i + 1, p - 0.5 - j)
     transport_y = south + (q - i) * (north - south)
     depth = ti.max(grid_sample(water.bed, 0, 0, x, y, water.width, water.length), SHALLOWEST)
     return vec2(water.unit_x * transport_x, water.unit_y * transport_y) / depth

@@ -394,8 +394,9 @@ def run({", ".join(f"{name}: PARAMETERS[{name!r}]" for name in PARAMETERS)}):
     for n in range((clock.shape[0] * threads + count - 1) // count):
         pattern = ti.static(Pattern(program.repeats, p[Parameter.eddy_scale], p[Parameter.eddy_share],
                                     p[Parameter.eddies_at_cruise]))
-        water = ti.static(Water(vortex, stream, p[Parameter.width], p[Parameter.length], bed, eta, U, V,
-                                unit_x, unit_y, nx, ny, sea_index, wave, pattern))
+        water = ti.static(Water(Rows.of(vortex), Rows.of(stream), p[Parameter.width], p[Parameter.length], Rows.of(bed),
+                                Rows.of(eta), Rows.of(U), Rows.of(V), unit_x, unit_y, nx, ny, sea_index, Rows.of(wave),
+                                pattern))
         pulses = ti.static(Pulses(pulse_envelope, pulse_output, pulse_rate, program.tone))
         worlds = ti.static(Worlds(program, water, pulses, {", ".join(PASSED)}))
         for stage in ti.static(STAGES[phase]):

@@ -244,10 +244,10 @@ class Rows(tuple[Any, ...]):
     __slots__ = ()
 
     @classmethod
-    def of(cls, argument: Any, array: Array) -> "Rows":
-        """An argument of the kernel."""
+    def of(cls, argument: Any, array: Array | None = None) -> "Rows":
+        """An argument of the kernel; `array` if it is one of `ARRAYS`."""
         sizes = [impl.expr_init(size) for size in argument.shape[1:]]
-        if array.names:
+        if array and array.names:
             sizes[-1] = len(array.names)
         return cls((argument, *sizes))
 
