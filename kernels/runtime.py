@@ -29,7 +29,7 @@ import torch
 from taichi._lib import core
 from taichi.lang import impl, matrix_ops  # noqa: F401  # or the first kernel that is read imports it
 
-from usvauv.kernels import kernel_cache
+from usvauv.kernels import kernel_cache, thread_pool
 from usvauv.kernels.errors import UserError, choices
 
 CACHED = 1 << 30  # bytes of compiled kernels kept on disk, of all scenarios and versions together
@@ -208,7 +208,7 @@ def _start_program(arch: str, threads: int) -> None:
             f"arch: this process was forked after Taichi had started, and {what} cannot be used in a fork: "
             "start processes by 'spawn' or 'forkserver'"
         )
-    folder = cache_folder()
+    folder, before = cache_folder(), thread_pool.threads()
     try:
         # Taichi announces itself, and its Vulkan device complains if there is none.
         with contextlib.redirect_stdout(io.StringIO()), _silent_stderr():
@@ -225,6 +225,7 @@ def _start_program(arch: str, threads: int) -> None:
         raise RuntimeUnavailable(f"arch: {arch!r} could not be started: {error}") from error
     if _name(impl.current_cfg().arch) != arch:  # Taichi takes the CPU instead
         raise RuntimeUnavailable(f"arch: {arch!r} was asked for, but Taichi finds no such device here")
+    thread_pool.bind(thread_pool.threads() - before, threads)
 
 
 def state_with_fields() -> object | None:

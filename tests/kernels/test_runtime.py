@@ -30,6 +30,40 @@ def meet(arrived: ti.types.ndarray(dtype=ti.i32, ndim=1), met: ti.types.ndarray(
                 met[i] = 1
 
 
+BOUND = """
+import os
+from pathlib import Path
+import taichi as ti
+from usvauv.kernels import runtime
+from usvauv.kernels.functions import kernel
+from usvauv.kernels.types import array1
+import torch
+
+@kernel
+def work(out: array1):
+    ti.loop_config(block_dim=1)
+    for n in range(out.shape[0]):
+        for _ in range(10000):
+            out[n] = ti.sin(out[n] + 1.0)
+
+def nanoseconds():
+    tasks = Path("/proc/self/task").iterdir()
+    return {int(task.name): int((task / "schedstat").read_text().split()[0]) for task in tasks}
+
+cores = os.sched_getaffinity(0)
+runtime.start("cpu")
+out = torch.zeros(64 * len(cores))
+work(out)
+before = nanoseconds()
+for _ in range(5):
+    work(out)
+spent = {task: now - before.get(task, 0) for task, now in nanoseconds().items() if task != os.getpid()}
+busiest = sorted(spent, key=spent.get)[-len(cores):]
+places = [os.sched_getaffinity(task) for task in busiest]
+print(*sorted(core for place in places for core in place))
+"""
+
+
 @pytest.mark.cpu("threads")
 @pytest.mark.skipif(runtime.available_cores() < 2, reason="one core")
 def test_two_turns_of_a_loop_run_at_the_same_time():
@@ -44,6 +78,16 @@ def reorder(x: ti.types.ndarray(dtype=ti.f32, ndim=2)):
     for i in range(x.shape[0]):
         x[i, 2] = (x[i, 0] + x[i, 1]) - x[i, 0]
         x[i, 3] = 0.0 * x[i, 0]
+
+
+@pytest.mark.cpu("threads")
+@pytest.mark.skipif(sys.platform != "linux", reason="threads are bound on Linux")
+def test_threads_of_kernels_stay_on_cores_of_their_own(tmp_path):
+    """Those that work; the program begins with all cores, whatever the number of threads of this one."""
+    program = tmp_path / "program.py"
+    program.write_text(BOUND)
+    done = subprocess.run([sys.executable, program], capture_output=True, text=True, timeout=300)
+    assert done.stdout.split() == [str(core) for core in sorted(os.sched_getaffinity(0))], done.stderr
 
 
 def test_arithmetic_is_that_of_the_standard(device):
