@@ -72,13 +72,11 @@ def team_of(worlds, w, count, chosen) -> Team:
 
 
 @func
-def best_place(worlds: ti.template(), w, b, start: vec2, reach, limited: ti.template()) -> vec2:
+def best_place(worlds: ti.template(), w, b, start: vec2, everywhere, reach, limited: ti.template()) -> vec2:
     """The place with the best information on the AUVs of boat b; if that is `limited` within `reach` of `start`, m.
 
-    Every `SEARCH_INTERVAL` it is the best of all; in between the maximum uphill of `start` is followed.
+    Unless the search is `everywhere`, it is the maximum uphill of `start`.
     """
-    interval = ti.max(ti.cast(SEARCH_INTERVAL / worlds.p[Parameter.step] + 0.5, ti.i32), 1)
-    everywhere = worlds.clock[w, 1] % interval == 0
     count = boat_motion.num_served(worlds, w, b)
     chosen = members(worlds, w, b)
     team = ti.static(team_of(worlds, w, count, chosen))
@@ -93,21 +91,26 @@ def best_place(worlds: ti.template(), w, b, start: vec2, reach, limited: ti.temp
 
 @func
 def fim(worlds: ti.template(), w, b) -> vec2:
-    """Goes to the place from which it can locate all its AUVs best, by their Fisher information."""
-    return best_place(worlds, w, b, boat_motion.goal_place(worlds, w, b), search.ANYWHERE, False)
+    """Goes to the place from which it can locate all its AUVs best, by their Fisher information.
+
+    It searches everywhere once in `SEARCH_INTERVAL`, and follows the maximum of its goal in between.
+    """
+    interval = ti.max(ti.cast(SEARCH_INTERVAL / worlds.p[Parameter.step] + 0.5, ti.i32), 1)
+    everywhere = worlds.clock[w, 1] % interval == 0
+    return best_place(worlds, w, b, boat_motion.goal_place(worlds, w, b), everywhere, search.ANYWHERE, False)
 
 
 @func
 def fim_greedy(worlds: ti.template(), w, b) -> vec2:
     """As `fim`, but only among places so near that the boat slows down towards them."""
     disc = boat_motion.reach(worlds, w, b)
-    return best_place(worlds, w, b, vec2(disc[0], disc[1]), disc[2], True)
+    return best_place(worlds, w, b, vec2(disc[0], disc[1]), True, disc[2], True)
 
 
 @func
 def fim_anywhere(worlds: ti.template(), w, b) -> vec2:
     """Where `fim_greedy` begins: the same search without a limit of its reach."""
-    return best_place(worlds, w, b, boat_motion.boat_place(worlds, w, b), search.ANYWHERE, True)
+    return best_place(worlds, w, b, boat_motion.boat_place(worlds, w, b), True, search.ANYWHERE, True)
 
 
 HOLD = Strategy(start=hold, goal=hold)
