@@ -1,12 +1,15 @@
 """Threads of Taichi's kernels on a CPU."""
 
+import contextlib
 import os
-import sys
+from pathlib import Path
+
+THREADS = Path("/proc/self/task")  # on Linux
 
 
 def threads() -> set[int]:
-    """Numbers of this process's threads, on Linux."""
-    return {int(name) for name in os.listdir("/proc/self/task")} if sys.platform == "linux" else set()
+    """Numbers of this process's threads; none where the system does not tell them."""
+    return {int(thread.name) for thread in THREADS.iterdir()} if THREADS.exists() else set()
 
 
 def bind(created: set[int], count: int) -> None:
@@ -14,9 +17,10 @@ def bind(created: set[int], count: int) -> None:
 
     Else Linux often wakes two on the same core and leaves them there until a short loop has ended: a step of thousands
     of worlds takes a tenth longer. With fewer threads than cores other processes may have the same plan, and the same
-    cores.
+    cores. Where the system does not allow it, threads stay as they are.
     """
     cores = sorted(os.sched_getaffinity(0)) if created else []
     if len(cores) == count:
-        for thread, core in zip(sorted(created)[-count:], cores, strict=True):
-            os.sched_setaffinity(thread, {core})
+        with contextlib.suppress(OSError):
+            for thread, core in zip(sorted(created)[-count:], cores, strict=True):
+                os.sched_setaffinity(thread, {core})
