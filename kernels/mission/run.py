@@ -19,7 +19,7 @@ from usvauv.kernels.mission import boat_motion, fixes, foresight, motion, observ
 from usvauv.kernels.mission.belief_planner import OTHER_GOALS
 from usvauv.kernels.mission.columns import AuvColumn, Draw, EstimateColumn, Parameter, Phase, Schedule, Sensor
 from usvauv.kernels.mission.tasks import rewards
-from usvauv.kernels.mission.worlds import ARRAYS, Program, Rows, Worlds, address, draw_ahead, key, uniforms
+from usvauv.kernels.mission.worlds import ARRAYS, Program, Rows, Worlds, address, draw_ahead, key
 from usvauv.kernels.positioning.pulse import Pulses
 from usvauv.kernels.types import array1, array2, array3, array4, index1, index2
 
@@ -55,7 +55,7 @@ def place_vortices(worlds: ti.template(), vortex: ti.template(), w):
     west, south = 0.5 * (p[Parameter.width] - width), 0.5 * (p[Parameter.length] - length)
     for v in range(vortex.shape[1]):
         if p[Parameter.random_vortices] > 0.5:
-            u = uniforms(worlds, w, Draw.vortex, v)
+            u = random.uniforms(address(worlds, w, worlds.clock[w, 1], Draw.vortex, v), key(worlds, w))
             vortex[w, v, Vortex.x] = west + u[0] * width
             vortex[w, v, Vortex.y] = south + u[1] * length
             vortex[w, v, Vortex.Gamma] = between(p[Parameter.circulation_min], p[Parameter.circulation_max], u[2])
@@ -64,7 +64,7 @@ def place_vortices(worlds: ti.template(), vortex: ti.template(), w):
             for c in range(4):
                 vortex[w, v, c] = worlds.fixed_vortex[v, c]
         if p[Parameter.alternate] > 0.5:
-            u = uniforms(worlds, w, Draw.vortex_sign, v)
+            u = random.uniforms(address(worlds, w, worlds.clock[w, 1], Draw.vortex_sign, v), key(worlds, w))
             if u[0] < 0.5:
                 vortex[w, v, Vortex.Gamma] = -vortex[w, v, Vortex.Gamma]
 
