@@ -13,7 +13,8 @@ from usvauv.kernels.types import vec2, vec4
 
 uint2 = ti.types.vector(2, ti.u32)
 uint4 = ti.types.vector(4, ti.u32)
-LANES = 8  # draws side by side: four words each fill the registers
+LANE_BITS = 3
+LANES = 1 << LANE_BITS  # draws side by side: four words each fill the registers
 lanes = ti.types.vector(LANES, ti.f32)
 long_lanes = ti.types.vector(LANES, ti.u64)
 

@@ -334,7 +334,7 @@ def drawn(worlds: ti.template(), w, draw: ti.template(), index) -> vec4:
         place = EACH_AUV * worlds.auv.shape[1] + EACH_BOAT * index + ti.static(OF_BOAT.index(draw))
     else:
         place = random.LANES * groups_of_normals(worlds) + index
-    row, lane = 4 * (place >> 3), place & 7
+    row, lane = 4 * (place >> random.LANE_BITS), place & (random.LANES - 1)
     return vec4([worlds.drawn[w, row + part][lane] for part in ti.static(range(4))])
 
 
