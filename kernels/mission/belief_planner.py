@@ -65,7 +65,7 @@ def hearing_range(worlds: ti.template(), k, z, farthest) -> ti.f32:
     for _ in range(BISECTIONS):
         middle = 0.5 * (near + far)
         offset = vec3(middle, 0.0, z)
-        loss = acoustic_link.further_loss(worlds.link, k, offset, 0.0)
+        loss = acoustic_link.loss_in_bubbles(worlds.link, k, offset)
         if replies.expected_signal(worlds, k, offset, loss, 0.0)[0] >= sure:
             near = middle
         else:

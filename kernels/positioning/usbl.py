@@ -64,7 +64,7 @@ from usvauv.kernels.positioning.acoustic_link import (
     SOUND_SPEED,
     THRESHOLD,
     detection_threshold,
-    further_loss,
+    loss_in_bubbles,
     phase_deviation,
     range_deviation,
 )
@@ -234,7 +234,7 @@ def fix(link: ti.template(), k: ti.i32, offset: vec3, slope: vec2, noise: vec4, 
     S = ti.max(offset.norm(), 1e-3)
     angles = attitude(slope)
     body = array_axes(angles) @ offset / S
-    sigma = phase_deviation(link, k, S, further_loss(link, k, offset, 0.0))
+    sigma = phase_deviation(link, k, S, loss_in_bubbles(link, k, offset))
     measured = measure(link, k, body, S, sigma, noise, further_noise[2])
     axes = array_axes(tilted(angles, ti.sqrt(link[k, ATTITUDE]) * vec2(further_noise[0], further_noise[1])))
     true_phase = link[k, KAPPA] * vec2(body[0], body[1])
