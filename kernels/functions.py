@@ -45,6 +45,7 @@ STREAMS = 4  # places that a thread reads in turns, so that more comes from memo
 MAGNITUDE = 0x7FFFFFFF  # bits of a number but for its sign
 lanes = ti.types.vector(LANES, ti.i32)
 rows = ti.types.ndarray(dtype=lanes, ndim=1)
+ALIGNMENT = 64  # bytes, of arrays of vectors: that of the widest registers, which torch's memory has, NumPy's need not
 UNSIGNED = (ti.u8, ti.u16, ti.u32, ti.u64)
 
 
@@ -253,7 +254,7 @@ class Launch:
         settings: of Taichi's compiler, see `usvauv.kernels.runtime.settings`.
 
     Raises:
-        ValueError: a tensor is not contiguous.
+        ValueError: a tensor is not contiguous, or vectors do not begin at a multiple of `ALIGNMENT` bytes.
     """
 
     def __init__(self, kernel: Callable, *arguments: Any, settings: runtime.Settings = runtime.NONE) -> None:
@@ -287,6 +288,8 @@ class Launch:
             if not tensor.is_contiguous():
                 raise ValueError(f"argument {index}: the tensor must be contiguous")
             element = getattr(annotation.dtype, "ndim", 0) if annotation.dtype is not None else 0
+            if element and tensor.is_cpu and tensor.data_ptr() % ALIGNMENT:
+                raise ValueError(f"argument {index}: vectors must begin at a multiple of {ALIGNMENT} bytes")
             shape = tuple(tensor.shape[: tensor.ndim - element])
         if isinstance(value, DeviceArray):
             self._calls.set_arg_ndarray(position, value.memory.arr)

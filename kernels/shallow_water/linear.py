@@ -101,11 +101,8 @@ class PrescribedElevation:
         seas = LANES if packing.strips else packing.num_seas
         lanes = np.zeros((3, packing.blocks * LANES, self._amplitude.shape[1]))
         lanes[:, :seas] = self._amplitude, self._frequency, self._phase
-        columns = (
-            torch.from_numpy(part.reshape(packing.blocks, LANES, -1).swapaxes(1, 2).reshape(-1, LANES).copy())
-            for part in lanes
-        )
-        a, *turns = (part.to(tensor.device) for part in columns)
+        columns = (part.reshape(packing.blocks, LANES, -1).swapaxes(1, 2).reshape(-1, LANES) for part in lanes)
+        a, *turns = (torch.tensor(part.copy(), device=tensor.device) for part in columns)
         each = table.view(-1, LANES)
         serial = runtime.better_alone(tensor.numel() // LANES)
         arguments = a.float(), *turns, self._clock, time_step, packing.blocks, each, serial

@@ -147,7 +147,7 @@ def test_alone_as_in_a_batch(case):
         found.append(history)
     for other in found[1:]:
         for one, same in zip(found[0], other, strict=True):
-            np.testing.assert_array_equal(one, same)
+            assert torch.equal(one, same)
 
 
 @pytest.mark.parametrize("case", ["tracked", "sampled pulses", "torpedo"])

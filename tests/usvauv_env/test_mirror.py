@@ -95,9 +95,8 @@ def test_mirrored_worlds_have_mirrored_futures(mirror, usv, edge, seed):
     for _ in range(STEPS):
         towards = one.node.gather(1, one.auv[..., AuvColumn.target, None].long().expand(-1, -1, len(NodeColumn.names)))
         offset = towards[..., NodeColumn.span("x", "y")] - one.auv[..., AuvColumn.span("x", "y")]
-        action = (
-            offset / offset.norm(dim=-1, keepdim=True) * (0.5 + 0.5 * torch.rand(WORLDS, 2, 1, generator=generator))
-        )
+        speed = 0.5 + 0.5 * torch.rand(WORLDS, 2, 1, generator=generator).to(offset.device)
+        action = offset / offset.norm(dim=-1, keepdim=True) * speed
         _, reward, ended, *_ = one.step(action)
         services += int((one.auv[..., AuvColumn.service_rate] > 0).sum())
         _, reward_there, ended_there, *_ = other.step(mirrored_action(action, mirror))

@@ -575,7 +575,7 @@ class World:
         return {
             **{name: torch.from_numpy(table).to(self.device) for name, table in uploaded.items()},
             "key": torch.from_numpy(self.seeds.keys()).to(self.device),
-            "draw_numbers": torch.from_numpy(self._draw_numbers).to(self.device),
+            "draw_numbers": torch.tensor(self._draw_numbers, device=self.device),
             "drawn": self._zeros(*drawn, random.LANES),
             "program": program,
             "workspace": self._zeros(self.num_worlds, tables.rule_workspace(self.scenario) + losses),
