@@ -151,8 +151,8 @@ class TrainingConfig:
             try:
                 values[name] = _value(text, getattr(self, name))
             except ValueError:
-                kind = type(getattr(self, name)).__name__
-                raise PolicyError(f"training: {name} = {text!r}: must be of type {kind}") from None
+                kind = WORDS[type(getattr(self, name))]
+                raise PolicyError(f"training: {name} = {text!r}: must be {kind}") from None
         return replace(self, **values)
 
     @classmethod
@@ -168,6 +168,14 @@ class TrainingConfig:
 TUNABLE = tuple(
     field.name for field in fields(TrainingConfig) if field.name not in ("algorithm", "num_worlds", "seed", "shared")
 )
+
+
+WORDS = {
+    bool: "true or false",
+    int: "a whole number",
+    float: "a number",
+    tuple: "whole numbers with a comma between two, as in 64,64",
+}
 
 
 def _value(text: str, now: object) -> object:

@@ -200,8 +200,8 @@ class TestSettings:
         [
             ("updates", "NAME=VALUE"),
             ("speed=3", "expected NAME=VALUE; allowed are frame"),
-            ("updates=many", "updates = 'many': must be of type int"),
-            ("hidden=12,x", "must be of type tuple"),
+            ("updates=many", "updates = 'many': must be a whole number"),
+            ("hidden=64,,64", "hidden = '64,,64': must be whole numbers with a comma between two, as in 64,64"),
             ("gamma=1.5", "gamma = 1.5: must be at least 0 and below 1"),
         ],
     )

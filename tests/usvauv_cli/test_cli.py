@@ -256,6 +256,11 @@ def test_a_run_that_ends_before_it_learns_says_so(tmp_path, run_usvauv):
     assert words.endswith(" in run/best.safetensors")
     assert (tmp_path / "run" / "best.safetensors").exists()
     assert run_usvauv("train", "--out", "run", "--resume", "--steps", 42)[::2] == (0, "")
+    nothing = "nothing is left to do: of 42 world-steps 42 are done; a larger --steps goes on\n"
+    assert run_usvauv("train", "--out", "run", "--resume") == (0, nothing, "")
+    code, said, complaint = run_usvauv(*begin, "--out", "fins", "--learn", "frame=fins")
+    assert (code, said) == (2, "")  # before it evaluates anything
+    assert "frame = 'fins': scenario 'extreme' has vector actions" in complaint
 
 
 def test_a_policy_of_another_team_is_warned_of(run_usvauv):

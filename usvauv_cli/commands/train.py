@@ -157,30 +157,33 @@ def train(
         place, runs, boats, total = ranks.from_first(begin)
         if ranks.leads:
             options.preparing(next(iter(runs.values()))[0], arch)
-        trainers, baselines = [], []
+        trainers: list[Trainer] = []
         for folder, (setting, config, begun) in runs.items():
-            mine, evaluate = ranks.share(config.num_worlds), None
+            mine = ranks.share(config.num_worlds)
             batch = config.num_worlds if ranks.count > 1 else None
             world = World(
                 setting, mine.stop - mine.start, config.seed, boats, first_world=mine.start, batch=batch, arch=arch
             )
-            name = policies.default(setting)
-            if ranks.leads:
-                judged_in = config.seed + EVALUATION_SEED_OFFSET
-                evaluation_worlds = World(setting, EVALUATION_EPISODES, judged_in, boats, arch=arch)
-                if not baselines:
-                    typer.echo(f"evaluating {name} …")
-                rows = policies.evaluated(evaluation_worlds, name)
-                baselines.append(mean_figures(rows))
-                evaluate = partial(_beside, evaluation_worlds, [row.arps for row in rows])
             about = provenance(begun, ranks.command) | {"usv": world.strategy.name, "total": total}
-            trainers.append(policies.Trainer(world, config, folder, evaluate, about, ranks=ranks, log=log))
+            trainers.append(policies.Trainer(world, config, folder, provenance=about, ranks=ranks, log=log))
             if begun:
                 trainers[-1].resume()
+        if (done := min(run.steps for run in trainers)) >= total:
+            if ranks.leads:
+                typer.echo(f"nothing is left to do: of {total} world-steps {done} are done; a larger --steps goes on")
+            return
         together, first, config = place not in runs, trainers[0], trainers[0].config
         trainer: Trainer | Seeds = policies.Seeds(trainers, runtime.start(arch).threads) if together else first
-        name, baseline = policies.default(first.world.scenario), {}
+        name, baseline = policies.default(setting), {}
         if ranks.leads:
+            typer.echo(f"evaluating {name} …")
+            baselines = []
+            for run in trainers:
+                judged_in = run.config.seed + EVALUATION_SEED_OFFSET
+                evaluation_worlds = World(setting, EVALUATION_EPISODES, judged_in, boats, arch=arch)
+                rows = policies.evaluated(evaluation_worlds, name)
+                baselines.append(mean_figures(rows))
+                run.evaluate = partial(_beside, evaluation_worlds, [row.arps for row in rows])
             baseline = training_table.mean_of(baselines) | {"policy": name, "start": first.frame.start}
             if total <= config.before_learning:
                 typer.echo(
