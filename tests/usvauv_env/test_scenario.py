@@ -214,6 +214,9 @@ def test_any_other_name_is_one(name):
     [
         ("auv.x=1", "^ideal: auv.x: unknown field; allowed here: count, model, variation, depth"),
         ("auv.count=two", "^ideal: auv.count = 'two': input should be a valid integer"),
+        ("auv.count=true", "^ideal: auv.count = True: must not be true or false$"),
+        ("current.centres=[[true,2]]", r"^ideal: current.centres = \[\[True, 2\]\]: must not be true or false$"),
+        ("task_parameters.radius=true", "^ideal: task_parameters.radius = True: must not be true or false$"),
         ("nodes.arrival_rates=1", "^ideal: nodes.arrival_rates = 1: must be a list$"),
         ("boat=1", "^ideal: boat = 1: must be a section with fields$"),
         ("task=fishing", "^ideal: task: 'fishing': allowed are data-collection, station-keeping"),

@@ -8,10 +8,11 @@ from collections.abc import Collection, Mapping
 from importlib import resources
 from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_args
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator
 from pydantic.fields import FieldInfo
+from pydantic_core import PydanticCustomError
 
 from usvauv.env.storage.files import DEEPEST, TextFileError, parse_text, read_text
 from usvauv.kernels.errors import UserError, choices
@@ -20,7 +21,15 @@ LARGEST = 1e6  # of a weight or a price; in single precision sums of a step's te
 LOWEST_TONE, HIGHEST_TONE = 100.0, 2e5  # Hz; the laws of absorption and noise do not hold below and above
 FARTHEST = 1e5  # m, of a place from the area's corner, east and north
 
-Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+
+def no_boolean(value: Any) -> Any:
+    """A field's value, unless it is or holds true or false, of which pydantic would make the numbers 1 and 0."""
+    if isinstance(value, bool):
+        raise PydanticCustomError("boolean", "must not be true or false")
+    return [no_boolean(each) for each in value] if isinstance(value, list | tuple) else value
+
+
+Number = Annotated[float, BeforeValidator(no_boolean), Field(ge=-LARGEST, le=LARGEST)]
 Price = Annotated[float, Field(ge=0, le=LARGEST)]
 Place = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST)]
 Distance = Annotated[float, Field(ge=0, le=20000)]  # the longest side of an area
@@ -52,6 +61,13 @@ def one_of(*names: Collection[str]) -> AfterValidator:
 
 class Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=False)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _no_boolean(cls, value: Any, info: Any) -> Any:
+        field = cls.model_fields[info.field_name]
+        kinds = field.annotation, *get_args(field.annotation)
+        return value if bool in kinds or _fields(field) else no_boolean(value)
 
 
 def one_line(error: ValidationError, source: str, model: type[Section]) -> str:
