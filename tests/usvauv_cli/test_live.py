@@ -106,8 +106,9 @@ def test_sliders_change_the_world_at_once(running):
     with pytest.raises(ScenarioError, match="significant_height"):
         running.set("storm", 25.0)
     assert running.values["storm"] == height / 2, "a refused value is not kept"
-    for name, value in (("storm", height), ("source_level", level), ("ping", 0.0)):
-        running.set(name, value)
+    for name, value in (("storm", height), ("source_level", level), ("ping", 0.0), ("current", 1.0)):
+        for moved_to in (*running.sliders[name].bounds, value):
+            running.set(name, moved_to)
     stepped(running, 1)
 
 

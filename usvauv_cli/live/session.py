@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 import time
+from bisect import bisect_left
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -56,20 +57,17 @@ class Slider:
 
 def sliders(scenario: Scenario) -> dict[str, Slider]:
     """Those that would change something in a scenario, by name."""
-    current, storm, sea, level = scenario.current, scenario.storm, scenario.sea, scenario.acoustics.source_level
+    current, sea, level = scenario.current, scenario.sea, scenario.acoustics.source_level
     found: dict[str, Slider] = {}
     if current.vortices and current.circulation_max:
         about = "Circulation of all vortices, times the scenario's"
         fields = "circulation_min", "circulation_max"
         found["current"] = Slider("Current, ×", (0.0, 3.0), 0.05, "current", fields, about, factor=True)
-    if storm.spectrum != "none" and not scenario.water.waves:
-        breaking = 0.1 * sea.gravity * storm.peak_period**2 / (2 * math.pi)
-        room = scenario.auv.depth - scenario.highest_long_wave
-        bounds = 0.1, math.floor(10 * min(breaking, 0.6 * scenario.area.depth, 0.9 * room, 30.0)) / 10
+    if scenario.storm.spectrum != "none" and not scenario.water.waves:
         about = "Significant height of the short waves; wind noise and bubbles follow it where the scenario says so"
-        found["storm"] = Slider("Storm Hs, m", bounds, 0.1, "storm", ("significant_height",), about)
+        found["storm"] = Slider("Storm Hs, m", (0.1, 30.0), 0.1, "storm", ("significant_height",), about)
     if sea.forced_edge != "none" and sea.irregular_rms != "storm":
-        bounds = 0.0, math.floor(10 * min(10.0, scenario.area.depth / 8, max(2 * sea.irregular_rms, 1.0))) / 10
+        bounds = 0.0, math.floor(10 * min(10.0, max(2 * sea.irregular_rms, 1.0))) / 10
         about = "Irregular long waves at the forced edge; they run in from there"
         found["long_waves"] = Slider("Long waves, m rms", bounds, 0.1, "sea", ("irregular_rms",), about)
     bounds = max(100.0, level - 30.0), min(250.0, level + 15.0)
@@ -79,7 +77,22 @@ def sliders(scenario: Scenario) -> dict[str, Slider]:
         bounds = 0.0, max(60.0, scenario.channel.interval)
         about = "Least time from one exchange with the AUVs to the next"
         found["ping"] = Slider("Ping interval, s", bounds, 0.5, "channel", ("interval",), about)
-    return found
+    return {name: replace(slider, bounds=_accepted(scenario, slider)) for name, slider in found.items()}
+
+
+def _accepted(scenario: Scenario, slider: Slider) -> tuple[float, float]:
+    """Bounds of a slider, the upper one such that the scenario, otherwise as it was loaded, accepts all between."""
+
+    def refused(value: float) -> bool:
+        try:
+            changed(scenario, slider.changes(scenario, value))
+        except UserError:
+            return True
+        return False
+
+    low, high = slider.bounds
+    values = [round(low + n * slider.step, 6) for n in range(round((high - low) / slider.step) + 1)]
+    return low, max(values[max(bisect_left(values, True, key=refused) - 1, 0)], slider.value(scenario))
 
 
 class Session:
