@@ -6,8 +6,10 @@ boat none of this is compiled.
 """
 
 import math
+from typing import Any
 
 import taichi as ti
+from taichi.lang.expr import Expr
 
 from usvauv.kernels.flow import airy, current
 from usvauv.kernels.functions import func
@@ -135,12 +137,18 @@ CONTROL_TIME = 10.0  # s, in which a boat with a lag makes good 63 % of an error
 DRIFT_TIME = 30.0  # s, over which it takes the mean of the velocity with which it is carried
 
 
+def is_vec2(value: Any) -> bool:
+    """Whether what a Taichi function returned is one."""
+    return isinstance(value, Expr) and value.is_tensor() and value.get_shape() == (2,)
+
+
 @func
-def set_goal(worlds: ti.template(), w, b, goal: vec2):
+def set_goal(worlds: ti.template(), w, b, goal):
     """Make a place the goal of boat b; outside the area, the area's nearest point.
 
     A goal that is no place stays in its columns, which ends the run; the boat itself stays in the area.
     """
+    ti.static_assert(is_vec2(goal), "start and goal of a boat strategy return a vec2")
     for axis in ti.static(range(2)):
         side = worlds.p[Parameter.width + axis]
         worlds.boat[w, b, BoatColumn.goal_x + axis] = ti.min(ti.max(goal[axis], 0.0), side)

@@ -22,7 +22,7 @@ from usvauv.env.world.boat_strategies import BoatStrategy, boat_strategies
 from usvauv.env.world.observation import ObservationTerm, observation_terms
 from usvauv.kernels.errors import UserError
 from usvauv.kernels.mission.target_rules import TargetRule, target_rules
-from usvauv.kernels.mission.tasks.task import tasks
+from usvauv.kernels.mission.tasks.task import RewardTerm, tasks
 from usvauv.kernels.mission.worlds import Strategy
 from usvauv.kernels.positioning.sonar import ambient_noise_laws
 from usvauv.kernels.types import vec2
@@ -257,7 +257,7 @@ def place_by_number(worlds: ti.template(), w, b):
 
 @ti.func
 def no_vector(worlds: ti.template(), w, b):
-    return 3.0
+    return 3.0, 4.0
 
 
 def reset_twice(usv, rule):
@@ -275,11 +275,13 @@ def test_what_runs_in_the_kernel():
     for rule, usv, match in (
         ("far:1e6", "wrong:1", f"{at_once}: target of AUV 0 is 1e.06: must be .* from 0 to 29 .*'far' of .*plugins"),
         ("far:0", "wrong:-1", rf"{at_once}: goal_x of boat 0 is nan.*\(uses .*usv 'wrong' of .*plugins"),
-        ("greedy", "none", "usv 'none' of .*plugins.py: raised TaichiSyntaxError: .*motion.py.*to be a Matrix"),
+        ("greedy", "none", "usv 'none' of .*plugins.py: raised .*start and goal of a boat strategy return a vec2"),
     ):
         with pytest.raises(UserError, match=f"^{match}") as caught:
             reset_twice(usv, rule)
         assert str(caught.value).isprintable()
+    with pytest.raises(TypeError, match=r"^reward term 'late': its function must take \(worlds, w, k, weight\)$"):
+        RewardTerm("late", node_by_number, 1.0)
 
 
 @pytest.mark.parametrize(("answer", "match"), [(5, "raised TypeError"), ("one text", "returned .*a list of texts")])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -25,6 +26,10 @@ class RewardTerm:
     name: str
     function: Function
     weight: float | None
+
+    def __post_init__(self) -> None:
+        if len(inspect.signature(self.function).parameters) != 4:
+            raise TypeError(f"reward term {self.name!r}: its function must take (worlds, w, k, weight)")
 
 
 @dataclass(frozen=True)
