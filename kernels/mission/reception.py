@@ -58,7 +58,7 @@ class IncomingSignal:
         body: direction of the AUV in the array's true frame.
         slant_range: straight distance, m.
         path: the distance that the sound's delay stands for, m.
-        loss: of `acoustic_link.further_loss`, dB.
+        loss: as of `acoustic_link.phase_deviation`, dB.
     """
 
     offset: vec3

@@ -17,7 +17,7 @@ def expected_signal(worlds: ti.template(), k, offset: vec3, loss, spread) -> vec
     axis (m²) of its fix.
 
     Args:
-        offset: from the boat to the AUV's predicted position, m. loss: of `acoustic_link.further_loss`, dB.
+        offset: from the boat to the AUV's predicted position, m. loss: as of `phase_deviation`, dB.
         spread: variance per axis of that place, m².
     """
     link = ti.static(worlds.link)
@@ -39,7 +39,8 @@ def expected_reply(worlds: ti.template(), k, offset: vec3, effort, spread) -> ve
     Args:
         offset, spread: as of `expected_signal`. effort: the boat's speed over its top speed.
     """
-    loss = acoustic_link.further_loss(worlds.link, k, offset, effort)
+    loss = acoustic_link.loss_in_bubbles(worlds.link, k, offset)
+    loss += acoustic_link.loss_in_own_noise(worlds.link, k, effort)
     signal = expected_signal(worlds, k, offset, loss, spread)
     kept = 1.0 - worlds.p[Parameter.packet_loss]
     return vec2(kept * kept / (1.0 + ti.exp(-LOGISTIC * signal[0])), signal[1])

@@ -281,16 +281,10 @@ def loss_in_own_noise(link: ti.template(), k: ti.i32, effort: ti.f32) -> ti.f32:
 
 
 @func
-def further_loss(link: ti.template(), k: ti.i32, offset: vec3, effort: ti.f32) -> ti.f32:
-    """`loss_in_bubbles` and `loss_in_own_noise` together, dB."""
-    return loss_in_bubbles(link, k, offset) + loss_in_own_noise(link, k, effort)
-
-
-@func
 def phase_deviation(link: ti.template(), k: ti.i32, S: ti.f32, loss: ti.f32) -> ti.f32:
     """Standard deviation σ (rad) of a phase difference of AUV k at the slant range S (m); bounded.
 
-    `loss` is what `further_loss` takes, dB.
+    `loss` is `loss_in_bubbles` and `loss_in_own_noise` together, dB.
     """
     along = path_loss(S, link[k, SPREADING], link[k, ABSORPTION])
     ratio = link[k, RATIO_AT_1M] - link[k, PATHS] * along - loss

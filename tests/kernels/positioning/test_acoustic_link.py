@@ -47,7 +47,7 @@ def measure(link: array2, place: array2, found: array2):
     """Further loss, deviations of phase and range, threshold of the second AUV at places and efforts (n, 4)."""
     for n in range(place.shape[0]):
         offset = vec3(place[n, 0], place[n, 1], place[n, 2])
-        loss = acoustic_link.further_loss(link, 1, offset, place[n, 3])
+        loss = acoustic_link.loss_in_bubbles(link, 1, offset) + acoustic_link.loss_in_own_noise(link, 1, place[n, 3])
         found[n, 0] = loss
         found[n, 1] = acoustic_link.phase_deviation(link, 1, offset.norm(), loss)
         found[n, 2] = acoustic_link.range_deviation(link, 1, found[n, 1])
