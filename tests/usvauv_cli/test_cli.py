@@ -302,9 +302,11 @@ def test_ctrl_c_ends_a_training_run_cleanly(tmp_path, run_usvauv, monkeypatch):
 def test_a_second_run_in_a_folder_names_the_first(tmp_path, refused):
     folder = tmp_path / "run"
     folder.mkdir()
-    with locked(folder):
+    with locked(folder), locked(tmp_path / "run.json", tmp_path / ".run.json.lock"):
         for command in (["train"], ["train", "--resume"], ["reproduce", "fig3"]):
             assert refused(*command, "--out", "run") == f"run: process {os.getpid()} is writing there\n"
+        held = f"run.json: process {os.getpid()} is writing there\n"
+        assert refused("train-targets", "--out", "run.json") == held
     assert list(folder.iterdir()) == []
 
 
@@ -479,6 +481,7 @@ class TestResultsThatAreThere:
         (["train", "--resume", "--worlds", "8", "--each"], ["--worlds, --shared: a resumed run keeps"]),
         (["train", "--resume", "--usv", "fim"], ["--usv: a resumed run keeps"]),
         (["scenarios", "--set", "auv.count=3"], ["--set: needs a scenario"]),
+        (["export", "mission.nc"], ["mission.nc: is a trace, which needs --to: csv, parquet, mcap, rrd"]),
         (["export", "sac-ideal", "--onnx", "a.pt"], ["--onnx a.pt: the ending must be .onnx"]),
     ],
 )

@@ -73,6 +73,10 @@ def export(
                 raise UserError(f"{option} {value}: is for a policy; --to writes a trace")
         _export_trace(context, Path(source), to, out, episode or 0)
         return
+    if source.endswith(".nc"):
+        from usvauv.env.exchange import WRITERS
+
+        raise UserError(f"{source}: is a trace, which needs --to: {', '.join(WRITERS)}")
     from usvauv import policies
     from usvauv.env import Scenario
     from usvauv.env.world.observation import ObservationLayout

@@ -54,6 +54,7 @@ def train_targets(
     from usvauv import policies
     from usvauv.cli.evaluation.run import definition, first_difference
     from usvauv.env import Scenario
+    from usvauv.env.storage.files import locked
     from usvauv.env.storage.tables import Combination
     from usvauv.policies.checkpoint import TRAINING, provenance, read
     from usvauv.policies.decisions import DecisionConfig, DecisionTrainer
@@ -61,6 +62,7 @@ def train_targets(
     options.at_least("--iterations", iterations, 1)
     options.at_least("--worlds", worlds, 1)
     options.writable(context, out, "--out", (".json",))
+    context.with_resource(locked(out, out.with_name(f".{out.name}.lock")))
     last = out.with_name(f"{out.name}.partial")
     if resume and not last.exists():
         raise UserError(f"{last}: is not there; without it there is nothing to resume")
@@ -90,7 +92,8 @@ def train_targets(
         left = (time.monotonic() - started) * (iterations - result.iteration) / (result.iteration - first)
         typer.echo(
             f"iteration {result.iteration} of {iterations}: {result.sampled:.1f} Mbit while exploring,"
-            f" {result.evaluated:.1f} in evaluation, best {trainer.best:.1f}; {duration(left, rough=True)} left"
+            f" {result.evaluated:.1f} in evaluation, best {trainer.best:.1f}"
+            f"{f'; {duration(left, rough=True)} left' if left else ''}"
         )
     if trainer.iteration == iterations:
         last.unlink()
