@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 
+from tests.usvauv_cli.test_cli import COMMAND, LOADING
 from tests.usvauv_cli.work import Here
 from usvauv import policies
 from usvauv.cli.sweep import perform, run
@@ -23,7 +24,6 @@ from usvauv.kernels.errors import UserError
 from usvauv.policies import checkpoint
 
 ROOT = Path(__file__).parents[2]
-COMMAND = [sys.executable, "-c", "from usvauv.cli.app import main; main()"]
 SHORT = 'set = ["mission.duration=12"]'
 MINE = """
 import os, signal
@@ -245,16 +245,17 @@ def test_a_stopped_and_killed_training_goes_on_from_its_checkpoint(tmp_path):
     def begun() -> subprocess.Popen:
         """The command, when it has saved more world-steps than before."""
         command, before = [*COMMAND, "sweep", "study.toml", "--out", "a", "--jobs", "1"], run_of()["steps"]
-        running = subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+        running = subprocess.Popen(command, cwd=tmp_path, start_new_session=True, **pipes)
         while run_of()["steps"] <= before:
             assert running.poll() is None, running.communicate()
             time.sleep(0.02)
         return running
 
     running = begun()
-    running.send_signal(signal.SIGINT)
+    os.killpg(running.pid, signal.SIGINT)  # as a terminal does
     said, complaints = running.communicate(timeout=120)
-    assert (running.returncode, complaints) == (130, "stopped\n")
+    assert (running.returncode, complaints) == (130, LOADING + "stopped\n")
     assert "the same command goes on" in said
     saved = [run_of()["steps"]]
     running = begun()
@@ -265,7 +266,7 @@ def test_a_stopped_and_killed_training_goes_on_from_its_checkpoint(tmp_path):
     (worker,) = workers(running.pid)
     os.kill(worker, signal.SIGKILL)
     said, complaints = running.communicate(timeout=300)
-    assert (running.returncode, complaints) == (0, "")
+    assert (running.returncode, complaints) == (0, LOADING)
     resumed = [entry["steps"] for entry in run_of()["resumed"]]
     assert resumed[:2] == saved
     assert 0 < resumed[0] < resumed[1] < resumed[2] < total

@@ -18,7 +18,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import chdir, contextmanager, suppress
 from dataclasses import dataclass, field
-from multiprocessing import connection
+from multiprocessing import connection, resource_tracker
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 from pathlib import Path
@@ -300,6 +300,7 @@ def _serve(pipe: Connection, cores: set[int] | None) -> None:
 @contextmanager
 def _signals_kept_here() -> Iterator[None]:
     """Let processes that are started get neither Ctrl-C nor SIGTERM: this one handles them for all."""
+    resource_tracker.ensure_running()  # which, as it starts, unblocks them
     with deferred():
         before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
         try:
