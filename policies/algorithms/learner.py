@@ -100,6 +100,13 @@ class Adam:
         )  # fmt: skip
 
 
+def shortened(gradients: Sequence[Tensor], longest: float) -> list[Tensor]:
+    """Gradients (S, ...) of the parameters of S networks, each network's with a norm of at most `longest`."""
+    norm = torch.stack([each.flatten(1).norm(dim=-1) for each in gradients]).norm(dim=0)
+    share = longest / norm.clamp(min=longest)
+    return [each * share.view(-1, *[1] * (each.dim() - 1)) for each in gradients]
+
+
 class Settings(Protocol):
     """A run's settings read by algorithms, see `policies.TrainingConfig`."""
 
@@ -134,6 +141,7 @@ class Learner(nn.Module, Generic[Actor]):
         period: number of updates after which the operations of an update are the same again.
         on_policy: learns once from each `Rollout`, which its present actor made, instead of from samples of the replay.
         defaults: of the fields of `TrainingConfig`, where they differ from those of that class.
+        longest: largest norm of a network's gradient, longer ones are shortened to it, by names of optimisers.
         join: what becomes of gradients before a step, see `train_with_others`; None: nothing.
     """
 
@@ -142,6 +150,7 @@ class Learner(nn.Module, Generic[Actor]):
     period: ClassVar[int] = 1
     on_policy: ClassVar[bool] = False
     defaults: ClassVar[Mapping[str, Any]] = MappingProxyType({})
+    longest: ClassVar[Mapping[str, float]] = MappingProxyType({})
 
     def __init__(self, sizes: Sizes, config: Settings, generator: torch.Generator) -> None:
         super().__init__()
@@ -184,13 +193,13 @@ class Learner(nn.Module, Generic[Actor]):
 
     def gradient_step(self, names: str | Sequence[str], loss: Tensor) -> None:
         """One step of the named optimisers, along the gradient of `loss` with respect to their own parameters only."""
-        optimisers = [self.optimisers[name] for name in ([names] if isinstance(names, str) else names)]
-        gradients = torch.autograd.grad(loss, [own for optimiser in optimisers for own in optimiser.parameters])
+        optimisers = {name: self.optimisers[name] for name in ([names] if isinstance(names, str) else names)}
+        gradients = torch.autograd.grad(loss, [own for each in optimisers.values() for own in each.parameters])
         gradients = list(gradients if self.join is None else self.join(gradients))
-        for optimiser in optimisers:
+        for name, optimiser in optimisers.items():
             count = len(optimiser.parameters)
-            optimiser.step(gradients[:count])
-            del gradients[:count]
+            own, gradients = gradients[:count], gradients[count:]
+            optimiser.step(shortened(own, self.longest[name]) if name in self.longest else own)
 
     @torch.no_grad()
     def soft_update(self, targets: nn.Module, networks: nn.Module) -> None:

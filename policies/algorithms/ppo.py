@@ -20,6 +20,8 @@ CLIP = 0.2  # largest change of a probability's ratio that is learned from
 TRACE = 0.9  # λ
 DEVIATION = 0.2  # of actions before the tanh, at first
 LEAST_DEVIATION = 1e-6  # of advantages
+LONGEST = 1.0  # norm of the gradient of an actor; longer ones, after its deviation has become small, would spoil it
+LARGEST = 20.0  # ln r, beyond which r would soon be infinite
 
 
 class PPO(Learner[GaussianActor]):
@@ -35,6 +37,7 @@ class PPO(Learner[GaussianActor]):
     """
 
     on_policy = True
+    longest = MappingProxyType({"actor": LONGEST})
     defaults = MappingProxyType(
         {
             "num_worlds": 128,
@@ -89,7 +92,7 @@ class PPO(Learner[GaussianActor]):
         """Learn from a minibatch; the figures of `update`."""
         value = self.value(observation).squeeze(-1)
         value_loss = (value - target).square().mean(-1)
-        log_ratio = self.actor.log_density(observation, action) - before
+        log_ratio = (self.actor.log_density(observation, action) - before).clamp(max=LARGEST)
         ratio = log_ratio.exp()
         gain = torch.minimum(ratio * advantage, ratio.clamp(1.0 - CLIP, 1.0 + CLIP) * advantage)
         self.gradient_step(("value", "actor"), value_loss.sum() - gain.mean(-1).sum())
