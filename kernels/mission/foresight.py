@@ -47,11 +47,10 @@ def drift_over(worlds: ti.template(), time) -> tracker.Drift:
 def own_uncertainty(worlds: ti.template(), w, k) -> vec3:
     """(a, b, c) of the errors of AUV k's own position and current at present, with the fixes that the boat has made."""
     track = ti.static(worlds.track)
-    s = vec3(0.0, 0.0, 0.0)
-    s[0] = 0.5 * (track[w, k, tracker.XX] + track[w, k, tracker.YY])
-    s[1] = 0.5 * (track[w, k, tracker.XU] + track[w, k, tracker.YV])
-    s[2] = 0.5 * (track[w, k, tracker.UU] + track[w, k, tracker.VV])
-    return tracker.drifted(s, drift_over(worlds, worlds.exchange[w, k, ExchangeColumn.elapsed]))
+    a = 0.5 * (track[w, k, tracker.XX] + track[w, k, tracker.YY])
+    b = 0.5 * (track[w, k, tracker.XU] + track[w, k, tracker.YV])
+    c = 0.5 * (track[w, k, tracker.UU] + track[w, k, tracker.VV])
+    return vec3(tracker.drifted(a, b, c, drift_over(worlds, worlds.exchange[w, k, ExchangeColumn.elapsed])))
 
 
 @func
@@ -88,22 +87,21 @@ def advanced(worlds: ti.template(), w, way: Way, time, lost: ti.i32) -> Way:
                 way.node = worlds.program.target_rule.foreseen(worlds, w, way.node)
         else:
             there = vec2(node[w, way.node, NodeColumn.x], node[w, way.node, NodeColumn.y])
-            distance = (there - way.place).norm()
+            ahead = there - way.place
+            distance = ahead.norm()
+            to_go = distance
             if ti.static(worlds.program.passing):
-                distance = ti.max(distance - p[Parameter.hover_radius], 0.0)
-            needed = distance / ti.max(way.speed, SLOWEST)
-            if needed > left:
-                if ti.static(worlds.program.passing):
-                    way.place = approached(worlds, w, way, left)
-                else:
-                    way.place += left / needed * (there - way.place)
+                to_go = ti.max(distance - p[Parameter.hover_radius], 0.0)
+            speed = ti.max(way.speed, SLOWEST)
+            if to_go > speed * left:
+                way.place += speed * left / distance * ahead
                 left = 0.0
             else:
                 if ti.static(worlds.program.passing):
-                    way.place = approached(worlds, w, way, needed)
+                    way.place += to_go / ti.max(distance, 1e-6) * ahead
                 else:
                     way.place = there
-                left -= needed
+                left -= to_go / speed
                 if lost:
                     left = 0.0
                 else:

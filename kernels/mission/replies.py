@@ -1,35 +1,138 @@
-"""Prediction of replies: the probability that the boat receives one, and the accuracy of its fix."""
+"""Prediction of replies: the probability that the boat receives one, and the accuracy of its fix.
+
+The formulas are for numbers and for vectors of several AUVs alike, without function calls, which vectors do not have.
+"""
+
+import math
+from typing import Any, NamedTuple
 
 import taichi as ti
 
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission.columns import Parameter
 from usvauv.kernels.positioning import acoustic_link
+from usvauv.kernels.positioning.sonar import LN10
 from usvauv.kernels.types import vec2, vec3
 
 LOGISTIC = 1.702  # 1/(1 + e^{−1.702 x}) is the normal distribution function within 0.01
 NEVER = 3e38  # an excess that no signal has
+TYPICAL = 100.0  # m, of a slant range
+LN_TYPICAL, ROOT_OF_TYPICAL = math.log(TYPICAL), TYPICAL**0.25
+FAINTEST, LOUDEST = -11.7, 40.0  # logarithms of an energy
+
+
+class Signal(NamedTuple):
+    """What is expected of the signals of an AUV at some height, or vectors of that, see `expected_signal`.
+
+    Attributes:
+        squared_height: of the AUV over the boat, m².
+        level: logarithm of 8 E/N0 at the slant range `TYPICAL` without the losses that follow, which are of that, too.
+        spreading: with the logarithm of the range.
+        absorption: with the range, 1/m.
+        bubbles, most_bubbles: with the range, 1/m, and the most.
+        threshold: least amplitude.
+        phases: variance of a fix over the squared range and that of the amplitude's inverse.
+        attitude: variance of a fix over the squared range by the attitude's error, rad².
+        own_noise: of the boat at top speed over that of the sea.
+        exponent: of the noise, `acoustic_link.NOISE_EXPONENT`.
+    """
+
+    squared_height: Any
+    level: Any
+    spreading: Any
+    absorption: Any
+    bubbles: Any
+    most_bubbles: Any
+    threshold: Any
+    phases: Any
+    attitude: Any
+    own_noise: Any
+    exponent: Any
+
+
+SIGNAL = len(Signal._fields)
 
 
 @func
-def expected_signal(worlds: ti.template(), k, offset: vec3, loss, spread) -> vec2:
-    """Excess of the amplitude of AUV k's signal over the threshold in its standard deviations, and the variance per
-    axis (m²) of its fix.
+def signal_of(worlds: ti.template(), k, height):
+    """The numbers of `Signal` of AUV k, which is at a height over the boat, m."""
+    link = ti.static(worlds.link)
+    each_db = 0.1 * LN10 * link[k, acoustic_link.NOISE_EXPONENT]
+    along = each_db * link[k, acoustic_link.PATHS]
+    at_1m = ti.log(8.0 / link[k, acoustic_link.VARIANCE]) + each_db * link[k, acoustic_link.RATIO_AT_1M]
+    spreading = along * link[k, acoustic_link.SPREADING] / LN10
+    kappa = link[k, acoustic_link.KAPPA]
+    return ti.Vector(
+        [
+            height * height,
+            at_1m - spreading * LN_TYPICAL,
+            spreading,
+            0.001 * along * link[k, acoustic_link.ABSORPTION],
+            along * link[k, acoustic_link.BUBBLES] / ti.max(ti.abs(height), 1e-3),
+            along * acoustic_link.MOST_BUBBLES,
+            acoustic_link.detection_threshold(link, k),
+            8.0 / (kappa * kappa),
+            link[k, acoustic_link.ATTITUDE],
+            link[k, acoustic_link.OWN_NOISE],
+            link[k, acoustic_link.NOISE_EXPONENT],
+        ]
+    )
+
+
+@func
+def left_by_noise(signal: ti.template(), effort):
+    """Share of the energy that the boat's own noise leaves; `effort` is its speed over its top speed."""
+    left = 1.0 / acoustic_link.noise_ratio(signal.own_noise, effort)
+    return ti.select(signal.exponent > 1.5, left * left, left)
+
+
+@func
+def logarithm_of_range(S):
+    """ln(S/`TYPICAL`) within 1e-6 before rounding for S from 1 m to 20 km, by the series of 8 artanh."""
+    root = ti.sqrt(ti.sqrt(S))
+    t = (root - ROOT_OF_TYPICAL) / (root + ROOT_OF_TYPICAL)
+    q = t * t
+    square = q * q
+    low, high = 7.9999837 + q * 2.66787028, 1.57483998 + q * 1.36413519
+    return t * (low + square * (high + square * (-0.02002157 + q * 2.33784286)))
+
+
+@func
+def exponential(x):
+    """e^x within 2e-5 for x from FAINTEST to LOUDEST, and as for the nearer of these outside."""
+    bounded = ti.select(x > FAINTEST, x, FAINTEST)
+    v = ti.select(bounded < LOUDEST, bounded, LOUDEST) * (1.0 / 64.0)
+    square = v * v
+    low, high = 0.99999981 + v * 0.99999989, 0.5000316 + v * 0.1666304
+    root = low + square * (high + square * (0.04100275 + v * 0.01031003))
+    for _ in ti.static(range(6)):
+        root *= root
+    return root
+
+
+@func
+def expected_signal(signal: ti.template(), flat, left):
+    """Amplitude of an AUV's signal over the noise above the threshold, square of its slope, variance of its fix.
+
+    The amplitude's standard deviation is 1, its slope that with the horizontal distance, 1/m; the variance is per axis,
+    m².
 
     Args:
-        offset: from the boat to the AUV's predicted position, m. loss: as of `phase_deviation`, dB.
-        spread: variance per axis of that place, m².
+        signal: `Signal`. flat: squared horizontal distance from the boat to the AUV's predicted position, m².
+        left: of `left_by_noise`.
     """
-    link = ti.static(worlds.link)
-    S = offset.norm()
-    sigma = acoustic_link.phase_deviation(link, k, S, loss)
-    strength = 2.8284271 / sigma  # √(8 E/N0)
-    root = ti.sqrt(strength * strength + 7.0)
-    slope = strength * offset.xy.norm() / (S * S)  # of that root with the horizontal distance, 1/m
-    margin = (root - acoustic_link.detection_threshold(link, k)) / ti.sqrt(1.0 + slope * slope * spread)
-    across = sigma * S / link[k, acoustic_link.KAPPA]
-    tilted = link[k, acoustic_link.ATTITUDE] * S * S
-    return vec2(margin, across * across + tilted)
+    squared = flat + signal.squared_height
+    S = ti.sqrt(squared)
+    path = ti.select(S > 1.0, S, 1.0)
+    level = signal.level - signal.spreading * logarithm_of_range(path) - signal.absorption * path
+    bubbles = signal.bubbles * S
+    bubbles = ti.select(bubbles < signal.most_bubbles, bubbles, signal.most_bubbles)
+    energy = left * exponential(level - bubbles)  # 8 E/N0
+    amplitude = ti.sqrt(energy + 7.0)
+    inverse = 1.0 / (energy * squared * squared)
+    slope = (energy * inverse) * (energy * flat)
+    variance = squared * (signal.phases * (inverse * squared * squared) + signal.attitude)
+    return amplitude - signal.threshold, slope, variance
 
 
 @func
@@ -37,18 +140,23 @@ def expected_reply(worlds: ti.template(), k, offset: vec3, effort, spread) -> ve
     """Probability that a reply of AUV k is received, and the variance per axis (m²) of its fix.
 
     Args:
-        offset, spread: as of `expected_signal`. effort: the boat's speed over its top speed.
+        offset: from the boat to the AUV's predicted position, m. effort: the boat's speed over its top speed.
+        spread: variance per axis of that place, m².
     """
-    loss = acoustic_link.loss_in_bubbles(worlds.link, k, offset)
-    loss += acoustic_link.loss_in_own_noise(worlds.link, k, effort)
-    signal = expected_signal(worlds, k, offset, loss, spread)
+    numbers = signal_of(worlds, k, offset[2])
+    parts = [numbers[n] for n in ti.static(range(SIGNAL))]
+    signal = ti.static(Signal(*parts))
+    above, slope, variance = expected_signal(signal, offset.xy.norm_sqr(), left_by_noise(signal, effort))
+    excess = above / ti.sqrt(1.0 + slope * spread)
     kept = 1.0 - worlds.p[Parameter.packet_loss]
-    return vec2(kept * kept / (1.0 + ti.exp(-LOGISTIC * signal[0])), signal[1])
+    return vec2(kept * kept / (1.0 + ti.exp(-LOGISTIC * excess)), variance)
 
 
 @func
 def excess_for(worlds: ti.template(), probability) -> ti.f32:
-    """Excess of `expected_signal` from which on a reply is received with a probability; NEVER where it never is."""
+    """Excess of an amplitude over the threshold in its standard deviations from which on a reply is received with a
+    probability; NEVER where it never is.
+    """
     kept = 1.0 - worlds.p[Parameter.packet_loss]
     odds = kept * kept / probability - 1.0
     excess = NEVER

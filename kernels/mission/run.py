@@ -19,7 +19,7 @@ from usvauv.kernels.mission import boat_motion, fixes, foresight, motion, observ
 from usvauv.kernels.mission.belief_planner import OTHER_GOALS
 from usvauv.kernels.mission.columns import AuvColumn, Draw, EstimateColumn, Parameter, Phase, Schedule, Sensor
 from usvauv.kernels.mission.tasks import rewards
-from usvauv.kernels.mission.worlds import ARRAYS, Program, Rows, Worlds, address, draw_ahead, key
+from usvauv.kernels.mission.worlds import ARRAYS, TOGETHER, Program, Rows, Worlds, address, draw_ahead, key
 from usvauv.kernels.positioning.pulse import Pulses
 from usvauv.kernels.types import array1, array2, array3, array4, index1, index2
 
@@ -311,6 +311,8 @@ STAGES = {
     Phase.step: (*BEGIN, *END, feel_storm, *LOOK),
     Phase.draw: (draw_ahead,),
     Phase.move: (*BEGIN, plan, move_boats),
+    Phase.plan: (plan,),
+    Phase.sail: (move_boats,),
     Phase.ride: (ride_and_feel,),
     Phase.answer: (locate, end_step),
     Phase.look: LOOK,
@@ -326,7 +328,8 @@ def launches(program: Program) -> tuple[int, ...]:
     """Phases that make a mission step."""
     phases: tuple[int, ...] = (Phase.step,)
     if program.in_lanes:
-        phases = Phase.draw, Phase.move, Phase.ride, Phase.answer, Phase.look
+        moves = (Phase.move,) if program.strategy.weigh is None else (Phase.begin, Phase.plan, Phase.sail)
+        phases = Phase.draw, *moves, Phase.ride, Phase.answer, Phase.look
     elif program.weighs_apart:
         phases = Phase.begin, Phase.weigh, Phase.end, Phase.look_round
     elif program.in_threads:
@@ -334,7 +337,6 @@ def launches(program: Program) -> tuple[int, ...]:
     return phases
 
 
-TOGETHER = 32  # worlds that a thread takes through a stage, whose code stays in its cache, before it begins the next
 BLOCK = 32  # threads of a block on a GPU: few, so that some thousand worlds keep all its multiprocessors busy
 
 
@@ -414,8 +416,8 @@ def kernel_of(source: str, **names: Any) -> Callable[..., Any]:
 
 
 # Begins the next episode of each world w with `chosen[w]` ≠ 0, or advances all worlds by one mission step. Many worlds
-# take the step by five launches. `Phase.draw`, random numbers, and `Phase.ride` and `Phase.look`, sums of vortices and
-# waves, have vectors in registers.
+# take the step by five launches or seven. `Phase.draw`, random numbers, `Phase.plan`, rollouts, and `Phase.ride` and
+# `Phase.look`, sums of vortices and waves, have vectors in registers.
 # For few worlds launches take longer than they save, and plugins' functions may not compile so.
 # On a GPU the last part of a step has a thread for each AUV, and a boat's plan by rollouts one for each goal.
 run = kernel_of(

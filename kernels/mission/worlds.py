@@ -78,6 +78,7 @@ class Program(NamedTuple):
         otter: boats move as in `usvauv.kernels.vehicles.otter`; else they are points.
         repeats: the pattern of vortices has a period.
         passing: nodes are served in passing, not hovering.
+        abreast: AUVs side by side in a boat's rollouts, at least all.
         serial: the calling thread steps all worlds: for few worlds on a CPU waking another thread takes longer.
         in_lanes: the parts of a step are separate launches, some in vectors, see `usvauv.kernels.mission.run`.
         in_threads: they are, and some have a thread for each AUV or each goal of a boat.
@@ -103,6 +104,7 @@ class Program(NamedTuple):
     otter: bool
     repeats: bool
     passing: bool
+    abreast: int
     serial: bool = False
     in_lanes: bool = False
     in_threads: bool = False
@@ -150,6 +152,7 @@ class Array(NamedTuple):
         return self.columns.names if self.columns else tuple(f"column {n}" for n in range(len(self.column_ranges)))
 
 
+TOGETHER = 32  # worlds that a thread takes through a stage, whose code stays in its cache, before it begins the next
 PURPOSE = 1 << 16  # of a draw, as part of its address
 ANYWHERE = Range(-1e12, 1e12)
 TRACK = tracker.COLUMNS * (Range(-1e25, 1e25),)
@@ -215,6 +218,7 @@ ARRAYS = {
     "action": Array("WK.", "actions in [−1, 1]"),
     "workspace": Array("W.", "numbers that the target rule needs while it chooses, at least one"),
     "drawn": Array("W.", "random numbers drawn before a step, `draw_ahead`", dtype=random.lanes),
+    "ways": Array("W.", "where AUVs are foreseen, for `TOGETHER` worlds", dtype=random.lanes),
     "pulse_noise": Array("W..", "noise of one pulse, where it is sampled"),
 }
 

@@ -271,13 +271,19 @@ def loss_in_bubbles(link: ti.template(), k: ti.i32, offset: vec3) -> ti.f32:
 
 
 @func
+def noise_ratio(own_noise, effort):
+    """Noise with the boat's own over that of the sea; `own_noise`: OWN_NOISE, `effort` as of `loss_in_own_noise`."""
+    cube = effort * effort * effort
+    return 1.0 + own_noise * cube * cube
+
+
+@func
 def loss_in_own_noise(link: ti.template(), k: ti.i32, effort: ti.f32) -> ti.f32:
     """Loss in the ratio of a signal of AUV k by the boat's own noise, dB.
 
     `effort` is the boat's speed through the water over its top speed.
     """
-    cube = effort * effort * effort
-    return 10.0 * log10(1.0 + link[k, OWN_NOISE] * cube * cube)
+    return 10.0 * log10(noise_ratio(link[k, OWN_NOISE], effort))
 
 
 @func

@@ -338,20 +338,18 @@ def drift_over(time, variance, correlation_time, walk) -> Drift:
 
 
 @func
-def drifted(s: vec3, d: Drift) -> vec3:
-    """(a, b, c) after a drift."""
-    return vec3(
-        s[0] + 2.0 * d.way * s[1] + d.way * d.way * s[2] + d.position,
-        d.kept * (s[1] + d.way * s[2]) + d.cross,
-        d.kept * d.kept * s[2] + d.current,
-    )
+def drifted(a, b, c, d: Drift):
+    """(a, b, c), or vectors of them, after a drift."""
+    moved = b + d.way * c
+    return a + d.way * (b + moved) + d.position, d.kept * moved + d.cross, d.kept * d.kept * c + d.current
 
 
 @func
-def fixed(s: vec3, r) -> vec3:
-    """(a, b, c) after a fix of the variance r, m²: a r/(a + r), b r/(a + r) and c − b²/(a + r)."""
-    gain = 1.0 / (s[0] + r)
-    return vec3(s[0] * r * gain, s[1] * r * gain, s[2] - gain * s[1] * s[1])
+def fixed(a, b, c, r):
+    """(a, b, c), or vectors of them, after a fix of the variance r, m²: a r/(a + r), b r/(a + r), c − b²/(a + r)."""
+    gain = 1.0 / (a + r)
+    left = r * gain
+    return a * left, b * left, c - gain * b * b
 
 
 @kernel

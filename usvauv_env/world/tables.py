@@ -30,6 +30,7 @@ from usvauv.kernels.mission.tasks.data_collection import LEAST_RATE, arrival_tab
 from usvauv.kernels.mission.vehicles import Motion
 from usvauv.kernels.mission.worlds import Program
 from usvauv.kernels.planning import objectives
+from usvauv.kernels.planning.information import MAX_AUVS
 from usvauv.kernels.positioning import pulse, sonar, usbl
 from usvauv.kernels.positioning.acoustic_link import Accuracy, Sonar, attenuation_per_km, optical_budget, rate_laws
 from usvauv.kernels.positioning.acoustic_link import link_table as link_constants
@@ -211,6 +212,7 @@ def program(site: Site, strategy: BoatStrategy, link: np.ndarray) -> Program:
         otter=s.boat.model == "otter",
         repeats=site.eddies.pattern.repeats,
         passing=s.nodes.service == "passing",
+        abreast=8 if s.auv.count <= 8 else MAX_AUVS,
     )
 
 

@@ -50,11 +50,12 @@ from usvauv.kernels.mission.columns import (
     NodeColumn,
     Phase,
 )
+from usvauv.kernels.mission.rollouts import STEPS, WAY
 from usvauv.kernels.mission.run import PARAMETERS, draw_vortices, launches, run
 from usvauv.kernels.mission.target_rules import target_rules
 from usvauv.kernels.mission.tasks.task import tasks
 from usvauv.kernels.mission.vehicles import ROWS, move
-from usvauv.kernels.mission.worlds import REWARDS, STATE, draw_numbers
+from usvauv.kernels.mission.worlds import REWARDS, STATE, TOGETHER, draw_numbers
 from usvauv.kernels.positioning import pulse, tracker
 from usvauv.kernels.registry import Registry
 from usvauv.kernels.vehicles.vehicle import LANES, vehicles
@@ -571,6 +572,9 @@ class World:
         in_lanes, in_threads = known and on_cpu and not serial, known and not on_cpu
         program = program._replace(serial=serial, in_lanes=in_lanes, in_threads=in_threads)
         losses = self.scenario.boat.count * (self.num_auvs + OTHER_GOALS) if program.weighs_apart else 0
+        ways = (1, 1)
+        if in_lanes and program.strategy.weigh:
+            ways = -(-self.num_worlds // TOGETHER), WAY * STEPS * program.abreast // random.LANES
         drawn = (self.num_worlds, 4 * len(self._draw_numbers)) if in_lanes else (1, 1)
         return {
             **{name: torch.from_numpy(table).to(self.device) for name, table in uploaded.items()},
@@ -579,6 +583,7 @@ class World:
             "drawn": self._zeros(*drawn, random.LANES),
             "program": program,
             "workspace": self._zeros(self.num_worlds, tables.rule_workspace(self.scenario) + losses),
+            "ways": self._zeros(*ways, random.LANES),
             "pulse_envelope": self._pulses.envelope,
             "pulse_output": self._pulses.noise,
             "pulse_rate": self._pulses.rate,
@@ -609,7 +614,7 @@ class World:
 
     def _mission(self, arguments: Mapping[str, Any], phase: int) -> Launch:
         """A phase of the mission's kernel."""
-        in_registers = phase in (Phase.draw, Phase.ride, Phase.look)
+        in_registers = phase in (Phase.draw, Phase.plan, Phase.ride, Phase.look)
         settings = runtime.vectors_in_registers() if in_registers else runtime.NONE
         program = arguments["program"]
         if phase == Phase.reset:  # which draws for itself

@@ -21,10 +21,8 @@ def drift_and_fix(factors: array1, track: array3, scalars: array2):
     """A track by the tracker, and (a, b, c) of it by the planner, over the same drift and the same fix."""
     drift = tracker.Drift(way=factors[0], kept=factors[1], position=factors[2], cross=factors[3], current=factors[4])
     for n in range(track.shape[0]):
-        s = vec3(track[n, 0, tracker.XX], track[n, 0, tracker.XU], track[n, 0, tracker.UU])
-        s = tracker.fixed(tracker.drifted(s, drift), R)
-        for c in ti.static(range(3)):
-            scalars[n, c] = s[c]
+        a, b, c = tracker.drifted(track[n, 0, tracker.XX], track[n, 0, tracker.XU], track[n, 0, tracker.UU], drift)
+        scalars[n, 0], scalars[n, 1], scalars[n, 2] = tracker.fixed(a, b, c, R)
         tracker.drift(track, n, 0, ti.math.vec2(0.0, 0.0), factors[5], VARIANCE, TAU)
         place = ti.math.vec2(track[n, 0, tracker.X], track[n, 0, tracker.Y])
         fix = tracker.TrackFix(place=place, covariance=vec3(R, 0.0, R), lag=0.0, carried=ti.math.vec2(0.0, 0.0))
