@@ -110,6 +110,15 @@ def advanced(worlds: ti.template(), w, way: Way, time, lost: ti.i32) -> Way:
 
 
 @func
+def may_arrive(worlds: ti.template(), w, way: Way, time):
+    """Whether an AUV may come to a node within some time, s; at most by one in a hundred farther than it gets."""
+    node = ti.static(worlds.node)
+    away = vec2(node[w, way.node, NodeColumn.x], node[w, way.node, NodeColumn.y]) - way.place
+    farthest = worlds.p[Parameter.hover_radius] + 1.01 * ti.max(way.speed, SLOWEST) * time
+    return way.hovers <= time and away.norm_sqr() <= farthest * farthest
+
+
+@func
 def remembered(worlds: ti.template(), w, k) -> Way:
     """The boat's present prediction of AUV k."""
     foresight = ti.static(worlds.foresight)
@@ -142,8 +151,10 @@ def foresee(worlds: ti.template(), w, k):
             if speed > 0.5 * worlds.p[Parameter.speed_min]:
                 way.speed += LEARNED * (speed - way.speed)
         time = elapsed
-    works = works_within(worlds)
-    lost = ti.cast(own_uncertainty(worlds, w, k)[0] > works * works, ti.i32)
+    lost = 0
+    if may_arrive(worlds, w, way, time):  # where it matters
+        works = works_within(worlds)
+        lost = ti.cast(own_uncertainty(worlds, w, k)[0] > works * works, ti.i32)
     way = advanced(worlds, w, way, time, lost)
     foresight[w, k, ForesightColumn.x] = way.place[0]
     foresight[w, k, ForesightColumn.y] = way.place[1]
