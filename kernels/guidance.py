@@ -1,7 +1,8 @@
-"""Features of AUVs and their commands on a CPU, each in one pass over all AUVs.
+"""Actions of learned policies on a CPU, from observations to commands in one pass, sixteen AUVs side by side.
 
-Except for rounding equal to `TargetFrame` and `GuidedFrame` of `usvauv.policies.frames`, which have the equations in
-some hundred operations of torch: for few AUVs mostly overhead, for many a pass over memory each.
+Except for rounding equal to `TargetFrame` and `GuidedFrame` of `usvauv.policies.frames` with an actor of
+`usvauv.policies.networks` between them, which have the equations in some hundred operations of torch: for few AUVs
+mostly overhead, for many a pass over memory each.
 """
 
 import math
@@ -13,8 +14,20 @@ import torch
 
 from usvauv.kernels import runtime
 from usvauv.kernels.functions import Launch, func, kernel
+from usvauv.kernels.network import (
+    LANES,
+    TILE,
+    Layer,
+    Packed,
+    exponential,
+    forward,
+    hyperbolic_tangent,
+    lanes,
+    rooms,
+    tiles,
+)
 from usvauv.kernels.trigonometry import half_cosine, half_sine
-from usvauv.kernels.types import Columns, array1, array2, index2, vec2, vec4
+from usvauv.kernels.types import Columns, array1, array2, index2
 
 LEAST = 1e-18  # added to no effect, but that a zero vector has a direction; its square is above zero
 TINY = 1e-9
@@ -23,11 +36,7 @@ LEAST_ADVANCE = 0.05  # m/s over ground, lower bound on headway
 HOPELESS = 1e6  # J/m, above every cost with headway
 CLIP = 8.0  # of standardised features
 FIRST = 9  # features of the target and the other AUVs, which come before those by `Rule`
-SIDE = 8  # speeds side by side
-STEEP = 1e30  # makes any difference larger than all that it is compared with
-
-side = ti.types.vector(SIDE, ti.f32)
-sides = ti.types.ndarray(dtype=side, ndim=2)
+PARTS = 16  # of the AUVs for each thread
 
 
 class Rule(Columns):
@@ -55,219 +64,254 @@ class FrameNumber(Columns):
 
 
 @func
-def direction(v: vec2):
-    """Unit vector and length of a vector; (1, 0) and `LEAST` of a zero vector."""
-    x = v[0] + LEAST
-    length = ti.sqrt(x * x + v[1] * v[1])
-    return vec2(x / length, v[1] / length), length
+def direction(x, y):
+    """Unit vectors in the direction of vectors, and their lengths; (1, 0) and `LEAST` of a zero vector."""
+    along = x + LEAST
+    length = ti.sqrt(along * along + y * y)
+    return along / length, y / length, length
 
 
 @func
-def turn(v: vec2, cosine, sine) -> vec2:
-    """A vector turned to the left."""
-    return vec2(cosine * v[0] - sine * v[1], cosine * v[1] + sine * v[0])
+def turn(x, y, cosine, sine):
+    """Vectors turned to the left."""
+    return cosine * x - sine * y, cosine * y + sine * x
 
 
 @func
-def along_and_left(v: vec2, ahead: vec2) -> vec2:
-    return vec2(v[0] * ahead[0] + v[1] * ahead[1], v[1] * ahead[0] - v[0] * ahead[1])
+def along_and_left(x, y, ahead_x, ahead_y):
+    return x * ahead_x + y * ahead_y, y * ahead_x - x * ahead_y
 
 
 @func
-def pair(seen: ti.template(), n, column) -> vec2:
-    return vec2(seen[n, column], seen[n, column + 1])
+def encode(
+    room: ti.template(),
+    part,
+    target,
+    others,
+    rule: ti.template(),
+    unit: ti.template(),
+    number: ti.template(),
+    mean: ti.template(),
+    deviation: ti.template(),
+    auvs,
+    to,
+    end,
+):
+    """Standardised features at `to` of a room, see `TargetFrame`, and zeros up to `end`; the observation is at 0."""
+    rate = -1.0 / number[FrameNumber.reach]
+    ahead_x, ahead_y, distance = direction(room[part, target], room[part, target + 1])
+    nearest_x, nearest_y, pull_x, pull_y, closest = lanes(0.0), lanes(0.0), lanes(0.0), lanes(0.0), lanes(0.0)
+    least = lanes(math.inf)
+    for j in range(auvs - 1):
+        x, y = along_and_left(room[part, others + 2 * j], room[part, others + 2 * j + 1], ahead_x, ahead_y)
+        away = ti.sqrt(x * x + y * y)
+        closeness = exponential(rate * away)
+        pull = closeness / ti.max(away, TINY)
+        pull_x += pull * x
+        pull_y += pull * y
+        closest = ti.max(closest, closeness)
+        nearest_x, nearest_y = ti.select(away < least, x, nearest_x), ti.select(away < least, y, nearest_y)
+        least = ti.min(least, away)
+    first = [
+        distance,
+        exponential(rate * distance),
+        ahead_x,
+        ahead_y,
+        nearest_x,
+        nearest_y,
+        pull_x,
+        pull_y,
+        closest,
+    ]
+    for f in ti.static(range(FIRST)):
+        room[part, to + f] = ti.min(ti.max((first[f] - mean[f]) * (1.0 / deviation[f]), -CLIP), CLIP)
+    for f in range(FIRST, mean.shape[0]):
+        at, scale = f - FIRST, 1.0 / unit[f - FIRST]
+        value = scale * room[part, rule[at, Rule.x]]
+        if rule[at, Rule.turned] != 0:
+            along, left = along_and_left(value, scale * room[part, rule[at, Rule.y]], ahead_x, ahead_y)
+            value = along if rule[at, Rule.turned] == 1 else left
+        room[part, to + f] = ti.min(ti.max((value - mean[f]) * (1.0 / deviation[f]), -CLIP), CLIP)
+    for f in range(mean.shape[0], end - to):
+        room[part, to + f] = lanes(0.0)
 
 
 @func
-def row(n, auvs, count, shared: ti.template()):
-    """Where the networks have AUV n of all worlds: world by world if all AUVs share one, else AUV by AUV."""
-    place = n
-    if ti.static(not shared):
-        place = (n % auvs) * (count // auvs) + n // auvs
-    return place
+def clear_of_others(room: ti.template(), part, others, auvs, ahead_x, ahead_y, number: ti.template()):
+    """See `usvauv.policies.guidance.clear_of_others`."""
+    x, y = ahead_x, ahead_y
+    if auvs > 1:
+        diagonal = number[FrameNumber.diagonal]
+        away_x, away_y, nearest = lanes(0.0), lanes(0.0), lanes(math.inf)
+        for j in range(auvs - 1):
+            other = others + 2 * j
+            to_x, to_y, distance = direction(diagonal * room[part, other], diagonal * room[part, other + 1])
+            closer = distance < nearest
+            away_x, away_y = ti.select(closer, to_x, away_x), ti.select(closer, to_y, away_y)
+            nearest = ti.min(nearest, distance)
+        ratio = number[FrameNumber.repelled] / ti.max(nearest, NEAREST)
+        push = ti.max(ratio - 1.0, 0.0) * (ratio * ratio)
+        x, y, _ = direction(x - push * away_x, y - push * away_y)
+    return x, y
 
 
 @func
-def least(v: side) -> ti.f32:
-    """Of the lanes."""
-    four = vec4([ti.min(v[n], v[n + 4]) for n in ti.static(range(4))])
-    return ti.min(ti.min(four[0], four[1]), ti.min(four[2], four[3]))
+def inside(position, track, margin, end):
+    """A component of a course, or 0 where it leads out of the area."""
+    outwards = ((position < margin) & (track < 0.0)) | ((position > end) & (track > 0.0))
+    return ti.select(outwards, lanes(0.0), track)
+
+
+@func
+def clear_of_border(x, y, track_x, track_y, number: ti.template()):
+    """A course that does not lead out of the area."""
+    margin = number[FrameNumber.margin]
+    course_x, course_y, length = direction(
+        inside(x, track_x, margin, number[FrameNumber.east]), inside(y, track_y, margin, number[FrameNumber.north])
+    )
+    return ti.select(length > TINY, course_x, track_x), ti.select(length > TINY, course_y, track_y)
+
+
+@func
+def speed_to_fly(speeds: ti.template(), price, along, across):
+    """See `usvauv.policies.guidance.SpeedToFly`; `speeds` (2, ·) are speeds, ascending, and powers."""
+    best, lowest, square = lanes(0.0), lanes(math.inf), across * across
+    for g in range(speeds.shape[1]):
+        speed = speeds[0, g]
+        advance = ti.sqrt(ti.max(speed * speed - square, 0.0)) + along
+        cost = (speeds[1, g] + price) / ti.max(advance, LEAST_ADVANCE)
+        cost = ti.select(advance > LEAST_ADVANCE, cost, HOPELESS - advance)
+        best = ti.select(cost < lowest, lanes(speed), best)  # of equal costs the lowest speed
+        lowest = ti.min(lowest, cost)
+    return best
+
+
+@func
+def steer(
+    room: ti.template(),
+    part,
+    action,
+    target,
+    others,
+    position,
+    current,
+    number: ti.template(),
+    speeds: ti.template(),
+    auvs,
+    guided: ti.template(),
+    observed: ti.template(),
+):
+    """Headings (x, y) and speeds for a network's actions from `action` on, see `TargetFrame` or `GuidedFrame`."""
+    ahead_x, ahead_y, _ = direction(room[part, target], room[part, target + 1])
+    if ti.static(guided):
+        ahead_x, ahead_y = clear_of_others(room, part, others, auvs, ahead_x, ahead_y, number)
+    half = 0.5 * room[part, action]  # turns
+    pace = room[part, action + 1]
+    cosine, sine = half_cosine(half), half_sine(half)
+    x, y = turn(ahead_x, ahead_y, 1.0 - 2.0 * sine * sine, 2.0 * sine * cosine)
+    slowest, span = number[FrameNumber.slowest], number[FrameNumber.fastest] - number[FrameNumber.slowest]
+    speed = slowest + (0.5 * span) * (pace + 1.0)
+    if ti.static(guided):
+        diagonal = number[FrameNumber.diagonal]
+        x, y = clear_of_border(diagonal * room[part, position], diagonal * room[part, position + 1], x, y, number)
+        along, across = lanes(0.0), lanes(0.0)
+        if ti.static(observed):
+            along, across = along_and_left(room[part, current], room[part, current + 1], x, y)
+        price = number[FrameNumber.price] * exponential(number[FrameNumber.gain] * pace)
+        speed = speed_to_fly(speeds, price, along, across)
+        sine = ti.min(ti.max((0.0 - across) / speed, -1.0), 1.0)
+        x, y = turn(x, y, ti.sqrt(ti.max(1.0 - sine * sine, 0.0)), sine)
+    return x, y, speed
 
 
 @kernel
-def encode(
+def act(
     seen: array2,
+    commands: array2,
+    room: rooms,
     target: ti.i32,
     others: ti.i32,
+    position: ti.i32,
+    current: ti.i32,
     rule: index2,
     unit: array1,
     number: array1,
     mean: array1,
     deviation: array1,
-    features: array2,
+    speeds: array2,
+    packed: tiles,
+    bias: array1,
+    layers: index2,
     auvs: ti.i32,
-    shared: ti.template(),
-    serial: ti.template(),
-):
-    """Standardised features (W K, F), see `TargetFrame`, of observations (W K, O).
-
-    Args:
-        target, others: first columns of the terms.
-        rule, unit: of features from `FIRST` on, which are divided by the unit.
-        mean, deviation: (F,).
-        shared: whether AUVs share a network, see `row`. serial: the calling thread does it all.
-    """
-    ti.loop_config(serialize=serial)
-    for n in range(seen.shape[0]):
-        place = row(n, auvs, seen.shape[0], shared)
-        reach = number[FrameNumber.reach]
-        bearing, distance = direction(pair(seen, n, target))
-        nearest, pull = vec2(0.0), vec2(0.0)
-        closest, least_distance = 0.0, math.inf
-        for j in range(auvs - 1):
-            other = along_and_left(pair(seen, n, others + 2 * j), bearing)
-            away = ti.sqrt(other[0] * other[0] + other[1] * other[1])
-            closeness = ti.exp(-away / reach)
-            pull += closeness * other / ti.max(away, TINY)
-            closest = ti.max(closest, closeness)
-            if away < least_distance:
-                least_distance, nearest = away, other
-        first = ti.Vector(
-            [
-                distance,
-                ti.exp(-distance / reach),
-                bearing[0],
-                bearing[1],
-                nearest[0],
-                nearest[1],
-                pull[0],
-                pull[1],
-                closest,
-            ]
-        )
-        for f in ti.static(range(FIRST)):
-            features[place, f] = ti.min(ti.max((first[f] - mean[f]) / deviation[f], -CLIP), CLIP)
-        for f in range(FIRST, features.shape[1]):
-            x = seen[n, rule[f - FIRST, Rule.x]] / unit[f - FIRST]
-            if rule[f - FIRST, Rule.turned] != 0:
-                y = seen[n, rule[f - FIRST, Rule.y]] / unit[f - FIRST]
-                turned = along_and_left(vec2(x, y), bearing)
-                x = turned[0] if rule[f - FIRST, Rule.turned] == 1 else turned[1]
-            features[place, f] = ti.min(ti.max((x - mean[f]) / deviation[f], -CLIP), CLIP)
-
-
-@func
-def clear_of_others(seen: ti.template(), n, others, auvs, ahead: vec2, number: ti.template()) -> vec2:
-    """See `usvauv.policies.guidance.clear_of_others`."""
-    track = ahead
-    if auvs > 1:
-        away, nearest = vec2(0.0), math.inf
-        for j in range(auvs - 1):
-            towards, distance = direction(number[FrameNumber.diagonal] * pair(seen, n, others + 2 * j))
-            if distance < nearest:
-                away, nearest = towards, distance
-        ratio = (1.0 / ti.max(nearest, NEAREST)) * number[FrameNumber.repelled]
-        track = direction(ahead - ti.max(ratio - 1.0, 0.0) * (ratio * ratio) * away)[0]
-    return track
-
-
-@func
-def clear_of_border(position: vec2, track: vec2, number: ti.template()) -> vec2:
-    """A course that does not lead out of the area."""
-    inside = track
-    for c in ti.static(range(2)):
-        low = position[c] < number[FrameNumber.margin] and track[c] < 0.0
-        if low or (position[c] > number[FrameNumber.east + c] and track[c] > 0.0):
-            inside[c] = 0.0
-    course, length = direction(inside)
-    return course if length > TINY else track
-
-
-@func
-def speed_to_fly(speeds: ti.template(), price, along, across) -> ti.f32:
-    """See `usvauv.policies.guidance.SpeedToFly`; `speeds` (2, ·) are speeds and powers, the last one more than once.
-
-    Vectors in registers have no comparison; 1 stands for a yes.
-    """
-    best, lowest = side(0.0), side(math.inf)  # of each lane, and its cost, J/m
-    for g in range(speeds.shape[1]):
-        speed = speeds[0, g]
-        advance = ti.sqrt(ti.max(speed * speed - across * across, 0.0)) + along
-        backwards = ti.min(ti.max(STEEP * (LEAST_ADVANCE - advance), 0.0), 1.0)
-        cost = ti.max((speeds[1, g] + price) / ti.max(advance, LEAST_ADVANCE), backwards * (HOPELESS - advance))
-        better = ti.min(ti.max(STEEP * (lowest - cost), 0.0), 1.0)
-        best = better * speed + (1.0 - better) * best
-        lowest = ti.min(lowest, cost)
-    return least(best + STEEP * (lowest - least(lowest)))  # of equal costs the lowest speed
-
-
-@kernel
-def steer(
-    seen: array2,
-    action: array2,
-    target: ti.i32,
-    others: ti.i32,
-    position: ti.i32,
-    current: ti.i32,
-    number: array1,
-    speeds: sides,
-    commands: array2,
-    auvs: ti.i32,
+    networks: ti.i32,
     guided: ti.template(),
     observed: ti.template(),
     polar: ti.template(),
-    shared: ti.template(),
     serial: ti.template(),
 ):
-    """The world's actions (W K, A) for the networks' (W K, 2), see `TargetFrame`, or if `guided`, `GuidedFrame`.
+    """The world's actions (W K, A) for observations (W K, O).
 
     Args:
-        target, others, position, current: first columns of the terms of observations `seen` (W K, O).
-        speeds: see `speed_to_fly`. observed: whether the current is. polar: actions are heading and speed.
-        shared, serial: as of `encode`.
+        room: of each part of the AUVs, with place for an observation and twice for a layer.
+        target, others, position, current: first columns of the terms.
+        rule, unit: of features from `FIRST` on, which are divided by the unit.
+        mean, deviation: of the features, (F,).
+        speeds: see `speed_to_fly`. packed, bias, layers: of the networks, see `forward`.
+        networks: 1 that AUVs share, or one for each of a world.
+        guided: as `GuidedFrame`, else `TargetFrame`. observed: whether the current is.
+        polar: actions are heading and speed. serial: the calling thread does it all.
     """
-    ti.loop_config(serialize=serial)
-    for n in range(seen.shape[0]):
-        place = row(n, auvs, seen.shape[0], shared)
-        ahead = direction(pair(seen, n, target))[0]
-        if ti.static(guided):
-            ahead = clear_of_others(seen, n, others, auvs, ahead, number)
-        half = 0.5 * action[place, 0]  # turns
-        cosine, sine = half_cosine(half), half_sine(half)
-        heading = turn(ahead, 1.0 - 2.0 * sine * sine, 2.0 * sine * cosine)
-        slowest, span = number[FrameNumber.slowest], number[FrameNumber.fastest] - number[FrameNumber.slowest]
-        speed = slowest + span * (action[place, 1] + 1.0) / 2.0
-        if ti.static(guided):
-            track = clear_of_border(number[FrameNumber.diagonal] * pair(seen, n, position), heading, number)
-            flow = vec2(0.0)
-            if ti.static(observed):
-                flow = along_and_left(pair(seen, n, current), track)
-            price = number[FrameNumber.price] * ti.exp(number[FrameNumber.gain] * action[place, 1])
-            speed = speed_to_fly(speeds, price, flow[0], flow[1])
-            sine = ti.min(ti.max(-flow[1] / speed, -1.0), 1.0)
-            heading = turn(track, ti.sqrt(ti.max(1.0 - sine * sine, 0.0)), sine)
-        if ti.static(polar):
-            throttle = 2.0 * (speed - slowest) / span - 1.0 if span > 0.0 else 0.0
-            commands[n, 0] = ti.atan2(heading[1], heading[0]) / math.pi
-            commands[n, 1] = ti.min(ti.max(throttle, -1.0), 1.0)
-        else:
-            for c in ti.static(range(2)):
-                commands[n, c] = ti.min(ti.max(heading[c] * (speed / number[FrameNumber.fastest]), -1.0), 1.0)
-            if commands.shape[1] > 2:
-                commands[n, 2] = number[FrameNumber.depth]
+    ti.loop_config(serialize=serial, block_dim=1)
+    for part in range(room.shape[0]):
+        count = seen.shape[0] // networks
+        groups = (count + LANES - 1) // LANES
+        first = seen.shape[1]
+        second = (first + room.shape[1]) // 2
+        share = (groups * networks + room.shape[0] - 1) // room.shape[0]
+        for group in range(part * share, ti.min((part + 1) * share, groups * networks)):
+            network, begin = group // groups, LANES * (group % groups)
+            rows = [ti.min(begin + n, count - 1) * networks + network for n in ti.static(range(LANES))]
+            for column in range(seen.shape[1]):
+                room[part, column] = ti.Vector([seen[rows[n], column] for n in ti.static(range(LANES))])
+            end = first + TILE * layers[0, Layer.inputs]
+            encode(room, part, target, others, rule, unit, number, mean, deviation, auvs, first, end)
+            at = forward(packed, bias, layers, network, room, part, first, second)
+            for component in range(2):
+                room[part, at + component] = hyperbolic_tangent(room[part, at + component])
+            x, y, speed = steer(
+                room, part, at, target, others, position, current, number, speeds, auvs, guided, observed
+            )
+            slowest, fastest = number[FrameNumber.slowest], number[FrameNumber.fastest]
+            if ti.static(polar):
+                throttle = lanes(0.0)
+                if fastest > slowest:
+                    throttle = ti.min(ti.max((2.0 / (fastest - slowest)) * (speed - slowest) - 1.0, -1.0), 1.0)
+                for n in ti.static(range(LANES)):
+                    commands[rows[n], 0] = ti.atan2(y[n], x[n]) / math.pi
+                    commands[rows[n], 1] = throttle[n]
+            else:
+                share_of_top = speed * (1.0 / fastest)
+                x = ti.min(ti.max(x * share_of_top, -1.0), 1.0)
+                y = ti.min(ti.max(y * share_of_top, -1.0), 1.0)
+                for n in ti.static(range(LANES)):
+                    commands[rows[n], 0] = x[n]
+                    commands[rows[n], 1] = y[n]
+                    if commands.shape[1] > 2:
+                        commands[rows[n], 2] = number[FrameNumber.depth]
 
 
-class Passes:
-    """Both passes for the AUVs of one batch of worlds, with memory of their own.
+class Acting:
+    """Acts for the AUVs of one batch of worlds, with memory of its own.
 
     Args:
         size: of observations, (W, K, O). columns: first ones of the target, others, position, and the current.
         rules: of features from `FIRST` on, `Rule` and unit.
         numbers: by name, see `FrameNumber`.
-        speeds: among which `speed_to_fly` chooses, and their powers, m/s and W; None: not `guided`.
+        speeds: among which `speed_to_fly` chooses, ascending, and their powers, m/s and W; None: not `guided`.
         polar: actions are heading and speed. commands: A, numbers of the world's action.
         mean, deviation: of the features, (F,); may change in place.
-        shared: whether AUVs share a network.
+        weights, biases: of each layer of the actors, one for each AUV or a shared one, see `Packed`; of the outputs the
+            first two count, after a tanh.
     """
 
     def __init__(
@@ -281,32 +325,38 @@ class Passes:
         commands: int,
         mean: torch.Tensor,
         deviation: torch.Tensor,
-        shared: bool,
+        weights: Sequence[torch.Tensor],
+        biases: Sequence[torch.Tensor],
     ) -> None:
-        worlds, auvs, _ = size
-        count = worlds * auvs
+        worlds, auvs, observed = size
+        count, networks = worlds * auvs, len(weights[0])
         alike: Any = {"dtype": torch.float32, "device": "cpu"}  # whatever a program has made torch's defaults
-        stacked = (1, count) if shared else (auvs, worlds)
-        self.observation, self.command = torch.zeros(size, **alike), torch.zeros(worlds, auvs, commands, **alike)
-        self.features, self.action = torch.zeros(*stacked, len(mean), **alike), torch.zeros(*stacked, 2, **alike)
-        seen, features, action, command = (
-            array.view(count, -1) for array in (self.observation, self.features, self.action, self.command)
-        )
-        number = torch.tensor([numbers[name] for name in FrameNumber.names], **alike)
-        rule = torch.tensor([each[:3] for each in rules], dtype=torch.int32, device="cpu")
-        unit = torch.tensor([each[3] for each in rules], **alike)
-        table = torch.zeros(2, 1, SIDE, **alike) if speeds is None else torch.stack([_padded(each) for each in speeds])
-        first = [column or 0 for column in columns]
-        forms = speeds is not None, columns[3] is not None, polar
-        team = shared, runtime.better_alone(count)
-        self.encode = Launch(encode, seen, *first[:2], rule, unit, number, mean, deviation, features, auvs, *team)
-        self.steer = Launch(
-            *(steer, seen, action, *first, number, table, command, auvs, *forms, *team),
-            settings=runtime.vectors_in_registers(),
+        self._seen, self._command = torch.zeros(size, **alike), torch.zeros(worlds, auvs, commands, **alike)
+        self._packed = Packed(weights, biases)
+        alone = runtime.better_alone(count)
+        parts = 1 if alone else min(-(-count // LANES), PARTS * runtime.start().threads)
+        self._act = Launch(
+            act,
+            self._seen.view(count, -1),
+            self._command.view(count, -1),
+            torch.zeros(parts, observed + 2 * self._packed.width, LANES, **alike),
+            *(column or 0 for column in columns),
+            torch.tensor([each[:3] for each in rules], dtype=torch.int32, device="cpu"),
+            torch.tensor([each[3] for each in rules], **alike),
+            torch.tensor([numbers[name] for name in FrameNumber.names], **alike),
+            mean,
+            deviation,
+            torch.zeros(2, 1, **alike) if speeds is None else torch.stack(speeds).to(**alike),
+            *self._packed.arguments,
+            auvs,
+            networks,
+            *(speeds is not None, columns[3] is not None, polar, alone),
+            settings={**runtime.vectors_in_registers(), **runtime.quickly()},
         )
 
-
-def _padded(table: torch.Tensor) -> torch.Tensor:
-    """In rows of `SIDE` numbers, the last one more than once."""
-    table = table.to("cpu", torch.float32)
-    return torch.cat((table, table[-1:].expand(-len(table) % SIDE))).view(-1, SIDE)
+    def __call__(self, observation: torch.Tensor) -> torch.Tensor:
+        """Actions (W, K, A) for observations (W, K, O)."""
+        self._seen.copy_(observation)
+        self._packed.refresh()
+        self._act()
+        return self._command.clone()

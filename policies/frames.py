@@ -20,7 +20,7 @@ from usvauv.env.scenario import Scenario
 from usvauv.env.world.observation import ObservationLayout
 from usvauv.env.world.world import World
 from usvauv.kernels import runtime
-from usvauv.kernels.guidance import FIRST, TINY, Passes
+from usvauv.kernels.guidance import FIRST, TINY, Acting
 from usvauv.kernels.registry import Registry
 from usvauv.policies.guidance import (
     REACH,
@@ -88,12 +88,14 @@ class Frame:
         """The world's actions (W, K, A) for a network's actions (W, K, `actions`) in [−1, 1]."""
         raise NotImplementedError
 
-    def passes(self, worlds: int, mean: Tensor, deviation: Tensor, shared: bool) -> Passes | None:
-        """Kernels with the same results as `encode` and `decode`; None: there are none.
+    def acting(
+        self, worlds: int, mean: Tensor, deviation: Tensor, weights: Sequence[Tensor], biases: Sequence[Tensor]
+    ) -> Acting | None:
+        """A kernel with the same results as `encode`, actors and `decode`; None: there is none.
 
         Args:
             worlds: W. mean, deviation: statistics that standardise features, (F,); may change in place.
-            shared: whether AUVs share a network.
+            weights, biases: of the actors, see `usvauv.policies.networks.StackedMLP`.
         """
         return None
 
@@ -183,7 +185,9 @@ class TargetFrame(Frame):
         speed = auv.speed_min + (auv.speed_max - auv.speed_min) * (action[..., 1] + 1.0) / 2.0
         return command(self._course(action, unit(self.term(observation, "target"))), speed, self.scenario)
 
-    def passes(self, worlds: int, mean: Tensor, deviation: Tensor, shared: bool) -> Passes | None:
+    def acting(
+        self, worlds: int, mean: Tensor, deviation: Tensor, weights: Sequence[Tensor], biases: Sequence[Tensor]
+    ) -> Acting | None:
         if type(self) not in COMPILED or self.scenario.auv.action == "fins" or not runtime.start().on_cpu:
             return None
         auv, area, places = self.scenario.auv, self.scenario.area, self._places
@@ -211,7 +215,9 @@ class TargetFrame(Frame):
             "depth": cruise_depth(self.scenario),
         }
         size, polar = (worlds, auv.count, self.layout.size), auv.action == "polar"
-        return Passes(size, first, rules, numbers, self._speeds(), polar, auv.action_size, mean, deviation, shared)
+        return Acting(
+            *(size, first, rules, numbers, self._speeds(), polar, auv.action_size, mean, deviation, weights, biases)
+        )
 
     def _speeds(self) -> tuple[Tensor, Tensor] | None:
         """Speeds among which an autopilot chooses, and their powers."""

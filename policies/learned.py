@@ -12,10 +12,10 @@ import torch
 from torch import Tensor
 
 from usvauv.env.scenario import Scenario
-from usvauv.kernels.guidance import CLIP, Passes
+from usvauv.kernels.guidance import CLIP, Acting
 from usvauv.policies.frames import FRAMES
-from usvauv.policies.networks import StackedMLP, stack, unstack
-from usvauv.policies.policy import Policy, PolicyError, by_pieces, in_pieces
+from usvauv.policies.networks import DeterministicActor, GaussianActor, StackedMLP, stack, unstack
+from usvauv.policies.policy import Policy, PolicyError, by_pieces
 
 LEAST_DEVIATION = 1e-3  # of a feature that is scaled
 
@@ -56,16 +56,16 @@ class Standardizer:
         return ((features - self.mean) / self.deviation).clamp(-CLIP, CLIP)
 
 
-class _Passes(threading.local):
-    """Kernels that act, with separate memory in each thread.
+class _Kernel(threading.local):
+    """A kernel that acts, with separate memory in each thread.
 
     Attributes:
-        made: the kernels; None: there are none.
-        bound: shape of their observations, and the memory addresses of the features' statistics.
+        made: the kernel; None: there is none.
+        bound: shape of its observations, and the memory addresses of the actors' and the features' numbers.
     """
 
-    made: Passes | None = None
-    bound: tuple[torch.Size, int, int] | None = None
+    made: Acting | None = None
+    bound: tuple[torch.Size, list[int]] | None = None
 
 
 class LearnedPolicy(Policy):
@@ -98,7 +98,7 @@ class LearnedPolicy(Policy):
         self.shared = shared
         self.about = about
         self.any_team = shared and self.frame.any_team
-        self._passes = _Passes()
+        self._kernel = _Kernel()
 
     def __reduce__(self) -> tuple[Any, ...]:
         """A copy, also by `pickle` in another process, is made anew, as kernels and their memory cannot be copied."""
@@ -128,26 +128,24 @@ class LearnedPolicy(Policy):
         )
 
     def act(self, observation: Tensor) -> Tensor:
-        own = self._passes
+        own, layers = self._kernel, self.actor.layers()
         # Torch moves tensors that it sends to another process.
-        bound = observation.shape, self.standardizer.mean.data_ptr(), self.standardizer.deviation.data_ptr()
+        parts = self.standardizer.mean, self.standardizer.deviation, *layers[0], *layers[1]
+        bound = observation.shape, [part.data_ptr() for part in parts]
         if own.bound != bound:
-            own.made, own.bound = self._passes_for(observation.shape), bound
-        if (passes := own.made) is None:
-            return by_pieces(self.actions, observation)
-        passes.observation.copy_(observation.detach())
-        passes.encode()
-        passes.action.copy_(in_pieces(self.actor, 1, observation.shape[:2].numel(), passes.features))
-        passes.steer()
-        return passes.command.clone()
+            own.made, own.bound = self._kernel_for(observation.shape), bound
+        return own.made(observation.detach()) if own.made else by_pieces(self.actions, observation)
 
-    def _passes_for(self, shape: torch.Size) -> Passes | None:
-        """Kernels for observations of a shape; None: there are none, for example for a part of a team."""
-        if shape[1:] != (self.scenario.auv.count, self.frame.layout.size):
+    def _kernel_for(self, shape: torch.Size) -> Acting | None:
+        """A kernel for observations of a shape; None: there is none, for example for a part of a team."""
+        plain = type(self.actor) in (DeterministicActor, GaussianActor) and not self.actor.layer_norm
+        if not plain or shape[1:] != (self.scenario.auv.count, self.frame.layout.size):
             return None
         # Memory made in torch's inference mode could not be written outside it.
         with FRAMES.calling(self.frame_name), torch.inference_mode(False):
-            return self.frame.passes(shape[0], self.standardizer.mean, self.standardizer.deviation, self.shared)
+            return self.frame.acting(
+                shape[0], self.standardizer.mean, self.standardizer.deviation, *self.actor.layers()
+            )
 
     def actions(self, observation: Tensor) -> Tensor:
         """The same for all worlds at once, with gradients."""

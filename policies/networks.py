@@ -72,10 +72,13 @@ class StackedMLP(nn.Module):
             self.weights[-1].mul_(output_gain)
             self.biases[-1].mul_(output_gain)
 
+    def layers(self) -> tuple[list[Any], list[Any]]:
+        """Weights (S, inputs, outputs) and biases (S, 1, outputs); iterating over a `ParameterList` is slow."""
+        return [*self.weights._parameters.values()], [*self.biases._parameters.values()]
+
     def forward(self, x: Tensor, /, frozen: bool = False) -> Tensor:
         """Outputs (S, B, outputs) for inputs (S, B, inputs); with `frozen` only the inputs get a gradient."""
-        weights: list[Any] = [*self.weights._parameters.values()]  # iterating over a `ParameterList` is slow
-        biases: list[Any] = [*self.biases._parameters.values()]
+        weights, biases = self.layers()
         if frozen:
             weights, biases = [each.detach() for each in weights], [each.detach() for each in biases]
         if self.layer_norm:

@@ -279,12 +279,13 @@ class TestFrames:
         ],
     )
     def test_a_policy_acts_as_its_frame_and_network_say(self, name, shared, auv, observed):
-        """On a CPU kernels compute features and commands: beside torch's, for 2,000 observations within the area."""
+        """On a CPU a kernel computes all: beside torch's results, for 2,000 observations within the area."""
         service = {"service": "passing"} if "model" in auv else {}
         toy = scenario(auv=auv, observation=observed | {"extra": ["next"]}, nodes=service)
         generator, frame = torch.Generator().manual_seed(5), FRAMES[name](toy)
         mean, deviation = torch.rand((2, frame.features), generator=generator)
-        actor = DeterministicActor(1 if shared else toy.auv.count, (frame.features, 32, 2), generator, output_gain=4.0)
+        sizes = (frame.features, 30, 17, 2)  # not whole tiles
+        actor = DeterministicActor(1 if shared else toy.auv.count, sizes, generator, output_gain=4.0)
         policy = LearnedPolicy("some", toy, name, Standardizer(mean, 0.5 + deviation), actor, shared)
         observation = torch.rand((2000, toy.auv.count, frame.layout.size), generator=generator) - 0.5
         position = observation[..., frame.layout.slice("position")]

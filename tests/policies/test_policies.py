@@ -32,7 +32,7 @@ def test_actions_of_many_worlds_are_those_of_each(name, monkeypatch):
 
 
 class TestActing:
-    """A learned policy acts as its network says, wherever and however often; on a CPU its kernels have memory."""
+    """A learned policy acts as its network says, wherever and however often; on a CPU its kernel has memory."""
 
     def policy(self, name="sac-extreme"):
         """One that has acted, in torch's inference mode."""
@@ -54,7 +54,15 @@ class TestActing:
         policy, observation = self.policy()
         ForkingPickler.dumps(policy)
         policy.standardizer.mean.add_(1.0)
+        with torch.no_grad():
+            for weights in policy.actor.parameters():
+                weights.mul_(0.9)
         torch.testing.assert_close(policy.act(observation), policy.actions(observation), rtol=0, atol=1e-5)
+
+    def test_a_world_has_the_same_actions_in_any_batch(self):
+        policy, _ = self.policy()
+        observation = torch.rand((2100, 2, policy.frame.layout.size), generator=seeded())
+        assert torch.equal(policy.act(observation)[7:12], policy.act(observation[7:12]))
 
     def test_a_policy_of_the_passing_frame_can_be_copied(self):
         world = ToyWorld(Scenario.load("extreme-torpedo"), 3)
