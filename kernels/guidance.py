@@ -19,6 +19,7 @@ from usvauv.kernels.network import (
     TILE,
     Layer,
     Packed,
+    bounded,
     exponential,
     forward,
     hyperbolic_tangent,
@@ -124,14 +125,14 @@ def encode(
         closest,
     ]
     for f in ti.static(range(FIRST)):
-        room[part, to + f] = ti.min(ti.max((first[f] - mean[f]) * (1.0 / deviation[f]), -CLIP), CLIP)
+        room[part, to + f] = bounded((first[f] - mean[f]) * (1.0 / deviation[f]), -CLIP, CLIP)
     for f in range(FIRST, mean.shape[0]):
         at, scale = f - FIRST, 1.0 / unit[f - FIRST]
         value = scale * room[part, rule[at, Rule.x]]
         if rule[at, Rule.turned] != 0:
             along, left = along_and_left(value, scale * room[part, rule[at, Rule.y]], ahead_x, ahead_y)
             value = along if rule[at, Rule.turned] == 1 else left
-        room[part, to + f] = ti.min(ti.max((value - mean[f]) * (1.0 / deviation[f]), -CLIP), CLIP)
+        room[part, to + f] = bounded((value - mean[f]) * (1.0 / deviation[f]), -CLIP, CLIP)
     for f in range(mean.shape[0], end - to):
         room[part, to + f] = lanes(0.0)
 
@@ -175,7 +176,7 @@ def clear_of_border(x, y, track_x, track_y, number: ti.template()):
 @func
 def speed_to_fly(speeds: ti.template(), price, along, across):
     """See `usvauv.policies.guidance.SpeedToFly`; `speeds` (2, ·) are speeds, ascending, and powers."""
-    best, lowest, square = lanes(0.0), lanes(math.inf), across * across
+    best, lowest, square = price - price, lanes(math.inf), across * across  # 0, or no number if the price is none
     for g in range(speeds.shape[1]):
         speed = speeds[0, g]
         advance = ti.sqrt(ti.max(speed * speed - square, 0.0)) + along
@@ -219,7 +220,7 @@ def steer(
             along, across = along_and_left(room[part, current], room[part, current + 1], x, y)
         price = number[FrameNumber.price] * exponential(number[FrameNumber.gain] * pace)
         speed = speed_to_fly(speeds, price, along, across)
-        sine = ti.min(ti.max((0.0 - across) / speed, -1.0), 1.0)
+        sine = bounded((0.0 - across) / speed, -1.0, 1.0)
         x, y = turn(x, y, ti.sqrt(ti.max(1.0 - sine * sine, 0.0)), sine)
     return x, y, speed
 
@@ -285,14 +286,13 @@ def act(
             if ti.static(polar):
                 throttle = lanes(0.0)
                 if fastest > slowest:
-                    throttle = ti.min(ti.max((2.0 / (fastest - slowest)) * (speed - slowest) - 1.0, -1.0), 1.0)
+                    throttle = bounded((2.0 / (fastest - slowest)) * (speed - slowest) - 1.0, -1.0, 1.0)
                 for n in ti.static(range(LANES)):
                     commands[rows[n], 0] = ti.atan2(y[n], x[n]) / math.pi
                     commands[rows[n], 1] = throttle[n]
             else:
                 share_of_top = speed * (1.0 / fastest)
-                x = ti.min(ti.max(x * share_of_top, -1.0), 1.0)
-                y = ti.min(ti.max(y * share_of_top, -1.0), 1.0)
+                x, y = bounded(x * share_of_top, -1.0, 1.0), bounded(y * share_of_top, -1.0, 1.0)
                 for n in ti.static(range(LANES)):
                     commands[rows[n], 0] = x[n]
                     commands[rows[n], 1] = y[n]

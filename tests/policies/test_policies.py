@@ -59,6 +59,14 @@ class TestActing:
                 weights.mul_(0.9)
         torch.testing.assert_close(policy.act(observation), policy.actions(observation), rtol=0, atol=1e-5)
 
+    def test_what_is_not_a_number_stays_so(self):
+        policy, observation = self.policy()
+        observation[0, 0, 0] = torch.nan
+        assert torch.equal(policy.act(observation).isnan(), policy.actions(observation).isnan())
+        with torch.no_grad():
+            policy.actor.weights[1][0, 3, 1] = torch.nan
+        assert policy.act(observation)[:, 0].isnan().all()
+
     def test_a_world_has_the_same_actions_in_any_batch(self):
         policy, _ = self.policy()
         observation = torch.rand((2100, 2, policy.frame.layout.size), generator=seeded())
