@@ -28,7 +28,7 @@ from usvauv.kernels.network import (
     tiles,
 )
 from usvauv.kernels.trigonometry import half_cosine, half_sine
-from usvauv.kernels.types import Columns, array1, array2, index2
+from usvauv.kernels.types import Columns, array1, array2, index2, select
 
 LEAST = 1e-18  # added to no effect, but that a zero vector has a direction; its square is above zero
 TINY = 1e-9
@@ -111,7 +111,7 @@ def encode(
         pull_x += pull * x
         pull_y += pull * y
         closest = ti.max(closest, closeness)
-        nearest_x, nearest_y = ti.select(away < least, x, nearest_x), ti.select(away < least, y, nearest_y)
+        nearest_x, nearest_y = select(away < least, x, nearest_x), select(away < least, y, nearest_y)
         least = ti.min(least, away)
     first = [
         distance,
@@ -148,7 +148,7 @@ def clear_of_others(room: ti.template(), part, others, auvs, ahead_x, ahead_y, n
             other = others + 2 * j
             to_x, to_y, distance = direction(diagonal * room[part, other], diagonal * room[part, other + 1])
             closer = distance < nearest
-            away_x, away_y = ti.select(closer, to_x, away_x), ti.select(closer, to_y, away_y)
+            away_x, away_y = select(closer, to_x, away_x), select(closer, to_y, away_y)
             nearest = ti.min(nearest, distance)
         ratio = number[FrameNumber.repelled] / ti.max(nearest, NEAREST)
         push = ti.max(ratio - 1.0, 0.0) * (ratio * ratio)
@@ -160,7 +160,7 @@ def clear_of_others(room: ti.template(), part, others, auvs, ahead_x, ahead_y, n
 def inside(position, track, margin, end):
     """A component of a course, or 0 where it leads out of the area."""
     outwards = ((position < margin) & (track < 0.0)) | ((position > end) & (track > 0.0))
-    return ti.select(outwards, lanes(0.0), track)
+    return select(outwards, lanes(0.0), track)
 
 
 @func
@@ -170,7 +170,7 @@ def clear_of_border(x, y, track_x, track_y, number: ti.template()):
     course_x, course_y, length = direction(
         inside(x, track_x, margin, number[FrameNumber.east]), inside(y, track_y, margin, number[FrameNumber.north])
     )
-    return ti.select(length > TINY, course_x, track_x), ti.select(length > TINY, course_y, track_y)
+    return select(length > TINY, course_x, track_x), select(length > TINY, course_y, track_y)
 
 
 @func
@@ -181,8 +181,8 @@ def speed_to_fly(speeds: ti.template(), price, along, across):
         speed = speeds[0, g]
         advance = ti.sqrt(ti.max(speed * speed - square, 0.0)) + along
         cost = (speeds[1, g] + price) / ti.max(advance, LEAST_ADVANCE)
-        cost = ti.select(advance > LEAST_ADVANCE, cost, HOPELESS - advance)
-        best = ti.select(cost < lowest, lanes(speed), best)  # of equal costs the lowest speed
+        cost = select(advance > LEAST_ADVANCE, cost, HOPELESS - advance)
+        best = select(cost < lowest, lanes(speed), best)  # of equal costs the lowest speed
         lowest = ti.min(lowest, cost)
     return best
 

@@ -14,7 +14,7 @@ import torch
 
 from usvauv.kernels import runtime
 from usvauv.kernels.functions import Launch, func, kernel
-from usvauv.kernels.types import Columns, array1, vec4
+from usvauv.kernels.types import Columns, array1, select, vec4
 
 LANES = 16
 TILE = 4
@@ -38,13 +38,13 @@ class Layer(Columns):
 @func
 def bounded(x, low, high):
     """A vector within bounds; what is not a number stays so."""
-    return ti.select(x < low, lanes(low), ti.select(x > high, lanes(high), x))
+    return select(x < low, lanes(low), select(x > high, lanes(high), x))
 
 
 @func
 def exponential(x):
     """eˣ of a vector in registers, within 2e-7 of itself; below −87 that of −87. The range as in Cephes' `expf`."""
-    y = ti.select(x < -87.0, lanes(-87.0), x)
+    y = select(x < -87.0, lanes(-87.0), x)
     rounded = 1.44269504 * y + SHIFT
     n = rounded - SHIFT
     f = y - 0.693359375 * n + 2.12194440e-4 * n
@@ -57,7 +57,7 @@ def exponential(x):
 @func
 def hyperbolic_tangent(x):
     """Of a vector in registers, within 2e-7."""
-    return 1.0 - 2.0 / (1.0 + exponential(2.0 * ti.select(x > 20.0, lanes(20.0), x)))
+    return 1.0 - 2.0 / (1.0 + exponential(2.0 * select(x > 20.0, lanes(20.0), x)))
 
 
 @func
@@ -78,7 +78,7 @@ def forward(
                     for j in ti.static(range(TILE)):
                         sums[j] += packed[at + n][TILE * k + j] * x
             for j in ti.static(range(TILE)):
-                kept = ti.select(sums[j] < lowest, lanes(lowest), sums[j])
+                kept = select(sums[j] < lowest, lanes(lowest), sums[j])
                 room[part, target + TILE * (group - network * outputs) + j] = kept
         swapped = source
         source, target = target, swapped

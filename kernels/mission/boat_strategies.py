@@ -8,6 +8,7 @@ import taichi as ti
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission import belief_planner, boat_motion, foresight
 from usvauv.kernels.mission.columns import Parameter
+from usvauv.kernels.mission.rollouts import NO_AUV
 from usvauv.kernels.mission.worlds import Strategy
 from usvauv.kernels.planning import search
 from usvauv.kernels.planning.information import Team, indices
@@ -34,7 +35,7 @@ def visit(worlds: ti.template(), w, b) -> vec2:
     """Goes to the predicted position of the AUV that is least certain of its own position."""
     goal = boat_motion.boat_place(worlds, w, b)
     least = belief_planner.least_certain(worlds, w, b)
-    if least != belief_planner.NO_AUV:
+    if least != NO_AUV:
         goal = foresight.foreseen_place(worlds, w, ti.max(least, 0))
     return goal
 

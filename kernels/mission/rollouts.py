@@ -24,7 +24,7 @@ from usvauv.kernels.mission.replies import SIGNAL, Signal
 from usvauv.kernels.mission.worlds import TOGETHER
 from usvauv.kernels.positioning import tracker
 from usvauv.kernels.random import LANES
-from usvauv.kernels.types import vec2
+from usvauv.kernels.types import select, vec2
 
 INTERVAL = 5.0  # s, of a step of the rollout
 STEPS = 60  # of a rollout
@@ -63,7 +63,7 @@ class Team(NamedTuple):
     def of(cls, numbers: Sequence[Any]) -> "Team":
         """From vectors of `team_numbers`, which are computed once."""
         held = [impl.expr_init(vector) for vector in numbers]
-        return cls(*held[:TEAM], Signal(*held[TEAM:]))
+        return cls._make([*held[:TEAM], Signal._make(held[TEAM:])])
 
 
 @func
@@ -209,24 +209,24 @@ def expected_loss(worlds: ti.template(), w, boat, goal: vec2, first: ti.i32, tea
                     node[k] = ti.cast(after.node, ti.f32)
                     hovers[k] = after.hovers
         if ti.static(shared):
-            x = ti.select(astray > 0.5, x, foreseen(worlds, w, n, 0))
-            y = ti.select(astray > 0.5, y, foreseen(worlds, w, n, 1))
-            node = ti.select(astray > 0.5, node, foreseen(worlds, w, n, 2))
-            hovers = ti.select(astray > 0.5, hovers, foreseen(worlds, w, n, 3))
+            x = select(astray > 0.5, x, foreseen(worlds, w, n, 0))
+            y = select(astray > 0.5, y, foreseen(worlds, w, n, 1))
+            node = select(astray > 0.5, node, foreseen(worlds, w, n, 2))
+            hovers = select(astray > 0.5, hovers, foreseen(worlds, w, n, 3))
         a, b, c = tracker.drifted(a, b, c, drift)
         p, q, r = tracker.drifted(p, q, r, straying)
         across, along = x - here[0], y - here[1]
         above, slope, variance = replies.expected_signal(team.signal, across * across + along * along, left)
-        above = ti.select(above > 0.0, above, 0.0)
-        heard = ti.select(above * above >= sure * sure * (1.0 + slope * (a + p)), 1.0, 0.0)
+        above = select(above > 0.0, above, 0.0)
+        heard = select(above * above >= sure * sure * (1.0 + slope * (a + p)), 1.0, 0.0)
         fixed_a, fixed_b, fixed_c = tracker.fixed(a, b, c, variance)
-        a = ti.select(heard > 0.5, fixed_a, a)
-        b = ti.select(heard > 0.5, fixed_b, b)
-        c = ti.select(heard > 0.5, fixed_c, c)
-        p = ti.select(heard > 0.5, 0.0, p)
-        q = ti.select(heard > 0.5, 0.0, q)
-        r = ti.select(heard > 0.5, 0.0, r)
-        squares = ti.select(team.served > 0.5, a * a, 0.0).sum()
+        a = select(heard > 0.5, fixed_a, a)
+        b = select(heard > 0.5, fixed_b, b)
+        c = select(heard > 0.5, fixed_c, c)
+        p = select(heard > 0.5, 0.0, p)
+        q = select(heard > 0.5, 0.0, q)
+        r = select(heard > 0.5, 0.0, r)
+        squares = select(team.served > 0.5, a * a, 0.0).sum()
         total += squares
         if visited != NO_AUV:
             reached = reached or heard[visited] > 0.5
