@@ -64,10 +64,14 @@ def test_arrays_are_read_anew_at_each_call(device):
     assert bound[0][:, 0].tolist() == [0xFFFF - 3.0 + i for i in range(5)]
 
 
-def test_a_strided_tensor_is_refused(device):
-    x, *rest = arguments(device)
+def test_a_tensor_that_kernels_cannot_read_is_refused(device):
+    """Strided, or with vectors that begin where the processor's wide loads would end the process."""
+    x, lanes, *rest = arguments(device)
     with pytest.raises(ValueError, match="contiguous"):
-        Launch(mix, False, x.T, *rest)
+        Launch(mix, False, x.T, lanes, *rest)
+    if device.type == "cpu":
+        with pytest.raises(ValueError, match="argument 2: vectors must begin at a multiple of 64 bytes"):
+            Launch(mix, False, x, torch.zeros(16)[1:].view(5, 3), *rest)
 
 
 def test_arguments_live_as_long_as_the_launch(device):
