@@ -53,9 +53,8 @@ def _threads(process: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(runtime.start().threads)
 
 
-def in_pieces(function: Callable[..., Tensor], axis: int, auvs: int, *tensors: Tensor) -> Tensor:
-    """Evaluate, without gradients, a function of tensors whose result, part by part along an axis, depends only on the
-    same part of the tensors.
+def by_pieces(function: Callable[..., Tensor], *tensors: Tensor) -> Tensor:
+    """Evaluate, without gradients, a function of tensors (W, K, ...) whose result for a world depends only on it.
 
     On a CPU many AUVs are divided among the cores, in pieces of `PIECE` to `LARGEST_PIECE` AUVs, each with one thread
     of torch. So a small batch wakes no thread, cores do not wait for each other after each operation, intermediate
@@ -64,18 +63,10 @@ def in_pieces(function: Callable[..., Tensor], axis: int, auvs: int, *tensors: T
 
     def one(*piece: Tensor) -> Tensor:
         with torch.no_grad():  # applies to one thread only
-            return function(*piece)
+            return function(*map(by_component, piece)).contiguous()
 
+    auvs = tensors[0].shape[:2].numel()
     count = max(min(auvs // PIECE, runtime.start().threads), math.ceil(auvs / LARGEST_PIECE))
     if count < 2 or tensors[0].device.type != "cpu":
         return one(*tensors)
-    return torch.cat(list(_threads(os.getpid()).map(one, *(each.tensor_split(count, axis) for each in tensors))), axis)
-
-
-def by_pieces(function: Callable[..., Tensor], *tensors: Tensor) -> Tensor:
-    """Evaluate a function of tensors (W, K, ...) whose result for a world depends only on it; see `in_pieces`."""
-
-    def one(*piece: Tensor) -> Tensor:
-        return function(*map(by_component, piece)).contiguous()
-
-    return in_pieces(one, 0, tensors[0].shape[:2].numel(), *tensors)
+    return torch.cat(list(_threads(os.getpid()).map(one, *(each.tensor_split(count) for each in tensors))))
