@@ -1,6 +1,7 @@
-"""A thousand steps of `extreme` on another architecture, beside the same steps on the CPU.
+"""A thousand steps of a scenario on another architecture, beside the same steps on the CPU.
 
     python -m tests.trials.architectures --arch vulkan --steps 1000 --worlds 4 --seed 1
+    python -m tests.trials.architectures wide --set nodes.count=60 --arch vulkan --steps 3
 
 The policy `straight` steers, so that services happen. Each world is compared until one of its events (a new target, the
 begin or end of hovering) falls on another step than on the CPU: afterwards it is another mission. Rounding differs,
@@ -32,13 +33,13 @@ QUANTITIES = {
 }
 
 
-def run(arch: str, steps: int, worlds: int, seed: int, out: Path) -> None:
+def run(scenario: str, overrides: list[str], arch: str, steps: int, worlds: int, seed: int, out: Path) -> None:
     """One run, in this process: an array (steps, worlds, …) of each quantity and of the events."""
     from usvauv import policies
     from usvauv.env import Scenario, World
     from usvauv.kernels.mission.columns import AuvColumn, BoatColumn
 
-    world = World(Scenario.load("extreme"), worlds, seed, arch=arch)
+    world = World(Scenario.load(scenario, overrides), worlds, seed, arch=arch)
     policy = policies.load("straight", world)
     rows: dict[str, list[np.ndarray]] = {}
     observation = world.reset()
@@ -83,6 +84,8 @@ def compare(here: dict[str, np.ndarray], cpu: dict[str, np.ndarray]) -> bool:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scenario", nargs="?", default="extreme")
+    parser.add_argument("--set", action="append", default=[], help="change a field of the scenario, nodes.count=60")
     parser.add_argument("--arch", default="vulkan")
     parser.add_argument("--steps", type=int, default=1000)
     parser.add_argument("--worlds", type=int, default=4)
@@ -91,14 +94,16 @@ def main() -> int:
     arguments = parser.parse_args()
     settings = arguments.steps, arguments.worlds, arguments.seed
     if arguments.out:
-        run(arguments.arch, *settings, arguments.out)
+        run(arguments.scenario, arguments.set, arguments.arch, *settings, arguments.out)
         return 0
     with tempfile.TemporaryDirectory() as folder:
         results = []
         for arch in (arguments.arch, "cpu"):  # Taichi starts one architecture a process
             out = Path(folder) / f"{arch}.npz"
             numbers = [f"--{name}={value}" for name, value in zip(("steps", "worlds", "seed"), settings, strict=True)]
-            command = [sys.executable, "-m", "tests.trials.architectures", "--arch", arch, *numbers, "--out", str(out)]
+            changed = [f"--set={change}" for change in arguments.set]
+            command = [sys.executable, "-m", "tests.trials.architectures", arguments.scenario, *changed, *numbers]
+            command += ["--arch", arch, "--out", str(out)]
             subprocess.run(command, check=True)
             results.append(dict(np.load(out)))
     return 0 if compare(*results) else 1
