@@ -25,11 +25,11 @@ def half_cosine(t):
 
 @func
 def circle(angle):
-    """Cosine and sine of a number, rad, within 1.5e-7 for |angle| ≤ 1."""
+    """Cosine and sine of an angle, rad, within 1.5e-7 for |angle| ≤ 1."""
     turns = 0.15915494309189535 * angle
     t = turns - ti.floor(turns + 0.5)
     s = half_sine(t)
-    return ti.Vector([1.0 - 2.0 * s * s, 2.0 * s * half_cosine(t)])
+    return 1.0 - 2.0 * s * s, 2.0 * s * half_cosine(t)
 
 
 @func

@@ -328,6 +328,32 @@ class ExchangeColumn(StateColumns):
     hovers: Hover
 
 
+class ReceptionColumn(Columns):
+    """A reply that arrives in a step and its fix, (W K / 16, R, 16), where all of a step are fixed side by side.
+
+    Ages count from the end of the step, s; −1 where there is none.
+    """
+
+    left: int  # age when a reply left, before one arrived
+    left_next: int  # the same, after one arrived
+    arrived: int  # age when one arrived
+    lost: int  # 1 where it did not
+    offset_x: int  # of the AUV from its boat, m; after the fix that measured
+    offset_y: int
+    height: int
+    own_xx: int  # covariance of the errors that are new in the fix, m²
+    own_xy: int
+    own_yy: int
+    common_xx: int  # and of those common to fixes
+    common_xy: int
+    common_yy: int
+    flags: int  # as of `AuvColumn.fix_flags`
+    pitch_cosine: int  # of the array on its boat
+    pitch_sine: int
+    roll_cosine: int
+    roll_sine: int
+
+
 class ForesightColumn(StateColumns):
     """The boat's prediction of an AUV, (W, K, F), for strategies that predict."""
 

@@ -22,6 +22,7 @@ from usvauv.kernels.mission.columns import (
     EstimateColumn,
     ExchangeColumn,
     Parameter,
+    ReceptionColumn,
     Reply,
     Schedule,
     Sensor,
@@ -34,7 +35,12 @@ from usvauv.kernels.mission.reception import (
     common_covariance,
     height,
     make_fix,
+    note,
+    noted,
+    pose_as_read,
+    read_fix,
     reply_worth,
+    true_height,
 )
 from usvauv.kernels.mission.worlds import normals, uniforms
 from usvauv.kernels.positioning import tracker, usbl
@@ -133,15 +139,27 @@ def take_fixes(worlds: ti.template(), w, b):
 def take_reply(worlds: ti.template(), pose: ArrayPose, w, k, there: vec2, age, lost: ti.i32):
     """Fix AUV k by a reply that left `there` (m) and arrived `age` seconds before the end of the step, or did not."""
     here = boat_before(worlds, w, pose.boat, age)
+    expected = expect_reply(worlds, w, pose.boat, k, here, age)
+    use_fix(worlds, w, k, make_fix(worlds, pose, w, k, here, there, expected, lost), expected, here)
+
+
+@func
+def expect_reply(worlds: ti.template(), w, b, k, here: vec2, age) -> Expectation:
+    """Where boat b, `here` (m), expects AUV k whose reply arrives `age` seconds before the end of the step."""
+    since = worlds.estimate[w, k, EstimateColumn.age]
     if ti.static(worlds.program.sensor != Sensor.none):
-        expected = expect(worlds, w, pose.boat, k, here, worlds.p[Parameter.step] + age)
-        fix = make_fix(worlds, pose, w, k, here, there, expected, lost)
+        since = worlds.p[Parameter.step] + age
+    return expect(worlds, w, b, k, here, since)
+
+
+@func
+def use_fix(worlds: ti.template(), w, k, fix: Fix, expected: Expectation, here: vec2):
+    """Update the track or the estimate of AUV k by a fix made from `here`, m."""
+    if ti.static(worlds.program.sensor != Sensor.none):
         if fix.flags & usbl.DETECTED:  # the reply's contents are received even if its fix is not usable
             motion.read_reply(worlds, w, k)
             update_track(worlds, w, k, fix, 0.0, vec2(0.0, 0.0))
     else:
-        expected = expect(worlds, w, pose.boat, k, here, worlds.estimate[w, k, EstimateColumn.age])
-        fix = make_fix(worlds, pose, w, k, here, there, expected, lost)
         set_estimate_from_fix(worlds, w, k, fix, expected, here)
 
 
@@ -336,9 +354,21 @@ def answer(worlds: ti.template(), w, k):
         for axis in ti.static(range(2)):
             moved = worlds.auv[w, k, AuvColumn.moved_x + axis]
             exchange[w, k, ExchangeColumn.sent_x + axis] = worlds.auv[w, k, AuvColumn.x + axis] - share * moved
-        if ti.static(worlds.program.sensor != Sensor.none):
-            motion.receive_state(worlds, w, k)
-            motion.write_reply(worlds, w, k, age)
+        if ti.static(worlds.program.fixes_in_lanes):
+            if noted(worlds, w, k, ReceptionColumn.arrived) < 0.0:
+                note(worlds, w, k, ReceptionColumn.left, age)
+            else:
+                note(worlds, w, k, ReceptionColumn.left_next, age)
+        else:
+            fill_reply(worlds, w, k, age)
+
+
+@func
+def fill_reply(worlds: ti.template(), w, k, age):
+    """Contents of the reply of AUV k that left `age` seconds before the end of the step."""
+    if ti.static(worlds.program.sensor != Sensor.none):
+        motion.receive_state(worlds, w, k)
+        motion.write_reply(worlds, w, k, age)
 
 
 @func
@@ -348,7 +378,17 @@ def receive(worlds: ti.template(), pose: ArrayPose, w, k, age):
     lost = is_lost(worlds, w, k)[1]
     if worlds.exchange[w, k, ExchangeColumn.reply] == Reply.lost:
         lost = 1
-    take_reply(worlds, pose, w, k, there, age, lost)
+    if ti.static(worlds.program.fixes_in_lanes):
+        here = boat_before(worlds, w, pose.boat, age)
+        for axis in ti.static(range(2)):
+            note(worlds, w, k, ReceptionColumn.offset_x + axis, there[axis] - here[axis])
+            worlds.auv[w, k, AuvColumn.heard_x + axis] = there[axis]
+        note(worlds, w, k, ReceptionColumn.height, true_height(worlds, w, pose.boat, k))
+        note(worlds, w, k, ReceptionColumn.arrived, age)
+        note(worlds, w, k, ReceptionColumn.lost, ti.cast(lost, ti.f32))
+        worlds.auv[w, k, AuvColumn.fix_boat] = ti.cast(pose.boat, ti.f32)
+    else:
+        take_reply(worlds, pose, w, k, there, age, lost)
     worlds.exchange[w, k, ExchangeColumn.reply] = Reply.none
     worlds.exchange[w, k, ExchangeColumn.over] = 1.0
 
@@ -363,6 +403,9 @@ def begin_step(worlds: ti.template(), w):
         worlds.exchange[w, k, ExchangeColumn.reply_at] = worlds.exchange[w, k, ExchangeColumn.reply_at] - step
         worlds.exchange[w, k, ExchangeColumn.over] = 0.0
         no_fix(worlds, w, k)
+        if ti.static(worlds.program.fixes_in_lanes):
+            for c in ti.static((ReceptionColumn.left, ReceptionColumn.left_next, ReceptionColumn.arrived)):
+                note(worlds, w, k, c, -1.0)
 
 
 @func
@@ -414,11 +457,20 @@ def begin_exchange(worlds: ti.template(), w):
 
 
 @func
+def array_of(worlds: ti.template(), w, b) -> ArrayPose:
+    """The array of boat b; where all replies are fixed side by side its index alone is needed."""
+    pose = ArrayPose(boat=b)
+    if ti.static(not worlds.program.fixes_in_lanes):
+        pose = array_pose(worlds, w, b)
+    return pose
+
+
+@func
 def exchange(worlds: ti.template(), w):
     """All exchanges of this step: those that end in it give fixes, the last may go on into the next."""
     begin_step(worlds, w)
     count = worlds.auv.shape[1]
-    pose = array_pose(worlds, w, 0)
+    pose = array_of(worlds, w, 0)
     under_way = False
     for k in range(count):
         under_way = under_way or worlds.exchange[w, k, ExchangeColumn.reply] != Reply.none
@@ -435,16 +487,39 @@ def exchange(worlds: ti.template(), w):
             end = worlds.tally[w, TallyColumn.channel_free]
             if end <= 0.0:
                 if ti.static(worlds.program.fleet):
-                    pose = array_pose(worlds, w, ti.cast(worlds.tally[w, TallyColumn.asking], ti.i32))
+                    pose = array_of(worlds, w, ti.cast(worlds.tally[w, TallyColumn.asking], ti.i32))
                 for k in range(count):
                     reply = worlds.exchange[w, k, ExchangeColumn.reply]
                     if reply == Reply.sent or reply == Reply.lost:
                         receive(worlds, pose, w, k, -end)
                 under_way = False
                 going_on = True
+    if ti.static(not worlds.program.fixes_in_lanes):
+        for b in range(worlds.boat.shape[1]):
+            if ti.static(worlds.program.fleet):
+                pose = array_pose(worlds, w, b)
+            for k in range(count):
+                if boat_motion.serves(worlds, w, b, k):
+                    finish(worlds, pose, w, k)
+
+
+@func
+def use_replies(worlds: ti.template(), w):
+    """Contents and use of the replies of this step, which `exchange` has noted and `fix_side_by_side` has fixed."""
+    for k in range(worlds.auv.shape[1]):
+        left = noted(worlds, w, k, ReceptionColumn.left)
+        if left >= 0.0:
+            fill_reply(worlds, w, k, left)
+        age = noted(worlds, w, k, ReceptionColumn.arrived)
+        if age >= 0.0:
+            boat = ti.cast(worlds.auv[w, k, AuvColumn.fix_boat], ti.i32)
+            here = boat_before(worlds, w, boat, age)
+            expected = expect_reply(worlds, w, boat, k, here, age)
+            use_fix(worlds, w, k, read_fix(worlds, w, k, boat, here), expected, here)
+        left = noted(worlds, w, k, ReceptionColumn.left_next)
+        if left >= 0.0:
+            fill_reply(worlds, w, k, left)
     for b in range(worlds.boat.shape[1]):
-        if ti.static(worlds.program.fleet):
-            pose = array_pose(worlds, w, b)
-        for k in range(count):
+        for k in range(worlds.auv.shape[1]):
             if boat_motion.serves(worlds, w, b, k):
-                finish(worlds, pose, w, k)
+                finish(worlds, pose_as_read(worlds, w, k, b), w, k)

@@ -17,13 +17,14 @@ from usvauv.kernels.mission.columns import (
     Draw,
     EstimateColumn,
     Parameter,
+    ReceptionColumn,
 )
 from usvauv.kernels.mission.replies import expected_reply
-from usvauv.kernels.mission.worlds import Worlds, address, key, normals
+from usvauv.kernels.mission.worlds import SIDE_BITS, SIDE_BY_SIDE, Worlds, address, key, normals
 from usvauv.kernels.positioning import acoustic_link, matched_filter, rays, reflections, usbl
 from usvauv.kernels.positioning.layered_water import sound_speed
 from usvauv.kernels.positioning.usbl import Expectation
-from usvauv.kernels.types import mat3, vec2, vec3, vec4, vec6
+from usvauv.kernels.types import mat3, select, vec2, vec3, vec4, vec6
 
 
 @ti.dataclass
@@ -58,14 +59,14 @@ class IncomingSignal:
         body: direction of the AUV in the array's true frame.
         slant_range: straight distance, m.
         path: the distance that the sound's delay stands for, m.
-        loss: as of `acoustic_link.phase_deviation`, dB.
+        noise: as of `acoustic_link.phase_deviation`.
     """
 
     offset: vec3
     body: vec3
     slant_range: ti.f32
     path: ti.f32
-    loss: ti.f32
+    noise: ti.f32
 
 
 @ti.dataclass
@@ -115,6 +116,16 @@ def draw_lasting_errors(worlds: ti.template(), w, b):
 
 
 @func
+def displacement(worlds: ti.template(), w, b) -> vec2:
+    """Error of the position of boat b's array, m."""
+    boat = ti.static(worlds.boat)
+    arm = vec2(boat[w, b, BoatColumn.arm_ahead], boat[w, b, BoatColumn.arm_left])
+    if ti.static(worlds.program.otter):
+        arm = turned_by(arm, boat_motion.boat_heading(worlds, w, b))
+    return vec2(boat[w, b, BoatColumn.gnss_x], boat[w, b, BoatColumn.gnss_y]) + arm
+
+
+@func
 def array_pose(worlds: ti.template(), w, b) -> ArrayPose:
     """Pose of the array of boat b in this step, the same for all AUVs.
 
@@ -132,17 +143,14 @@ def array_pose(worlds: ti.template(), w, b) -> ArrayPose:
     noise = normals(worlds, w, Draw.attitude, b)
     error = p[Parameter.attitude_error] * vec2(noise[0], noise[1])
     error += vec2(boat[w, b, BoatColumn.mounting_pitch], boat[w, b, BoatColumn.mounting_roll])
-    gnss = vec2(boat[w, b, BoatColumn.gnss_x], boat[w, b, BoatColumn.gnss_y])
     axes = usbl.array_axes(angles)
-    arm = vec2(boat[w, b, BoatColumn.arm_ahead], boat[w, b, BoatColumn.arm_left])
     if ti.static(worlds.program.otter):
         axes = usbl.turned(axes, heading)
-        arm = turned_by(arm, heading)
     return ArrayPose(
         boat=b,
         axes=axes,
         measured=usbl.turned(usbl.array_axes(usbl.tilted(angles, error)), heading + boat[w, b, BoatColumn.turn]),
-        displaced=gnss + arm,
+        displaced=displacement(worlds, w, b),
         slowness=boat[w, b, BoatColumn.slowness],
         effort=boat[w, b, BoatColumn.effort],
         heading=heading,
@@ -196,7 +204,7 @@ def sample(worlds: ti.template(), pose: ArrayPose, arrival: IncomingSignal, sigm
 def receive(worlds: ti.template(), pose: ArrayPose, arrival: IncomingSignal, w, k) -> usbl.Measurement:
     """The array's measurement of a signal of AUV k; phase differences modulo one turn."""
     link = ti.static(worlds.link)
-    sigma = acoustic_link.phase_deviation(link, k, arrival.slant_range, arrival.loss)
+    sigma = acoustic_link.phase_deviation(link, k, arrival.slant_range, arrival.offset[2], arrival.noise)
     phase, residual, slant_range, amplitude = vec2(0.0), 0.0, arrival.path, 0.0
     if ti.static(worlds.program.waveform):
         draw = address(worlds, w, worlds.clock[w, 1], Draw.fix, k)
@@ -217,9 +225,8 @@ def receive(worlds: ti.template(), pose: ArrayPose, arrival: IncomingSignal, w, 
         residual_noise = 0.0
         if ti.static(worlds.program.turns):
             residual_noise = normals(worlds, w, Draw.residual, k)[0]
-        signal = usbl.measure(link, k, body, slant_range, sigma, noise, residual_noise)
-        phase = vec2(usbl.wrap(signal.phase[0]), usbl.wrap(signal.phase[1]))
-        residual, slant_range, amplitude = signal.residual, signal.slant_range, signal.amplitude
+        x, y, residual, slant_range, amplitude = usbl.measure(link, k, body, slant_range, sigma, noise, residual_noise)
+        phase = vec2(usbl.wrap(x), usbl.wrap(y))
     return usbl.Measurement(phase=phase, residual=residual, slant_range=slant_range, amplitude=amplitude, sigma=sigma)
 
 
@@ -236,9 +243,8 @@ def place_heard(worlds: ti.template(), pose: ArrayPose, w, direction: vec3, slan
 
 @func
 def deviation_at(worlds: ti.template(), k, offset: vec3, noise) -> ti.f32:
-    """Standard deviation of a phase difference (rad) at an offset (m); `noise`: loss in the boat's, dB."""
-    loss = acoustic_link.loss_in_bubbles(worlds.link, k, offset) + noise
-    return acoustic_link.phase_deviation(worlds.link, k, offset.norm(), loss)
+    """Standard deviation of a phase difference (rad) at an offset, m; `noise` as of `acoustic_link.phase_deviation`."""
+    return acoustic_link.phase_deviation(worlds.link, k, offset.norm(), offset[2], noise)
 
 
 @func
@@ -322,7 +328,8 @@ def whole_turns(
                 if may_lack(signal.phase, m, n, odd, kappa):
                     candidate = with_turns(signal.phase, m, n)
                     found = usbl.located(link, k, candidate, candidate, signal.amplitude, pose.measured, length)
-                    offset = place_heard(worlds, pose, w, found.vector, signal.slant_range)
+                    towards = vec3(found[0], found[1], found[2])
+                    offset = place_heard(worlds, pose, w, towards, signal.slant_range)
                     sigma = deviation_at(worlds, k, offset, noise)
                     covariance = covariance_at(worlds, pose, k, offset, sigma)
                     cost = usbl.candidate_cost(link, k, expected, offset, covariance, sigma)
@@ -361,8 +368,7 @@ def measure(worlds: ti.template(), offset: vec3, pose: ArrayPose, noise, expecte
         length = c / sound_speed(layers, z)
     # Where sound is slower than supposed, it comes later and less across the array.
     body = pose.slowness * (pose.axes @ direction)
-    loss = acoustic_link.loss_in_bubbles(link, k, offset) + noise
-    arrival = IncomingSignal(offset=offset, body=body, slant_range=S, path=pose.slowness * path, loss=loss)
+    arrival = IncomingSignal(offset=offset, body=body, slant_range=S, path=pose.slowness * path, noise=noise)
     signal = receive(worlds, pose, arrival, w, k)
     phase = signal.phase
     ambiguous = 0
@@ -370,10 +376,39 @@ def measure(worlds: ti.template(), offset: vec3, pose: ArrayPose, noise, expecte
         phase, ambiguous = whole_turns(worlds, signal, length, pose, noise, expected, w, k)
     true_phase = link[k, acoustic_link.KAPPA] * vec2(body[0], body[1])
     found = usbl.located(link, k, true_phase, phase, signal.amplitude, pose.measured, length)
-    place = place_heard(worlds, pose, w, found.vector, signal.slant_range)
+    place = place_heard(worlds, pose, w, vec3(found[0], found[1], found[2]), signal.slant_range)
     if flags == 0:
-        flags = found.flags | usbl.AMBIGUOUS * ambiguous
+        flags = ti.cast(found[3], ti.i32) | usbl.AMBIGUOUS * ambiguous
     return vec4(place[0], place[1], place[2], ti.cast(flags, ti.f32))
+
+
+@func
+def located(worlds: ti.template(), link: ti.template(), k, offset, axes: ti.template(), measured: ti.template(), error):
+    """The offset x, y, z (m) that a fix of AUV k gives where nothing bends or disturbs its sound, and the fix's flags.
+
+    For numbers and for vectors of several AUVs.
+
+    Args:
+        link: link table, (K, COLUMNS).
+        offset: the true one, m. axes, measured: of the array.
+        error: slowness, noise and normal numbers of `ArrayPose`, `acoustic_link.phase_deviation` and `usbl.measure`.
+    """
+    slowness, noise, normal, residual_noise = error
+    far = usbl.length(offset)
+    S = select(far > 1e-3, far, 1e-3)
+    # Where sound is slower than supposed, it comes later and less across the array.
+    body = usbl.in_frame(axes, (slowness * offset[0] / S, slowness * offset[1] / S, slowness * offset[2] / S))
+    sigma = acoustic_link.phase_deviation(link, k, S, offset[2], noise)
+    x, y, residual, path, amplitude = usbl.measure(link, k, body, slowness * S, sigma, normal, residual_noise)
+    kappa = link[k, acoustic_link.KAPPA]
+    phase = usbl.wrap(x), usbl.wrap(y)
+    found = usbl.located(link, k, (kappa * body[0], kappa * body[1]), phase, amplitude, measured, 1.0)
+    flags = found[3]
+    if ti.static(worlds.program.turns):
+        lacking = select(usbl.magnitude(residual) > 0.5 * math.pi, 1.0, 0.0)
+        beyond = select(phase[0] * phase[0] + phase[1] * phase[1] > kappa * kappa, 1.0, 0.0)
+        flags += ti.static(float(usbl.AMBIGUOUS)) * (lacking + beyond - lacking * beyond)
+    return path * found[0], path * found[1], path * found[2], flags
 
 
 @func
@@ -382,9 +417,19 @@ def make_fix(
 ) -> Fix:
     """Fix AUV k, which was `there` when its signal left, from its boat `here`, m; `lost`: no signal comes."""
     auv = ti.static(worlds.auv)
+    link = ti.static(worlds.link)
     offset = vec3(there[0] - here[0], there[1] - here[1], true_height(worlds, w, pose.boat, k))
-    noise = acoustic_link.loss_in_own_noise(worlds.link, k, pose.effort)
-    found = measure(worlds, offset, pose, noise, expected, w, k)
+    noise = acoustic_link.noise_ratio(link[k, acoustic_link.OWN_NOISE], pose.effort)
+    found = vec4(0.0)
+    if ti.static(worlds.program.plain_sound):
+        residual = 0.0
+        if ti.static(worlds.program.turns):
+            residual = normals(worlds, w, Draw.residual, k)[0]
+        error = pose.slowness, noise, normals(worlds, w, Draw.fix, k), residual
+        x, y, z, mark = located(worlds, link, k, offset, pose.axes, pose.measured, error)
+        found = vec4(x, y, z, mark)
+    else:
+        found = measure(worlds, offset, pose, noise, expected, w, k)
     flags = ti.cast(found[3], ti.i32)
     if lost:
         flags = usbl.LOST
@@ -393,20 +438,63 @@ def make_fix(
             read = auv[w, k, AuvColumn.depth_error] + worlds.body[w, k, BodyColumn.sensor_error]
             worlds.body[w, k, BodyColumn.told_depth] = read
     measured = vec3(found[0], found[1], found[2])
-    covariance = covariance_at(worlds, pose, k, measured, deviation_at(worlds, k, measured, noise))
+    own = covariance_at(worlds, pose, k, measured, deviation_at(worlds, k, measured, noise))
     common = common_covariance(worlds, pose, k, measured)
     place = here + pose.displaced + vec2(found[0], found[1])
+    return write_fix(worlds, w, k, pose.boat, there, place, own, common, flags)
+
+
+@func
+def write_fix(
+    worlds: ti.template(), w, k, boat, there: vec2, place: vec2, own: vec3, common: vec3, flags: ti.i32
+) -> Fix:
+    """Write a fix of AUV k by a boat; `own` and `common`: covariances of the errors new in it and common to fixes."""
+    auv = ti.static(worlds.auv)
     for c in ti.static(range(2)):
         auv[w, k, AuvColumn.fix_x + c] = place[c]
         auv[w, k, AuvColumn.heard_x + c] = there[c]
     auv[w, k, AuvColumn.fix_flags] = ti.cast(flags, ti.f32)
-    auv[w, k, AuvColumn.fix_boat] = ti.cast(pose.boat, ti.f32)
+    auv[w, k, AuvColumn.fix_boat] = ti.cast(boat, ti.f32)
     for c in ti.static(range(3)):
-        auv[w, k, AuvColumn.covariance_xx + c] = covariance[c] + common[c]
+        auv[w, k, AuvColumn.covariance_xx + c] = own[c] + common[c]
+    covariance = own
     if ti.static(worlds.program.fleet):
         # Errors common to a boat's fixes differ from boat to boat.
         covariance += common
     return Fix(place=place, covariance=covariance, flags=flags)
+
+
+@func
+def note(worlds: ti.template(), w, k, c: ti.template(), number):
+    """Write a number of a reply of AUV k, column c of `ReceptionColumn`."""
+    n = w * worlds.auv.shape[1] + k
+    worlds.reception[n >> SIDE_BITS, c][n & (SIDE_BY_SIDE - 1)] = number
+
+
+@func
+def noted(worlds: ti.template(), w, k, c: ti.template()) -> ti.f32:
+    """A number of a reply of AUV k, column c of `ReceptionColumn`."""
+    n = w * worlds.auv.shape[1] + k
+    return worlds.reception[n >> SIDE_BITS, c][n & (SIDE_BY_SIDE - 1)]
+
+
+@func
+def read_fix(worlds: ti.template(), w, k, boat, here: vec2) -> Fix:
+    """The fix of AUV k by a boat, `here` (m), that `reception_in_lanes` has made, written as others are."""
+    first = ti.static(ReceptionColumn.offset_x)
+    numbers = [noted(worlds, w, k, first + c) for c in ti.static(range(ReceptionColumn.flags + 1 - first))]
+    there = vec2(worlds.auv[w, k, AuvColumn.heard_x], worlds.auv[w, k, AuvColumn.heard_y])
+    place = here + displacement(worlds, w, boat) + vec2(numbers[0], numbers[1])
+    own, common = vec3(numbers[3], numbers[4], numbers[5]), vec3(numbers[6], numbers[7], numbers[8])
+    return write_fix(worlds, w, k, boat, there, place, own, common, ti.cast(numbers[9], ti.i32))
+
+
+@func
+def pose_as_read(worlds: ti.template(), w, k, boat) -> ArrayPose:
+    """The pose of the boat's array that `reception_in_lanes` has computed: its true axes."""
+    first = ti.static(ReceptionColumn.pitch_cosine)
+    angles = [noted(worlds, w, k, first + c) for c in ti.static(range(4))]
+    return ArrayPose(boat=boat, axes=usbl.array_axes(angles))
 
 
 @func

@@ -3,7 +3,6 @@
 The formulas are for numbers and for vectors of several AUVs alike, without function calls, which vectors do not have.
 """
 
-import math
 from typing import Any, NamedTuple
 
 import taichi as ti
@@ -11,14 +10,11 @@ import taichi as ti
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission.columns import Parameter
 from usvauv.kernels.positioning import acoustic_link
-from usvauv.kernels.positioning.sonar import LN10
+from usvauv.kernels.positioning.sonar import LN10, LN_TYPICAL, exponential, logarithm_of_range
 from usvauv.kernels.types import vec2, vec3
 
 LOGISTIC = 1.702  # 1/(1 + e^{−1.702 x}) is the normal distribution function within 0.01
 NEVER = 3e38  # an excess that no signal has
-TYPICAL = 100.0  # m, of a slant range
-LN_TYPICAL, ROOT_OF_TYPICAL = math.log(TYPICAL), TYPICAL**0.25
-FAINTEST, LOUDEST = -11.7, 40.0  # logarithms of an energy
 
 
 class Signal(NamedTuple):
@@ -26,7 +22,8 @@ class Signal(NamedTuple):
 
     Attributes:
         squared_height: of the AUV over the boat, m².
-        level: logarithm of 8 E/N0 at the slant range `TYPICAL` without the losses that follow, which are of that, too.
+        level: logarithm of √(8 E/N0) at the slant range `sonar.TYPICAL` without the losses that follow, which are of
+            that, too.
         spreading: with the logarithm of the range.
         absorption: with the range, 1/m.
         bubbles, most_bubbles: with the range, 1/m, and the most.
@@ -57,9 +54,9 @@ SIGNAL = len(Signal._fields)
 def signal_of(worlds: ti.template(), k, height):
     """The numbers of `Signal` of AUV k, which is at a height over the boat, m."""
     link = ti.static(worlds.link)
-    each_db = 0.1 * LN10 * link[k, acoustic_link.NOISE_EXPONENT]
+    each_db = 0.05 * LN10 * link[k, acoustic_link.NOISE_EXPONENT]
     along = each_db * link[k, acoustic_link.PATHS]
-    at_1m = ti.log(8.0 / link[k, acoustic_link.VARIANCE]) + each_db * link[k, acoustic_link.RATIO_AT_1M]
+    at_1m = 0.5 * ti.log(8.0 / link[k, acoustic_link.VARIANCE]) + each_db * link[k, acoustic_link.RATIO_AT_1M]
     spreading = along * link[k, acoustic_link.SPREADING] / LN10
     kappa = link[k, acoustic_link.KAPPA]
     return ti.Vector(
@@ -87,30 +84,6 @@ def left_by_noise(signal: ti.template(), effort):
 
 
 @func
-def logarithm_of_range(S):
-    """ln(S/`TYPICAL`) within 1e-6 before rounding for S from 1 m to 20 km, by the series of 8 artanh."""
-    root = ti.sqrt(ti.sqrt(S))
-    t = (root - ROOT_OF_TYPICAL) / (root + ROOT_OF_TYPICAL)
-    q = t * t
-    square = q * q
-    low, high = 7.9999837 + q * 2.66787028, 1.57483998 + q * 1.36413519
-    return t * (low + square * (high + square * (-0.02002157 + q * 2.33784286)))
-
-
-@func
-def exponential(x):
-    """e^x within 2e-5 for x from FAINTEST to LOUDEST, and as for the nearer of these outside."""
-    bounded = ti.select(x > FAINTEST, x, FAINTEST)
-    v = ti.select(bounded < LOUDEST, bounded, LOUDEST) * (1.0 / 64.0)
-    square = v * v
-    low, high = 0.99999981 + v * 0.99999989, 0.5000316 + v * 0.1666304
-    root = low + square * (high + square * (0.04100275 + v * 0.01031003))
-    for _ in ti.static(range(6)):
-        root *= root
-    return root
-
-
-@func
 def expected_signal(signal: ti.template(), flat, left):
     """Amplitude of an AUV's signal over the noise above the threshold, square of its slope, variance of its fix.
 
@@ -127,7 +100,8 @@ def expected_signal(signal: ti.template(), flat, left):
     level = signal.level - signal.spreading * logarithm_of_range(path) - signal.absorption * path
     bubbles = signal.bubbles * S
     bubbles = ti.select(bubbles < signal.most_bubbles, bubbles, signal.most_bubbles)
-    energy = left * exponential(level - bubbles)  # 8 E/N0
+    root = exponential(level - bubbles)
+    energy = left * root * root  # 8 E/N0
     amplitude = ti.sqrt(energy + 7.0)
     inverse = 1.0 / (energy * squared * squared)
     slope = (energy * inverse) * (energy * flat)

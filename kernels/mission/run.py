@@ -15,7 +15,16 @@ from usvauv.kernels.flow import airy
 from usvauv.kernels.flow.current import Water
 from usvauv.kernels.flow.vortex import Pattern, Vortex
 from usvauv.kernels.functions import func, kernel
-from usvauv.kernels.mission import boat_motion, fixes, foresight, motion, observation, reception, vehicles
+from usvauv.kernels.mission import (
+    boat_motion,
+    fixes,
+    foresight,
+    motion,
+    observation,
+    reception,
+    reception_in_lanes,
+    vehicles,
+)
 from usvauv.kernels.mission.belief_planner import OTHER_GOALS
 from usvauv.kernels.mission.columns import AuvColumn, Draw, EstimateColumn, Parameter, Phase, Schedule, Sensor
 from usvauv.kernels.mission.tasks import rewards
@@ -275,9 +284,25 @@ def ride_and_feel(worlds: ti.template(), w):
 
 
 @func
+def exchange(worlds: ti.template(), w):
+    """The exchanges of the step, where its replies are then fixed side by side."""
+    if ti.static(worlds.program.fixes_in_lanes):
+        fixes.exchange(worlds, w)
+
+
+@func
+def fix_side_by_side(worlds: ti.template(), n):
+    """Fixes of the worlds of iteration n."""
+    if ti.static(worlds.program.fixes_in_lanes):
+        reception_in_lanes.fix_side_by_side(worlds, n)
+
+
+@func
 def locate(worlds: ti.template(), w):
     """The boats locate the AUVs."""
-    if ti.static(worlds.program.schedule == Schedule.every_step):
+    if ti.static(worlds.program.fixes_in_lanes):
+        fixes.use_replies(worlds, w)
+    elif ti.static(worlds.program.schedule == Schedule.every_step):
         for b in range(worlds.boat.shape[1]):
             fixes.take_fixes(worlds, w, b)
     else:
@@ -313,7 +338,7 @@ STAGES = {
     Phase.move: (*BEGIN, plan, move_boats),
     Phase.plan: (plan,),
     Phase.sail: (move_boats,),
-    Phase.ride: (ride_and_feel,),
+    Phase.ride: (ride_and_feel, exchange, fix_side_by_side),
     Phase.answer: (locate, end_step),
     Phase.look: LOOK,
     Phase.begin: BEGIN,
@@ -356,6 +381,8 @@ def run_stage(worlds: ti.template(), stage: ti.template(), n, threads):
     count = ti.static(together(worlds.program))
     if ti.static(stage in (look_round, weigh)):
         stage(worlds, n // threads, n % threads)
+    elif ti.static(stage in (fix_side_by_side,)):
+        stage(worlds, n)
     elif ti.static(count == 1):
         stage(worlds, n)
     else:
@@ -383,7 +410,9 @@ PARAMETERS = {
     **WATER,
     **{name: array.type for name, array in ARRAYS.items()},
 }
-PASSED = [f"Rows.of({name}, ARRAYS[{name!r}])" if array.axes[:1] == "W" else name for name, array in ARRAYS.items()]
+PASSED = [
+    f"Rows.of({name}, ARRAYS[{name!r}])" if array.axes[:1] in ("W", "G") else name for name, array in ARRAYS.items()
+]
 SOURCE = f"""
 def run({", ".join(f"{name}: PARAMETERS[{name!r}]" for name in PARAMETERS)}):
     count = ti.static(together(program))

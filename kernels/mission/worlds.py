@@ -29,6 +29,8 @@ from usvauv.kernels.mission.columns import (
     NodeColumn,
     Parameter,
     Range,
+    ReceptionColumn,
+    Schedule,
     StateColumns,
     TallyColumn,
 )
@@ -73,6 +75,7 @@ class Program(NamedTuple):
         schedule: of `Schedule`.
         sensor: of `Sensor`, for dead reckoning of AUVs.
         turns: phases of a fix can lack whole turns, see `usvauv.kernels.positioning.usbl`.
+        candidates: then several directions can be possible.
         fleet: there is more than one boat.
         vehicle: AUVs are vehicles with dynamics, see `usvauv.kernels.mission.vehicles`.
         otter: boats move as in `usvauv.kernels.vehicles.otter`; else they are points.
@@ -99,6 +102,7 @@ class Program(NamedTuple):
     schedule: int
     sensor: int
     turns: bool
+    candidates: bool
     fleet: bool
     vehicle: bool
     otter: bool
@@ -110,6 +114,17 @@ class Program(NamedTuple):
     in_threads: bool = False
 
     @property
+    def plain_sound(self) -> bool:
+        """Whether a fix needs no more than `usvauv.kernels.mission.reception.located`."""
+        return not (self.waveform or self.multipath or self.refraction or self.candidates)
+
+    @property
+    def fixes_in_lanes(self) -> bool:
+        """Whether all replies of a step are fixed side by side, `usvauv.kernels.mission.reception_in_lanes`."""
+        ahead = self.schedule in (Schedule.all, Schedule.round_robin)  # who is asked does not depend on fixes
+        return self.in_lanes and ahead and self.plain_sound and not (self.vehicle or self.otter)
+
+    @property
     def weighs_apart(self) -> bool:
         """Whether a separate launch computes the losses of boats' goals."""
         return self.in_threads and self.strategy.weigh is not None
@@ -119,8 +134,9 @@ class Array(NamedTuple):
     """An array of all worlds.
 
     Attributes:
-        axes: a letter each: W worlds, K AUVs, B boats, M nodes, V vortices, I 1, or K where AUVs have beliefs of their
-            own, O numbers of an observation, R reward terms; "." has another length.
+        axes: a letter each: W worlds, G groups of `SIDE_BY_SIDE` AUVs of all worlds, K AUVs, B boats, M nodes, V
+            vortices, I 1, or K where AUVs have beliefs of their own, O numbers of an observation, R reward terms; "."
+            has another length.
         meaning: in words.
         columns: of a last axis that is numbered.
         dtype: of Taichi.
@@ -152,6 +168,9 @@ class Array(NamedTuple):
         return self.columns.names if self.columns else tuple(f"column {n}" for n in range(len(self.column_ranges)))
 
 
+SIDE_BITS = 4
+SIDE_BY_SIDE = 1 << SIDE_BITS  # AUVs that are fixed together
+side_by_side = ti.types.vector(SIDE_BY_SIDE, ti.f32)
 TOGETHER = 32  # worlds that a thread takes through a stage, whose code stays in its cache, before it begins the next
 PURPOSE = 1 << 16  # of a draw, as part of its address
 ANYWHERE = Range(-1e12, 1e12)
@@ -164,6 +183,7 @@ VORTEX = ANYWHERE, ANYWHERE, Range(-1e5, 1e5), Range(0.0, 1e6)
 TABLES = {
     "p": Array("", "numbers of the scenario", Parameter),
     "link": Array("K.", "acoustic constants of each AUV, `usvauv.kernels.positioning.acoustic_link.link_table`"),
+    "links": Array("G.", "columns of `link` of AUVs side by side, as often as these differ", dtype=side_by_side),
     "pulse_envelope": Array("..", "pulses, where they are used, `usvauv.kernels.positioning.pulse.Pulses`"),
     "pulse_output": Array("...", "likewise"),
     "pulse_rate": Array(".", "likewise"),
@@ -219,13 +239,15 @@ ARRAYS = {
     "workspace": Array("W.", "numbers that the target rule needs while it chooses, at least one"),
     "drawn": Array("W.", "random numbers drawn before a step, `draw_ahead`", dtype=random.lanes),
     "ways": Array("W.", "where AUVs are foreseen, for `TOGETHER` worlds", dtype=random.lanes),
+    "reception": Array("G", "replies of a step that are fixed side by side", ReceptionColumn, side_by_side),
     "pulse_noise": Array("W..", "noise of one pulse, where it is sampled"),
 }
 
 
 # Purposes of normal numbers drawn in each step for each AUV and each boat. Many worlds draw them side by side before a
 # step, and after them the uniform numbers of arrivals at nodes, four for each address.
-OF_AUV, OF_BOAT, OF_NODES = (Draw.speed, Draw.depth, Draw.navigation), (Draw.gnss, Draw.attitude), Draw.arrival
+OF_AUV = Draw.speed, Draw.depth, Draw.navigation, Draw.fix, Draw.residual
+OF_BOAT, OF_NODES = (Draw.gnss, Draw.attitude), Draw.arrival
 EACH_AUV, EACH_BOAT = len(OF_AUV), len(OF_BOAT)
 
 

@@ -227,8 +227,7 @@ def phase_noise(link: ti.template(), k, offset: vec3, slope: vec2) -> mat2:
     axes = usbl.array_axes(usbl.attitude(slope))
     body = axes @ offset
     q = offset.norm_sqr()
-    loss = acoustic_link.loss_in_bubbles(link, k, offset)
-    deviation = acoustic_link.phase_deviation(link, k, ti.sqrt(q), loss) / link[k, acoustic_link.KAPPA]
+    deviation = acoustic_link.phase_deviation(link, k, ti.sqrt(q), offset[2], 1.0) / link[k, acoustic_link.KAPPA]
     by_pitch = vec2(axes[0, 0] * offset[2] - axes[0, 2] * offset[0], axes[2, 1] * body[0])
     by_roll = vec2(0.0, body[2])
     cosines = vec2(body[0], body[1]) / ti.sqrt(q)
@@ -262,8 +261,7 @@ def tilted_covariance(link: ti.template(), k, measurement, offset: vec3, slope: 
         root = adjugate / determinant
         C = packed(root @ phase_noise(link, k, offset, slope) @ root.transpose())
     else:
-        loss = acoustic_link.loss_in_bubbles(link, k, offset)
-        sigma = acoustic_link.phase_deviation(link, k, offset.norm(), loss)
+        sigma = acoustic_link.phase_deviation(link, k, offset.norm(), offset[2], 1.0)
         axes = usbl.array_axes(usbl.attitude(slope))
         C = usbl.horizontal_covariance(link, k, offset, axes, sigma)
         C += usbl.systematic_covariance(link, k, offset, axes)

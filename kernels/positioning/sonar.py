@@ -30,7 +30,9 @@ from typing import NamedTuple
 import numpy as np
 import taichi as ti
 
+from usvauv.kernels.functions import func
 from usvauv.kernels.registry import Registry
+from usvauv.kernels.types import select
 
 LN10 = 2.302585092994046
 LOG10_OF_E = 0.4342944819032518
@@ -42,6 +44,10 @@ RAIN_LEVELS = (52.9, 51.8, 49.0, 46.3, 43.2, 38.0, 34.1)
 
 BREAKING = 6.0  # m/s, the wind from which waves break
 LAYER_PER_WIND = 0.07  # s, e-folding depth of the bubbles over the wind
+
+TYPICAL = 100.0  # m, of a slant range
+LN_TYPICAL, ROOT_OF_TYPICAL = math.log(TYPICAL), TYPICAL**0.25
+LEAST_EXPONENT, LARGEST_EXPONENT = -7.0, 23.0  # of `exponential`
 
 GRAVITY = 9.81  # m/s²
 KARMAN = 0.4  # of the logarithmic profile of the wind
@@ -82,6 +88,34 @@ def log10(value: ti.f32) -> ti.f32:
 def power_of_10(exponent: ti.f32) -> ti.f32:
     """10 raised to a real exponent."""
     return ti.exp(exponent * LN10)
+
+
+@func
+def logarithm_of_range(S):
+    """ln(S/`TYPICAL`) of a number or a vector, within 1e-6 before rounding for S from 1 m to 20 km, by the series of
+    8 artanh.
+    """
+    root = ti.sqrt(ti.sqrt(S))
+    t = (root - ROOT_OF_TYPICAL) / (root + ROOT_OF_TYPICAL)
+    q = t * t
+    square = q * q
+    low, high = 7.9999837 + q * 2.66787028, 1.57483998 + q * 1.36413519
+    return t * (low + square * (high + square * (-0.02002157 + q * 2.33784286)))
+
+
+@func
+def exponential(x):
+    """eˣ of a number or a vector, within 3e-6 for x from LEAST_EXPONENT to LARGEST_EXPONENT, and as for the nearer of
+    these outside.
+    """
+    bounded = select(x > LEAST_EXPONENT, x, LEAST_EXPONENT)
+    v = select(bounded < LARGEST_EXPONENT, bounded, LARGEST_EXPONENT) * (1.0 / 32.0)
+    square = v * v
+    low, high = 1.00000001 + v * 0.999999755, 0.499998866 + v * 0.166680823
+    root = low + square * (high + square * (0.0416716776 + v * 0.00814047506 + square * 0.00177116073))
+    for _ in ti.static(range(5)):
+        root *= root
+    return root
 
 
 @ti.pyfunc

@@ -49,6 +49,7 @@ resolution" (2013), doi 10.1007/s10291-012-0299-z (best candidate against the se
 # (what Taichi's operations return is an expression only while a kernel is compiled)
 
 import math
+from typing import Any
 
 import numpy as np
 import taichi as ti
@@ -64,12 +65,11 @@ from usvauv.kernels.positioning.acoustic_link import (
     SOUND_SPEED,
     THRESHOLD,
     detection_threshold,
-    loss_in_bubbles,
     phase_deviation,
     range_deviation,
 )
 from usvauv.kernels.trigonometry import circle
-from usvauv.kernels.types import array2, index1, mat2, mat3, vec2, vec3, vec4, vec5
+from usvauv.kernels.types import array2, index1, mat2, mat3, select, vec2, vec3, vec4, vec5
 
 TWO_PI = 2.0 * math.pi
 GATE = -2.0 * math.log(1e-3)
@@ -100,28 +100,31 @@ class Measurement:
     sigma: ti.f32  # standard deviation of a phase difference, rad
 
 
-@ti.dataclass
-class Direction:
-    """The direction that follows from measured phases."""
+class Axes(tuple[Any, ...]):
+    """Rows of a rotation side by side, nine numbers or vectors, indexed as a matrix is."""
 
-    vector: vec3  # in the world's frame
-    flags: ti.i32  # of the fix
+    __slots__ = ()
+
+    def __getitem__(self, indices: Any) -> Any:
+        """Taichi calls it for `axes[row, column]`."""
+        row, column = indices
+        return tuple.__getitem__(self, 3 * row + column)
 
 
 @func
-def attitude(slope: vec2) -> vec4:
+def attitude(slope):
     """Cosine and sine of pitch and of roll of an array lying on a surface with the slopes (∂η/∂x, ∂η/∂y)."""
     ct = 1.0 / ti.sqrt(1.0 + slope[0] * slope[0])
     tangent = slope[1] * ct
     cp = 1.0 / ti.sqrt(1.0 + tangent * tangent)
-    return vec4(ct, slope[0] * ct, cp, tangent * cp)
+    return ct, slope[0] * ct, cp, tangent * cp
 
 
 @func
-def tilted(angles: vec4, error: vec2) -> vec4:
+def tilted(angles, error):
     """Cosine and sine of pitch and of roll that are measured with errors (rad)."""
     by_pitch, by_roll = circle(error[0]), circle(error[1])
-    return vec4(
+    return (
         angles[0] * by_pitch[0] - angles[1] * by_pitch[1],
         angles[1] * by_pitch[0] + angles[0] * by_pitch[1],
         angles[2] * by_roll[0] - angles[3] * by_roll[1],
@@ -130,27 +133,63 @@ def tilted(angles: vec4, error: vec2) -> vec4:
 
 
 @func
-def array_axes(angles: vec4) -> mat3:
-    """The array's axes in the world's frame, one a row: forward, left, up; `angles` as of `attitude`."""
+def axis_numbers(angles):
+    """Numbers of the array's axes in the world's frame, for `Axes`: forward, left, up; `angles` as of `attitude`."""
     ct, st, cp, sp = angles[0], angles[1], angles[2], angles[3]
-    return mat3([[ct, 0.0, st], [-sp * st, cp, sp * ct], [-cp * st, -sp, cp * ct]])
+    zero = 0.0 * ct
+    return ct, zero, st, 0.0 - sp * st, cp, sp * ct, 0.0 - cp * st, 0.0 - sp, cp * ct
+
+
+@func
+def turned_numbers(axes: ti.template(), by):
+    """Numbers of the array's axes after a turn by an angle, cosine and sine of which are given (anticlockwise)."""
+    return (
+        axes[0, 0] * by[0] - axes[0, 1] * by[1],
+        axes[0, 0] * by[1] + axes[0, 1] * by[0],
+        axes[0, 2],
+        axes[1, 0] * by[0] - axes[1, 1] * by[1],
+        axes[1, 0] * by[1] + axes[1, 1] * by[0],
+        axes[1, 2],
+        axes[2, 0] * by[0] - axes[2, 1] * by[1],
+        axes[2, 0] * by[1] + axes[2, 1] * by[0],
+        axes[2, 2],
+    )
+
+
+@func
+def matrix_of(numbers) -> mat3:
+    """Nine numbers as a matrix."""
+    return mat3([[numbers[3 * row + column] for column in ti.static(range(3))] for row in ti.static(range(3))])
+
+
+@func
+def array_axes(angles) -> mat3:
+    """The array's axes in the world's frame, one a row: forward, left, up; `angles` as of `attitude`."""
+    return matrix_of(axis_numbers(angles))
 
 
 @func
 def turned(axes: mat3, heading: ti.f32) -> mat3:
     """The array's axes after a turn, or as they seem with an error of the heading (rad, anticlockwise)."""
-    by = circle(heading)
-    found = axes
-    for row in ti.static(range(3)):
-        found[row, 0] = axes[row, 0] * by[0] - axes[row, 1] * by[1]
-        found[row, 1] = axes[row, 0] * by[1] + axes[row, 1] * by[0]
-    return found
+    return matrix_of(turned_numbers(axes, circle(heading)))
 
 
 @func
-def wrap(phase: ti.f32) -> ti.f32:
+def wrap(phase):
     """A phase (rad) modulo one turn, in [−π, π]."""
-    return phase - 6.283185307179586 * ti.round(phase * 0.15915494309189535)
+    return phase - 6.283185307179586 * ti.floor(phase * 0.15915494309189535 + 0.5)
+
+
+@func
+def length(v):
+    """Of a vector of three numbers."""
+    return ti.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+
+
+@func
+def magnitude(v):
+    """|v|; Taichi has none of vectors in registers."""
+    return select(v > 0.0, v, 0.0 - v)
 
 
 @func
@@ -166,10 +205,10 @@ def usable(flags: ti.i32):
 
 
 @func
-def measure(
-    link: ti.template(), k: ti.i32, body: vec3, path: ti.f32, sigma: ti.f32, noise: vec4, residual_noise: ti.f32
-) -> Measurement:
-    """Measurement of a tone of AUV k by the statistical model.
+def measure(link: ti.template(), k, body, path, sigma, noise, residual_noise):
+    """Phase differences, unwrapped, residual, slant range and amplitude of a tone of AUV k, see `Measurement`.
+
+    By the statistical model, for numbers and for vectors of several AUVs.
 
     Args:
         link: link table, (K, COLUMNS).
@@ -180,45 +219,45 @@ def measure(
     """
     # The stronger a tone happens to be, the better its phases; bounded below, where no tone is detected.
     strength = 2.8284271247461903 / sigma
-    scatter = sigma * ti.sqrt(strength / ti.max(strength + noise[3], 0.5 * strength))
+    happens = strength + noise[3]
+    scatter = sigma * ti.sqrt(strength / select(happens > 0.5 * strength, happens, 0.5 * strength))
     x = link[k, KAPPA] * body[0] + scatter * noise[0]
     y = link[k, KAPPA] * body[1] + scatter * noise[1]
-    turns = ti.round(x * 0.15915494309189535) + ti.round(y * 0.15915494309189535)
-    return Measurement(
-        phase=vec2(x, y),
-        residual=wrap(math.pi * turns + 0.7071067811865476 * scatter * residual_noise),
-        slant_range=path + range_deviation(link, k, scatter) * noise[2],
-        amplitude=ti.sqrt(strength * strength + 7.0) + noise[3],
-        sigma=sigma,
-    )
+    turns = ti.floor(x * 0.15915494309189535 + 0.5) + ti.floor(y * 0.15915494309189535 + 0.5)
+    residual = wrap(math.pi * turns + 0.7071067811865476 * scatter * residual_noise)
+    slant_range = path + range_deviation(link, k, scatter) * noise[2]
+    return x, y, residual, slant_range, ti.sqrt(strength * strength + 7.0) + noise[3]
 
 
 @func
-def located(
-    link: ti.template(), k: ti.i32, true_phase: vec2, phase: vec2, amplitude: ti.f32, axes: mat3, length: ti.f32
-) -> Direction:
-    """The direction that follows from measured phases, and the flags of the fix.
+def located(link: ti.template(), k, true_phase, phase, amplitude, axes: ti.template(), scale):
+    """The direction that follows from measured phases, three numbers, and the flags of the fix.
+
+    For numbers and for vectors of several AUVs; flags are whole numbers in floating point.
 
     Args:
         link: link table, (K, COLUMNS).
         true_phase, phase: phase differences (rad) of the true direction, unwrapped, and as measured.
         amplitude: measured amplitude of the tone over the noise, all hydrophones together.
         axes: the array's axes as measured, see `array_axes`.
-        length: of the direction; 1 where the speed of sound at the array is that of κ.
+        scale: length of the direction; 1 where the speed of sound at the array is that of κ.
     """
-    flags = 0
-    if amplitude >= detection_threshold(link, k):
-        flags = flags | DETECTED
+    kappa = link[k, KAPPA]
+    x = phase[0] / kappa
+    y = phase[1] / kappa
+    zz = scale * scale - x * x - y * y
+    flags = select(amplitude >= detection_threshold(link, k), ti.static(float(DETECTED)), 0.0)
     # Without a wrap the error stays within (−π, π).
-    if ti.abs(phase - true_phase).max() > math.pi:
-        flags = flags | WRAPPED
-    x = phase[0] / link[k, KAPPA]
-    y = phase[1] / link[k, KAPPA]
-    zz = length * length - x * x - y * y
-    if zz < 0.0:
-        flags = flags | NO_DEPTH
-    r = axes.transpose() @ vec3(x, y, -ti.sqrt(ti.max(zz, 0.0)))
-    return Direction(vector=r, flags=flags)
+    error_x, error_y = magnitude(phase[0] - true_phase[0]), magnitude(phase[1] - true_phase[1])
+    flags += select(select(error_x > error_y, error_x, error_y) > math.pi, ti.static(float(WRAPPED)), 0.0)
+    flags += select(zz < 0.0, ti.static(float(NO_DEPTH)), 0.0)
+    z = 0.0 - ti.sqrt(select(zz > 0.0, zz, 0.0))
+    return (
+        axes[0, 0] * x + axes[1, 0] * y + axes[2, 0] * z,
+        axes[0, 1] * x + axes[1, 1] * y + axes[2, 1] * z,
+        axes[0, 2] * x + axes[1, 2] * y + axes[2, 2] * z,
+        flags,
+    )
 
 
 @func
@@ -234,44 +273,55 @@ def fix(link: ti.template(), k: ti.i32, offset: vec3, slope: vec2, noise: vec4, 
     S = ti.max(offset.norm(), 1e-3)
     angles = attitude(slope)
     body = array_axes(angles) @ offset / S
-    sigma = phase_deviation(link, k, S, loss_in_bubbles(link, k, offset))
-    measured = measure(link, k, body, S, sigma, noise, further_noise[2])
+    sigma = phase_deviation(link, k, S, offset[2], 1.0)
+    x, y, residual, slant_range, amplitude = measure(link, k, body, S, sigma, noise, further_noise[2])
     axes = array_axes(tilted(angles, ti.sqrt(link[k, ATTITUDE]) * vec2(further_noise[0], further_noise[1])))
     true_phase = link[k, KAPPA] * vec2(body[0], body[1])
-    phase = vec2(wrap(measured.phase[0]), wrap(measured.phase[1]))
-    found = located(link, k, true_phase, phase, measured.amplitude, axes, 1.0)
-    flags = found.flags | AMBIGUOUS * odd_turns(measured.residual)
-    r = measured.slant_range * found.vector
-    return vec5(r[0], r[1], r[2], measured.sigma, ti.cast(flags, ti.f32))
+    found = located(link, k, true_phase, (wrap(x), wrap(y)), amplitude, axes, 1.0)
+    flags = ti.cast(found[3], ti.i32) | AMBIGUOUS * odd_turns(residual)
+    r = slant_range * vec3(found[0], found[1], found[2])
+    return vec5(r[0], r[1], r[2], sigma, ti.cast(flags, ti.f32))
 
 
 @func
-def leaning(body: vec3, S: ti.f32) -> ti.f32:
+def in_frame(axes: ti.template(), v):
+    """Components of a vector along the axes, three numbers."""
+    return (
+        axes[0, 0] * v[0] + axes[0, 1] * v[1] + axes[0, 2] * v[2],
+        axes[1, 0] * v[0] + axes[1, 1] * v[1] + axes[1, 2] * v[2],
+        axes[2, 0] * v[0] + axes[2, 1] * v[1] + axes[2, 2] * v[2],
+    )
+
+
+@func
+def leaning(z, S):
     """−x'/z' per x': how far an error across the array's axis moves z' = −√(S² − x'² − y'²), bounded at the horizon."""
-    return 1.0 / ti.min(body[2], -1e-3 * S)
+    bound = -1e-3 * S
+    return 1.0 / select(z < bound, z, bound)
 
 
 @func
-def attitude_covariance(variance: ti.f32, offset: vec3, axes: mat3) -> vec3:
+def attitude_covariance(variance, offset, axes: ti.template()):
     """Covariance (xx, xy, yy), m², of the horizontal part of a fix by errors of pitch and roll of a variance (rad²)."""
     # An error of pitch turns the offset about the world's y axis, one of roll about the array's forward axis.
     pitch = offset[2]
     roll_x = axes[0, 2] * offset[1]
     roll_y = axes[0, 0] * offset[2] - axes[0, 2] * offset[0]
-    return variance * vec3(pitch * pitch + roll_x * roll_x, roll_x * roll_y, roll_y * roll_y)
+    return variance * (pitch * pitch + roll_x * roll_x), variance * roll_x * roll_y, variance * roll_y * roll_y
 
 
 @func
-def horizontal_covariance(link: ti.template(), k: ti.i32, offset: vec3, axes: mat3, sigma: ti.f32) -> vec3:
-    """Covariance (xx, xy, yy) in m² of the horizontal part of a fix by the errors that are new in each, to first order.
+def fix_covariance(link: ti.template(), k, offset, axes: ti.template(), sigma):
+    """Covariance xx, xy, yy in m² of the horizontal part of a fix by the errors that are new in each, to first order.
 
     For a level array it is S²σ²/κ² I + σ_S² d dᵀ/S² + ε² z² I with the horizontal offset d, the standard deviations
     σ_S of the range and ε of the attitude. `axes` are the array's, other arguments as for `fix`; a level array must not
-    have the AUV at its own height.
+    have the AUV at its own height. For numbers and for vectors of several AUVs.
     """
-    S = ti.max(offset.norm(), 1e-3)
-    body = axes @ offset
-    lean = leaning(body, S)
+    far = length(offset)
+    S = select(far > 1e-3, far, 1e-3)
+    body = in_frame(axes, offset)
+    lean = leaning(body[2], S)
     across = S * sigma / link[k, KAPPA]
     along = range_deviation(link, k, sigma) / S
     px = across * (axes[0, 0] - body[0] * lean * axes[2, 0])
@@ -280,34 +330,60 @@ def horizontal_covariance(link: ti.template(), k: ti.i32, offset: vec3, axes: ma
     qy = across * (axes[1, 1] - body[1] * lean * axes[2, 1])
     rx = along * offset[0]
     ry = along * offset[1]
-    noise = vec3(px * px + qx * qx + rx * rx, px * py + qx * qy + rx * ry, py * py + qy * qy + ry * ry)
-    return noise + attitude_covariance(link[k, ATTITUDE], offset, axes)
+    by_attitude = attitude_covariance(link[k, ATTITUDE], offset, axes)
+    return (
+        px * px + qx * qx + rx * rx + by_attitude[0],
+        px * py + qx * qy + rx * ry + by_attitude[1],
+        py * py + qy * qy + ry * ry + by_attitude[2],
+    )
 
 
 @func
-def systematic_covariance(link: ti.template(), k: ti.i32, offset: vec3, axes: mat3) -> vec3:
-    """Covariance (xx, xy, yy) in m² of the errors that a fix has in common with those before and after it.
+def horizontal_covariance(link: ti.template(), k: ti.i32, offset: vec3, axes: mat3, sigma: ti.f32) -> vec3:
+    """`fix_covariance` as a vector."""
+    C = fix_covariance(link, k, offset, axes, sigma)
+    return vec3(C[0], C[1], C[2])
+
+
+@func
+def common_covariance(link: ti.template(), k, offset, axes: ti.template()):
+    """Covariance xx, xy, yy in m² of the errors that a fix has in common with those before and after it.
 
     For a level array it is ε² z² I + ε_h² n nᵀ + (2 σ_c/c)² d dᵀ + σ_p² I with the horizontal offset d, n the vector d
-    turned by a right angle, and the standard deviations of alignment, heading, speed of sound and position.
+    turned by a right angle, and the standard deviations of alignment, heading, speed of sound and position. For numbers
+    and for vectors of several AUVs.
     """
-    body = axes @ offset
-    lean = leaning(body, ti.max(offset.norm(), 1e-3))
+    body = in_frame(axes, offset)
+    far = length(offset)
+    lean = leaning(body[2], select(far > 1e-3, far, 1e-3))
     # The speed of sound is a factor on the range and another on the direction cosines.
     rise = (body[0] * body[0] + body[1] * body[1]) * lean
     x = offset[0] + axes[0, 0] * body[0] + axes[1, 0] * body[1] - axes[2, 0] * rise
     y = offset[1] + axes[0, 1] * body[0] + axes[1, 1] * body[1] - axes[2, 1] * rise
-    C = attitude_covariance(link[k, ALIGNMENT], offset, axes) + placement_covariance(link, k, offset)
-    return C + link[k, SOUND_SPEED] * vec3(x * x, x * y, y * y)
+    by_alignment = attitude_covariance(link[k, ALIGNMENT], offset, axes)
+    placed = placement_covariance(link, k, offset)
+    stretch = link[k, SOUND_SPEED]
+    return (
+        by_alignment[0] + placed[0] + stretch * x * x,
+        by_alignment[1] + placed[1] + stretch * x * y,
+        by_alignment[2] + placed[2] + stretch * y * y,
+    )
 
 
 @func
-def placement_covariance(link: ti.template(), k: ti.i32, offset: vec3) -> vec3:
-    """Part of `systematic_covariance` by errors of heading and position, which is the same for any measurement."""
+def systematic_covariance(link: ti.template(), k: ti.i32, offset: vec3, axes: mat3) -> vec3:
+    """`common_covariance` as a vector."""
+    C = common_covariance(link, k, offset, axes)
+    return vec3(C[0], C[1], C[2])
+
+
+@func
+def placement_covariance(link: ti.template(), k, offset):
+    """Part of `common_covariance` by errors of heading and position, which is the same for any measurement."""
     heading = link[k, HEADING]
-    return vec3(
+    return (
         heading * offset[1] * offset[1] + link[k, POSITION],
-        -(heading * offset[0] * offset[1]),
+        0.0 - heading * offset[0] * offset[1],
         heading * offset[0] * offset[0] + link[k, POSITION],
     )
 
@@ -371,6 +447,11 @@ def turns_possible(link: np.ndarray) -> bool:
     """
     sigma = np.sqrt(8.0 / link[:, THRESHOLD])
     return bool((link[:, KAPPA] > math.pi - 3.0 * sigma).any())
+
+
+def candidates_possible(link: np.ndarray) -> bool:
+    """Whether phase differences modulo one turn can be those of more than one direction."""
+    return bool((link[:, KAPPA] >= math.pi).any())
 
 
 @kernel

@@ -28,7 +28,7 @@ from usvauv.kernels.mission.columns import Action, Information, Parameter, Sched
 from usvauv.kernels.mission.run import draw_vortices
 from usvauv.kernels.mission.tasks.data_collection import LEAST_RATE, arrival_table
 from usvauv.kernels.mission.vehicles import Motion
-from usvauv.kernels.mission.worlds import Program
+from usvauv.kernels.mission.worlds import SIDE_BY_SIDE, Program
 from usvauv.kernels.planning import objectives
 from usvauv.kernels.planning.information import MAX_AUVS
 from usvauv.kernels.positioning import pulse, sonar, usbl
@@ -207,6 +207,7 @@ def program(site: Site, strategy: BoatStrategy, link: np.ndarray) -> Program:
         schedule=getattr(Schedule, s.channel.schedule.replace("-", "_")),
         sensor=getattr(Sensor, s.navigation.sensor),
         turns=usbl.turns_possible(link),
+        candidates=usbl.candidates_possible(link),
         fleet=s.boat.count > 1,
         vehicle=s.auv.dynamic,
         otter=s.boat.model == "otter",
@@ -229,6 +230,7 @@ def kernel_tables(site: Site, strategy: StrategyChoice) -> dict[str, np.ndarray]
     numbers = {
         "p": pack_parameters(site, link),
         "link": link,
+        "links": side_by_side(link),
         "layers": sound.layers(),
         "mirrored_layers": sound.mirrored(site.mean_depth).layers(),
         "arrivals": arrival_table(s.nodes.arrival_rates, s.mission.step),
@@ -244,6 +246,15 @@ def kernel_tables(site: Site, strategy: StrategyChoice) -> dict[str, np.ndarray]
         **{name: np.ascontiguousarray(table, np.float32) for name, table in numbers.items()},
         "observation_first": np.array([place.start for _, place in ObservationLayout.of(s)], np.int32),
     }
+
+
+def side_by_side(link: np.ndarray) -> np.ndarray:
+    """The link table's columns of `SIDE_BY_SIDE` AUVs after each other, (rows, COLUMNS, SIDE_BY_SIDE), until they are
+    the same again.
+    """
+    count = len(link)
+    auv = np.arange(math.lcm(count, SIDE_BY_SIDE)).reshape(-1, SIDE_BY_SIDE) % count
+    return link[auv].swapaxes(1, 2)
 
 
 def rule_workspace(scenario: Scenario) -> int:

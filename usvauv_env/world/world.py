@@ -49,13 +49,14 @@ from usvauv.kernels.mission.columns import (
     ForesightColumn,
     NodeColumn,
     Phase,
+    ReceptionColumn,
 )
 from usvauv.kernels.mission.rollouts import STEPS, WAY
 from usvauv.kernels.mission.run import PARAMETERS, draw_vortices, launches, run
 from usvauv.kernels.mission.target_rules import target_rules
 from usvauv.kernels.mission.tasks.task import tasks
 from usvauv.kernels.mission.vehicles import ROWS, move
-from usvauv.kernels.mission.worlds import REWARDS, STATE, TOGETHER, draw_numbers
+from usvauv.kernels.mission.worlds import REWARDS, SIDE_BY_SIDE, STATE, TOGETHER, draw_numbers
 from usvauv.kernels.positioning import pulse, tracker
 from usvauv.kernels.registry import Registry
 from usvauv.kernels.vehicles.vehicle import LANES, vehicles
@@ -205,6 +206,7 @@ class World:
             self._pulses = tables.pulse_tables(scenario, self.device)
         self._draw_numbers = draw_numbers(self.num_auvs, scenario.boat.count, scenario.targets)
         drawn = 8 * self._pulses.noise.shape[2] + 4 * self._draw_numbers.size  # noise of a pulse, and random numbers
+        drawn += self.num_auvs * len(ReceptionColumn.names)
         workspaces = tables.rule_workspace(scenario) + drawn
         memory = 4.0 * (WORKSPACE * sum(map(padded_length, shapes.values())) + num_worlds * workspaces)
         require(memory, f"num_worlds = {num_worlds} of {self.num_auvs} AUVs", self.device)
@@ -576,11 +578,14 @@ class World:
         if in_lanes and program.strategy.weigh:
             ways = -(-self.num_worlds // TOGETHER), WAY * STEPS * program.abreast // random.LANES
         drawn = (self.num_worlds, 4 * len(self._draw_numbers)) if in_lanes else (1, 1)
+        groups = -(-self.num_worlds * self.num_auvs // SIDE_BY_SIDE) if program.fixes_in_lanes else 1
         return {
             **{name: torch.from_numpy(table).to(self.device) for name, table in uploaded.items()},
             "key": torch.from_numpy(self.seeds.keys()).to(self.device),
             "draw_numbers": torch.tensor(self._draw_numbers, device=self.device),
             "drawn": self._zeros(*drawn, random.LANES),
+            "reception": self._zeros(groups, len(ReceptionColumn.names), SIDE_BY_SIDE),
+            "links": torch.tensor(uploaded["links"], device=self.device),  # aligned
             "program": program,
             "workspace": self._zeros(self.num_worlds, tables.rule_workspace(self.scenario) + losses),
             "ways": self._zeros(*ways, random.LANES),

@@ -1,0 +1,94 @@
+"""Fixes of sixteen AUVs side by side, where many worlds step together: those of `usvauv.kernels.mission.reception`.
+
+Vectors stay in registers, so that sixteen fixes take little longer than one. An AUV's fix does not depend on the AUVs
+beside it, and is the same bit for bit as one alone.
+"""
+
+import taichi as ti
+
+from usvauv.kernels.functions import func
+from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, Draw, Parameter, ReceptionColumn
+from usvauv.kernels.mission.reception import located
+from usvauv.kernels.mission.worlds import SIDE_BY_SIDE, TOGETHER, drawn
+from usvauv.kernels.positioning import acoustic_link, usbl
+from usvauv.kernels.trigonometry import circle
+from usvauv.kernels.types import select
+
+
+@func
+def boat_of(worlds: ti.template(), w, k):
+    """The boat that fixes AUV k."""
+    b = 0
+    if ti.static(worlds.program.fleet):
+        b = ti.cast(worlds.auv[w, k, AuvColumn.fix_boat], ti.i32)
+    return b
+
+
+@func
+def of_boats(worlds: ti.template(), w: ti.template(), b: ti.template(), c: ti.template()):
+    """A vector of column c of boats b of worlds w."""
+    return ti.Vector([worlds.boat[w[lane], b[lane], c] for lane in ti.static(range(SIDE_BY_SIDE))])
+
+
+@func
+def numbers_drawn(worlds: ti.template(), w: ti.template(), index: ti.template(), draw: ti.template()):
+    """Four vectors of normal numbers."""
+    each = [drawn(worlds, w[lane], draw, index[lane]) for lane in ti.static(range(SIDE_BY_SIDE))]
+    return [ti.Vector([each[lane][c] for lane in ti.static(range(SIDE_BY_SIDE))]) for c in ti.static(range(4))]
+
+
+@func
+def fix_side_by_side(worlds: ti.template(), n):
+    """Fix the AUVs of the worlds of iteration n by the replies that arrive in this step."""
+    count = worlds.auv.shape[1]
+    worlds_left = ti.min(TOGETHER, worlds.clock.shape[0] - TOGETHER * n)
+    each = 1.0 / count
+    for part in range((worlds_left * count + SIDE_BY_SIDE - 1) // SIDE_BY_SIDE):
+        # The last ones fill the lanes up.
+        last = worlds_left * count - 1
+        place = [ti.min(SIDE_BY_SIDE * part + lane, last) for lane in ti.static(range(SIDE_BY_SIDE))]
+        after = [ti.cast((place[lane] + 0.5) * each, ti.i32) for lane in ti.static(range(SIDE_BY_SIDE))]
+        w = [TOGETHER * n + after[lane] for lane in ti.static(range(SIDE_BY_SIDE))]
+        k = [place[lane] - count * after[lane] for lane in ti.static(range(SIDE_BY_SIDE))]
+        fix_each(worlds, w, k, TOGETHER // SIDE_BY_SIDE * count * n + part, part % worlds.links.shape[0])
+
+
+@func
+def fix_each(worlds: ti.template(), w: ti.template(), k: ti.template(), group, row):
+    """Fix AUVs k of worlds w, which are a group of `worlds.reception` and have a row of `worlds.links`."""
+    p = ti.static(worlds.p)
+    link, reception = ti.static(worlds.links, worlds.reception)
+    b = [boat_of(worlds, w[lane], k[lane]) for lane in ti.static(range(SIDE_BY_SIDE))]
+    slope_x = p[Parameter.tilt] * of_boats(worlds, w, b, BoatColumn.slope_x)
+    slope_y = p[Parameter.tilt] * of_boats(worlds, w, b, BoatColumn.slope_y)
+    angles = usbl.attitude((slope_x, slope_y))
+    noise = numbers_drawn(worlds, w, b, Draw.attitude)
+    pitch = p[Parameter.attitude_error] * noise[0] + of_boats(worlds, w, b, BoatColumn.mounting_pitch)
+    roll = p[Parameter.attitude_error] * noise[1] + of_boats(worlds, w, b, BoatColumn.mounting_roll)
+    true_axes = usbl.axis_numbers(angles)
+    axes = ti.static(usbl.Axes(true_axes))
+    level_axes = usbl.axis_numbers(usbl.tilted(angles, (pitch, roll)))
+    turned_axes = usbl.turned_numbers(ti.static(usbl.Axes(level_axes)), circle(of_boats(worlds, w, b, BoatColumn.turn)))
+    measured = ti.static(usbl.Axes(turned_axes))
+
+    offset = [reception[group, ReceptionColumn.offset_x + c] for c in ti.static(range(3))]
+    effort = of_boats(worlds, w, b, BoatColumn.effort)
+    own_noise = acoustic_link.noise_ratio(link[row, acoustic_link.OWN_NOISE], effort)
+    residual = noise[0]
+    if ti.static(worlds.program.turns):
+        residual = numbers_drawn(worlds, w, k, Draw.residual)[0]
+    slowness = of_boats(worlds, w, b, BoatColumn.slowness)
+    error = slowness, own_noise, numbers_drawn(worlds, w, k, Draw.fix), residual
+    x, y, z, flags = located(worlds, link, row, offset, axes, measured, error)
+    found = x, y, z
+    sigma = acoustic_link.phase_deviation(link, row, usbl.length(found), z, own_noise)
+    own = usbl.fix_covariance(link, row, found, axes, sigma)
+    common = usbl.common_covariance(link, row, found, axes)
+    lost = reception[group, ReceptionColumn.lost]
+    reception[group, ReceptionColumn.flags] = select(lost > 0.5, ti.static(float(usbl.LOST)), flags)
+    for c in ti.static(range(3)):
+        reception[group, ReceptionColumn.offset_x + c] = found[c]
+        reception[group, ReceptionColumn.own_xx + c] = own[c]
+        reception[group, ReceptionColumn.common_xx + c] = common[c]
+    for c in ti.static(range(4)):
+        reception[group, ReceptionColumn.pitch_cosine + c] = angles[c]
