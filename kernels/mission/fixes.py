@@ -520,6 +520,7 @@ def use_replies(worlds: ti.template(), w):
         if left >= 0.0:
             fill_reply(worlds, w, k, left)
     for b in range(worlds.boat.shape[1]):
+        pose = pose_as_read(worlds, w, b)
         for k in range(worlds.auv.shape[1]):
             if boat_motion.serves(worlds, w, b, k):
-                finish(worlds, pose_as_read(worlds, w, k, b), w, k)
+                finish(worlds, pose, w, k)

@@ -490,11 +490,16 @@ def read_fix(worlds: ti.template(), w, k, boat, here: vec2) -> Fix:
 
 
 @func
-def pose_as_read(worlds: ti.template(), w, k, boat) -> ArrayPose:
-    """The pose of the boat's array that `reception_in_lanes` has computed: its true axes."""
-    first = ti.static(ReceptionColumn.pitch_cosine)
-    angles = [noted(worlds, w, k, first + c) for c in ti.static(range(4))]
-    return ArrayPose(boat=boat, axes=usbl.array_axes(angles))
+def pose_as_read(worlds: ti.template(), w, b) -> ArrayPose:
+    """The pose of boat b's array, of which `finish` needs the true axes: a single boat's are those of all fixes."""
+    pose = ArrayPose(boat=b)
+    if ti.static(worlds.program.fleet):
+        pose = array_pose(worlds, w, b)
+    else:
+        first = ti.static(ReceptionColumn.pitch_cosine)
+        angles = [noted(worlds, w, 0, first + c) for c in ti.static(range(4))]
+        pose.axes = usbl.array_axes(angles)
+    return pose
 
 
 @func

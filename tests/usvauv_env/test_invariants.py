@@ -150,6 +150,32 @@ def test_alone_as_in_a_batch(case):
             assert torch.equal(one, same)
 
 
+MANY = {
+    "extreme": ("extreme", []),
+    "two boats": ("wide", ["boat.count=2"]),
+    "in turn": ("extreme", ["channel.schedule=round-robin", "usbl.packet_loss=0.2", "auv.count=5"]),
+}
+
+
+@pytest.mark.parametrize("case", MANY)
+def test_alone_as_among_many(case):
+    """So many worlds that several are side by side in vectors: the first, one between and the last have equal bits."""
+    name, changes = MANY[case]
+    scenario = Scenario.load(name, [*changes, "sea.realisations=8"])
+    many = World(scenario, 301, seed=3)
+    alone = {own: World(scenario, 1, seed=3, first_world=own) for own in (0, 9, 300)}
+    for world in (many, *alone.values()):
+        world.reset()
+    generator = torch.Generator().manual_seed(1)
+    for _ in range(25):
+        action = 2 * torch.rand((301, many.num_auvs, many.action_size), generator=generator) - 1
+        many.step(action)
+        for own, world in alone.items():
+            world.step(action[own : own + 1])
+            for each in ("auv", "estimate", "exchange", "track", "own", "boat", "node", "observation", "reward"):
+                assert torch.equal(getattr(many, each)[own], getattr(world, each)[0]), each
+
+
 @pytest.mark.parametrize("case", ["tracked", "sampled pulses", "torpedo"])
 def test_each_with_a_seed_of_its_own_as_alone(case):
     """Two episodes of worlds of different seeds, two of them of the same one: the bits of each seed's world 0."""
