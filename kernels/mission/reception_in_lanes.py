@@ -9,7 +9,7 @@ import taichi as ti
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, Draw, Parameter, ReceptionColumn
 from usvauv.kernels.mission.reception import located
-from usvauv.kernels.mission.worlds import SIDE_BY_SIDE, TOGETHER, drawn
+from usvauv.kernels.mission.worlds import SIDE_BY_SIDE, TOGETHER, number_drawn, place_drawn
 from usvauv.kernels.positioning import acoustic_link, usbl
 from usvauv.kernels.trigonometry import circle
 from usvauv.kernels.types import select
@@ -31,10 +31,16 @@ def of_boats(worlds: ti.template(), w: ti.template(), b: ti.template(), c: ti.te
 
 
 @func
-def numbers_drawn(worlds: ti.template(), w: ti.template(), index: ti.template(), draw: ti.template()):
-    """Four vectors of normal numbers."""
-    each = [drawn(worlds, w[lane], draw, index[lane]) for lane in ti.static(range(SIDE_BY_SIDE))]
-    return [ti.Vector([each[lane][c] for lane in ti.static(range(SIDE_BY_SIDE))]) for c in ti.static(range(4))]
+def numbers_drawn(
+    worlds: ti.template(), w: ti.template(), index: ti.template(), draw: ti.template(), count: ti.template()
+):
+    """The first `count` vectors of a draw's normal numbers."""
+    first, each = place_drawn(worlds, draw)
+    place = [first + each * index[lane] for lane in ti.static(range(SIDE_BY_SIDE))]
+    return [
+        ti.Vector([number_drawn(worlds, w[lane], place[lane], part) for lane in ti.static(range(SIDE_BY_SIDE))])
+        for part in ti.static(range(count))
+    ]
 
 
 @func
@@ -62,7 +68,7 @@ def fix_each(worlds: ti.template(), w: ti.template(), k: ti.template(), group, r
     slope_x = p[Parameter.tilt] * of_boats(worlds, w, b, BoatColumn.slope_x)
     slope_y = p[Parameter.tilt] * of_boats(worlds, w, b, BoatColumn.slope_y)
     angles = usbl.attitude((slope_x, slope_y))
-    noise = numbers_drawn(worlds, w, b, Draw.attitude)
+    noise = numbers_drawn(worlds, w, b, Draw.attitude, 2)
     pitch = p[Parameter.attitude_error] * noise[0] + of_boats(worlds, w, b, BoatColumn.mounting_pitch)
     roll = p[Parameter.attitude_error] * noise[1] + of_boats(worlds, w, b, BoatColumn.mounting_roll)
     true_axes = usbl.axis_numbers(angles)
@@ -76,9 +82,9 @@ def fix_each(worlds: ti.template(), w: ti.template(), k: ti.template(), group, r
     own_noise = acoustic_link.noise_ratio(link[row, acoustic_link.OWN_NOISE], effort)
     residual = noise[0]
     if ti.static(worlds.program.turns):
-        residual = numbers_drawn(worlds, w, k, Draw.residual)[0]
+        residual = numbers_drawn(worlds, w, k, Draw.residual, 1)[0]
     slowness = of_boats(worlds, w, b, BoatColumn.slowness)
-    error = slowness, own_noise, numbers_drawn(worlds, w, k, Draw.fix), residual
+    error = slowness, own_noise, numbers_drawn(worlds, w, k, Draw.fix, 4), residual
     x, y, z, flags = located(worlds, link, row, offset, axes, measured, error)
     found = x, y, z
     sigma = acoustic_link.phase_deviation(link, row, usbl.length(found), z, own_noise)

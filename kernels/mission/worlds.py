@@ -351,17 +351,31 @@ def draw_ahead(worlds: ti.template(), w):
 
 
 @func
+def place_drawn(worlds: ti.template(), draw: ti.template()):
+    """Place of a draw's first index among those of a world that `draw_ahead` makes, and the distance of the next."""
+    first, each = 0, 1
+    if ti.static(draw in OF_AUV):
+        first += ti.static(OF_AUV.index(draw))
+        each = EACH_AUV
+    elif ti.static(draw in OF_BOAT):
+        first += EACH_AUV * worlds.auv.shape[1] + ti.static(OF_BOAT.index(draw))
+        each = EACH_BOAT
+    else:
+        first += random.LANES * groups_of_normals(worlds)
+    return first, each
+
+
+@func
+def number_drawn(worlds: ti.template(), w, place, part):
+    """Number `part` of 4 of a draw at a place of world w."""
+    return worlds.drawn[w, 4 * (place >> random.LANE_BITS) + part][place & (random.LANES - 1)]
+
+
+@func
 def drawn(worlds: ti.template(), w, draw: ti.template(), index) -> vec4:
     """The four numbers of a draw that `draw_ahead` has made for the present step."""
-    place = index
-    if ti.static(draw in OF_AUV):
-        place = EACH_AUV * index + ti.static(OF_AUV.index(draw))
-    elif ti.static(draw in OF_BOAT):
-        place = EACH_AUV * worlds.auv.shape[1] + EACH_BOAT * index + ti.static(OF_BOAT.index(draw))
-    else:
-        place = random.LANES * groups_of_normals(worlds) + index
-    row, lane = 4 * (place >> random.LANE_BITS), place & (random.LANES - 1)
-    return vec4([worlds.drawn[w, row + part][lane] for part in ti.static(range(4))])
+    first, each = place_drawn(worlds, draw)
+    return vec4([number_drawn(worlds, w, first + each * index, part) for part in ti.static(range(4))])
 
 
 @func
