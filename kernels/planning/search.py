@@ -10,10 +10,12 @@ the Newton step is accepted without a comparison of values. Starts of ascents:
   is an ascent from a given place, from the AUVs' mean, and from each AUV that is not close to one tried before; and no
   step is longer than half the slant range of the nearest AUV, the width of a maximum there. Where the attitude error
   makes an AUV's variance constant over a plateau, D can have maxima at the plateaus' edges: then the two best of
-  several places between each two AUVs are starts too. `benchmarks.plan` looks for a higher place in thousands of
-  layouts. PAPER dips straight above an AUV, where its sines vanish, and peaks on a ring of radius about √|z| round it,
-  so there ascents start on the ring of every AUV. Within a reach the ascents start at the point of it nearest to each
-  of these places.
+  several places between each two AUVs are starts too. By noise alone the logarithm of an AUV's variance is convex
+  where it is deeper than far, so D has one maximum where all are: it needs no start close to the best maximum so far,
+  unless errors that grow with distance make it peaked above an AUV. `benchmarks.plan` looks for a higher place in
+  thousands of layouts. PAPER dips straight above an AUV, where its sines vanish, and peaks on a ring of radius about
+  √|z| round it, so there ascents start on the ring of every AUV. Within a reach the ascents start at the point of it
+  nearest to each of these places.
 - A has one maximum, and one ascent.
 
 All of them assume a level array at its present elevation.
@@ -38,7 +40,7 @@ from usvauv.kernels.planning.information import (
 )
 from usvauv.kernels.planning.jet import VALUE, XX, XY, YY, X, Y
 from usvauv.kernels.planning.objectives import PAPER, A, D, log_objective, objective_of
-from usvauv.kernels.positioning.acoustic_link import ATTITUDE
+from usvauv.kernels.positioning.acoustic_link import ALIGNMENT, ATTITUDE, HEADING, POSITION, SOUND_SPEED
 from usvauv.kernels.types import array2, array3, vec2, vec3, vec6
 
 MAX_EVALUATIONS = 60
@@ -54,6 +56,8 @@ ANYWHERE = 1e9  # m, unlimited reach
 BETWEEN = 5  # places tried between two AUVs
 PLATEAU = 10.0  # variance by the attitude error over that by noise, straight above
 CLOSE_BY = 0.5  # of the least depth: AUVs so near to one another share a maximum
+SAME_HILL = 0.7  # likewise: ascents from places so near to a maximum of D lead to it
+PEAKED = 10.0  # variance by errors that grow with distance over that by the others, as far from an AUV as it is deep
 
 
 class Region(NamedTuple):
@@ -262,6 +266,16 @@ def has_plateau(team: ti.template(), k) -> bool:
 
 
 @func
+def is_peaked(team: ti.template(), k) -> bool:
+    """Whether D can have a narrow peak above AUV k: elsewhere errors that grow with distance are the largest."""
+    link = ti.static(team.link)
+    i = member(team, k)
+    z2 = squared_separation(team, k)
+    constant = (link[i, ATTITUDE] + link[i, ALIGNMENT]) * z2 + link[i, POSITION]
+    return (link[i, HEADING] + 4.0 * link[i, SOUND_SPEED]) * z2 > PEAKED * constant
+
+
+@func
 def best_between_auvs(team: ti.template(), code: ti.template(), region: ti.template()) -> mat2x3:
     """The two best of five places between each two AUVs, as rows (x, y, ln of the objective); −1e30 for none.
 
@@ -297,7 +311,13 @@ def multistart(team: ti.template(), code: ti.template(), start: vec2, everywhere
     starts = 1
     if everywhere:
         starts = 2 + at_auvs
+    hill = 0.0  # square of a radius, m²
     if ti.static(objective_of(code) == D):
+        if everywhere:
+            hill = SAME_HILL * SAME_HILL * nearest
+            for k in range(team.count):
+                if is_peaked(team, k):
+                    hill = 0.0
         if everywhere and team.count > 2:
             between = best_between_auvs(team, code, region)
             starts += 2
@@ -321,8 +341,9 @@ def multistart(team: ti.template(), code: ti.template(), start: vec2, everywhere
                 point = position(team, k)
                 new = not is_close_by(team, k, tried, nearest)
                 tried[k] = ti.cast(new, ti.f32)
-        if new:
-            top = ascend(team, code, clip(point, region), best, near, small, True, region)
+        point = clip(point, region)
+        if new and (i == 0 or (point - best.xy).norm_sqr() >= hill):
+            top = ascend(team, code, point, best, near, small, True, region)
             if top[2] > best[2] + ROUNDING:
                 best = top
         if ti.static(objective_of(code) != PAPER):  # the dips and peaks of PAPER are narrower than the AUVs are deep
