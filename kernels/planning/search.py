@@ -46,7 +46,7 @@ from usvauv.kernels.types import array2, array3, vec2, vec3, vec6
 MAX_EVALUATIONS = 60
 ROUNDING = 4e-7  # of ln of an objective, relative to 1 + its size
 SMALL_GAIN = 1e-6  # a Newton step of a smaller predicted gain is accepted without evaluation
-SMALL_GAIN_BETWEEN = 1e-4  # likewise between searches everywhere
+SMALL_GAIN_BETWEEN = 1e-3  # likewise between searches everywhere; the next step makes up for it
 LEAST_DAMPING = 1e-6
 UNBOUNDED = 1e9  # m, length of a step
 STEP = 0.5  # of the least slant range, longest step: longer ones skip from one maximum to another
