@@ -396,7 +396,7 @@ class NodeColumn(StateColumns):
 
 
 class BeliefColumn(StateColumns):
-    """Knowledge of a node, (W, 1, M, C) shared by all AUVs, or (W, K, M, C)."""
+    """Knowledge of a node, (W, 1, M, C) shared by all AUVs, or (W, K, M, C); the first two are of unknown rates."""
 
     count: Amount  # shape of the Gamma distribution of its rate, packets
     exposure: Amount  # inverse scale of that, s

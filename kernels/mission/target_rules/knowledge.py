@@ -119,12 +119,10 @@ def cut(count, exposure, low, high, ramp):
 
 
 @func
-def learn(worlds: ti.template(), w, k, i, found):
-    """AUV k begins to serve node i, and finds some packets there."""
+def learn_rate(worlds: ti.template(), w, b, i, found, now):
+    """What a visit to node i that finds some packets at a time (s) tells belief b of its rate."""
     p = ti.static(worlds.p)
     belief = ti.static(worlds.belief)
-    b = holder(worlds, k)
-    now = time(worlds, w) - p[Parameter.step]  # arrivals come at the end of a step
     waited = now - belief[w, b, i, BeliefColumn.since]
     start = 0.0
     if belief[w, b, i, BeliefColumn.since] == 0.0:
@@ -148,8 +146,17 @@ def learn(worlds: ti.template(), w, k, i, found):
         else:
             belief[w, b, i, BeliefColumn.count] += found
             belief[w, b, i, BeliefColumn.exposure] += waited
-    belief[w, b, i, BeliefColumn.since] = now
-    belief[w, b, i, BeliefColumn.left] = 0.0
+
+
+@func
+def learn(worlds: ti.template(), w, k, i, found):
+    """AUV k begins to serve node i, and finds some packets there; of a rate that is known it learns nothing."""
+    b = holder(worlds, k)
+    now = time(worlds, w) - worlds.p[Parameter.step]  # arrivals come at the end of a step
+    if ti.static(worlds.program.information > Information.rates):
+        learn_rate(worlds, w, b, i, found, now)
+    worlds.belief[w, b, i, BeliefColumn.since] = now
+    worlds.belief[w, b, i, BeliefColumn.left] = 0.0
 
 
 @func
