@@ -16,6 +16,7 @@ from tests.kernels.planning.reference import (
 )
 from tests.slowly import slowly
 from usvauv.kernels.planning import search
+from usvauv.kernels.positioning import acoustic_link
 
 AREA = 200.0
 GAP = 1e-6  # in ln of the objective
@@ -109,6 +110,17 @@ class TestPlan:
             start = torch.tensor([[x, 100.0]], device=device)
             goal = search.plan_batch(link, points, code=CODES["sum phase"], start=start)[0]
             assert abs(goal[0].item() - x) < 40
+
+    @pytest.mark.parametrize("name", ["d fix", "d phase"])
+    def test_d_is_searched_above_each_auv_where_it_is_peaked(self, device, name):
+        """Errors of the heading only, beside noise; the better peak is not the one where the boat starts."""
+        points = torch.tensor([[[70.0, 100.0, -100.0], [130.0, 100.0, -100.0]]], device=device)
+        link = table(device, 1).repeat(2, 1)
+        link[:, acoustic_link.HEADING] = 1e-3
+        link[0, acoustic_link.LEVEL] += 2.0
+        start = torch.tensor([[130.0, 100.0]], device=device)
+        best = search.plan_batch(link, points, code=CODES[name], start=start)[0]
+        assert best[:2].tolist() == pytest.approx([70, 100], abs=1.0)
 
     def test_d_is_between_auvs_where_the_sum_is_above_one(self, device):
         """Two equal AUVs 120 m apart: the sum is largest above one, the determinant of both positions between them."""
