@@ -498,7 +498,7 @@ def pose_as_read(worlds: ti.template(), w, b) -> ArrayPose:
     else:
         first = ti.static(ReceptionColumn.pitch_cosine)
         angles = [noted(worlds, w, 0, first + c) for c in ti.static(range(4))]
-        pose.axes = usbl.array_axes(angles)
+        pose = ArrayPose(boat=b, axes=usbl.array_axes(angles))
     return pose
 
 
