@@ -8,6 +8,9 @@ the time since its last interrogation. No AUV is located twice in a mission step
 a boat without an AUV to interrogate passes its turn on. The boat that interrogated receives the replies, and all boats
 share their contents. There can be a least time between exchanges.
 
+Where many worlds step together and it does not depend on fixes who is asked, all exchanges of a step are decided first
+(`exchange`), `usvauv.kernels.mission.reception_in_lanes` makes their fixes, and `use_replies` the rest.
+
 Times count from the end of the present mission step, s; earlier times are negative.
 """
 

@@ -391,7 +391,8 @@ def located(worlds: ti.template(), link: ti.template(), k, offset, axes: ti.temp
     Args:
         link: link table, (K, COLUMNS).
         offset: the true one, m. axes, measured: of the array.
-        error: slowness, noise and normal numbers of `ArrayPose`, `acoustic_link.phase_deviation` and `usbl.measure`.
+        error: slowness of sound as in `ArrayPose`, noise as of `acoustic_link.phase_deviation`, normal numbers and that
+            of the residual as of `usbl.measure`.
     """
     slowness, noise, normal, residual_noise = error
     far = usbl.length(offset)

@@ -1,7 +1,6 @@
 """Fixes of sixteen AUVs side by side, where many worlds step together: those of `usvauv.kernels.mission.reception`.
 
-Vectors stay in registers, so that sixteen fixes take little longer than one. An AUV's fix does not depend on the AUVs
-beside it, and is the same bit for bit as one alone.
+Vectors stay in registers. An AUV's fix does not depend on the AUVs beside it, and is the same bit for bit as one alone.
 """
 
 import taichi as ti
@@ -47,11 +46,10 @@ def numbers_drawn(
 def fix_side_by_side(worlds: ti.template(), n):
     """Fix the AUVs of the worlds of iteration n by the replies that arrive in this step."""
     count = worlds.auv.shape[1]
-    worlds_left = ti.min(TOGETHER, worlds.clock.shape[0] - TOGETHER * n)
+    many = count * ti.min(TOGETHER, worlds.clock.shape[0] - TOGETHER * n)
     each = 1.0 / count
-    for part in range((worlds_left * count + SIDE_BY_SIDE - 1) // SIDE_BY_SIDE):
-        # The last ones fill the lanes up.
-        last = worlds_left * count - 1
+    for part in range((many + SIDE_BY_SIDE - 1) // SIDE_BY_SIDE):
+        last = many - 1  # fills the lanes up
         place = [ti.min(SIDE_BY_SIDE * part + lane, last) for lane in ti.static(range(SIDE_BY_SIDE))]
         after = [ti.cast((place[lane] + 0.5) * each, ti.i32) for lane in ti.static(range(SIDE_BY_SIDE))]
         w = [TOGETHER * n + after[lane] for lane in ti.static(range(SIDE_BY_SIDE))]

@@ -445,8 +445,8 @@ def kernel_of(source: str, **names: Any) -> Callable[..., Any]:
 
 
 # Begins the next episode of each world w with `chosen[w]` ≠ 0, or advances all worlds by one mission step. Many worlds
-# take the step by five launches or seven. `Phase.draw`, random numbers, `Phase.plan`, rollouts, and `Phase.ride` and
-# `Phase.look`, sums of vortices and waves, have vectors in registers.
+# take the step by five launches or seven. `Phase.draw`, random numbers, `Phase.plan`, rollouts, `Phase.ride`, sums of
+# waves and the step's fixes, and `Phase.look`, sums of vortices, have vectors in registers.
 # For few worlds launches take longer than they save, and plugins' functions may not compile so.
 # On a GPU the last part of a step has a thread for each AUV, and a boat's plan by rollouts one for each goal.
 run = kernel_of(
