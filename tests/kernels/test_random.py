@@ -120,6 +120,9 @@ def test_each_purpose_of_a_draw_is_one_functions():
         "node": {"data_collection.place_nodes", "station_keeping.place_stations"},  # of two tasks
         "loss": {"fixes.is_lost", "fixes.take_fix"},  # of two schedules
         "navigation": {"motion.begin_reckoning", "motion.reckon"},  # at the start and later
+        "attitude": {"reception.array_pose", "reception_in_lanes.fix_each"},  # of a fix, and of several side by side
+        "fix": {"reception.receive", "reception.make_fix", "reception_in_lanes.fix_each"},  # the first: disturbed sound
+        "residual": {"reception.receive", "reception.make_fix", "reception_in_lanes.fix_each"},
     }
     assert set(drawing) == set(Draw.names)
     assert {name: users for name, users in drawing.items() if len(users) > 1} == shared
