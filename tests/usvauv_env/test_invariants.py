@@ -10,6 +10,7 @@ import torch
 from tests.links import EVERY_STEP
 from tests.slowly import slowly
 from usvauv.env import Scenario, World, plugins
+from usvauv.kernels import runtime
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn
 from usvauv.kernels.mission.worlds import STATE
 
@@ -157,12 +158,15 @@ MANY = {
 }
 
 
+@pytest.mark.cpu("many worlds side by side")
 @pytest.mark.parametrize("case", MANY)
-def test_alone_as_among_many(case):
+def test_alone_as_among_many(case, monkeypatch):
     """So many worlds that several are side by side in vectors: the first, one between and the last have equal bits."""
     name, changes = MANY[case]
     scenario = Scenario.load(name, [*changes, "sea.realisations=8"])
-    many = World(scenario, 301, seed=3)
+    with monkeypatch.context() as patch:
+        patch.setattr(runtime, "FEW_TASKS", 0)
+        many = World(scenario, 301, seed=3)
     alone = {own: World(scenario, 1, seed=3, first_world=own) for own in (0, 9, 300)}
     for world in (many, *alone.values()):
         world.reset()
