@@ -38,13 +38,10 @@ from usvauv.kernels.mission.reception import (
     common_covariance,
     height,
     make_fix,
-    note,
-    noted,
-    pose_as_read,
-    read_fix,
     reply_worth,
     true_height,
 )
+from usvauv.kernels.mission.reception_in_lanes import note, noted, pose_as_read, read_fix
 from usvauv.kernels.mission.worlds import normals, uniforms
 from usvauv.kernels.positioning import tracker, usbl
 from usvauv.kernels.positioning.usbl import Expectation

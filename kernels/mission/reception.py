@@ -17,10 +17,9 @@ from usvauv.kernels.mission.columns import (
     Draw,
     EstimateColumn,
     Parameter,
-    ReceptionColumn,
 )
 from usvauv.kernels.mission.replies import expected_reply
-from usvauv.kernels.mission.worlds import SIDE_BITS, SIDE_BY_SIDE, Worlds, address, key, normals
+from usvauv.kernels.mission.worlds import Worlds, address, key, normals
 from usvauv.kernels.positioning import acoustic_link, matched_filter, rays, reflections, usbl
 from usvauv.kernels.positioning.layered_water import sound_speed
 from usvauv.kernels.positioning.usbl import Expectation
@@ -383,7 +382,9 @@ def measure(worlds: ti.template(), offset: vec3, pose: ArrayPose, noise, expecte
 
 
 @func
-def located(worlds: ti.template(), link: ti.template(), k, offset, axes: ti.template(), measured: ti.template(), error):
+def fixed_offset(
+    worlds: ti.template(), link: ti.template(), k, offset, axes: ti.template(), measured: ti.template(), error
+):
     """The offset x, y, z (m) that a fix of AUV k gives where nothing bends or disturbs its sound, and the fix's flags.
 
     For numbers and for vectors of several AUVs.
@@ -427,7 +428,7 @@ def make_fix(
         if ti.static(worlds.program.turns):
             residual = normals(worlds, w, Draw.residual, k)[0]
         error = pose.slowness, noise, normals(worlds, w, Draw.fix, k), residual
-        x, y, z, mark = located(worlds, link, k, offset, pose.axes, pose.measured, error)
+        x, y, z, mark = fixed_offset(worlds, link, k, offset, pose.axes, pose.measured, error)
         found = vec4(x, y, z, mark)
     else:
         found = measure(worlds, offset, pose, noise, expected, w, k)
@@ -463,44 +464,6 @@ def write_fix(
         # Errors common to a boat's fixes differ from boat to boat.
         covariance += common
     return Fix(place=place, covariance=covariance, flags=flags)
-
-
-@func
-def note(worlds: ti.template(), w, k, c: ti.template(), number):
-    """Write a number of a reply of AUV k, column c of `ReceptionColumn`."""
-    n = w * worlds.auv.shape[1] + k
-    worlds.reception[n >> SIDE_BITS, c][n & (SIDE_BY_SIDE - 1)] = number
-
-
-@func
-def noted(worlds: ti.template(), w, k, c: ti.template()) -> ti.f32:
-    """A number of a reply of AUV k, column c of `ReceptionColumn`."""
-    n = w * worlds.auv.shape[1] + k
-    return worlds.reception[n >> SIDE_BITS, c][n & (SIDE_BY_SIDE - 1)]
-
-
-@func
-def read_fix(worlds: ti.template(), w, k, boat, here: vec2) -> Fix:
-    """The fix of AUV k by a boat, `here` (m), that `reception_in_lanes` has made, written as others are."""
-    first = ti.static(ReceptionColumn.offset_x)
-    numbers = [noted(worlds, w, k, first + c) for c in ti.static(range(ReceptionColumn.flags + 1 - first))]
-    there = vec2(worlds.auv[w, k, AuvColumn.heard_x], worlds.auv[w, k, AuvColumn.heard_y])
-    place = here + displacement(worlds, w, boat) + vec2(numbers[0], numbers[1])
-    own, common = vec3(numbers[3], numbers[4], numbers[5]), vec3(numbers[6], numbers[7], numbers[8])
-    return write_fix(worlds, w, k, boat, there, place, own, common, ti.cast(numbers[9], ti.i32))
-
-
-@func
-def pose_as_read(worlds: ti.template(), w, b) -> ArrayPose:
-    """The pose of boat b's array, of which `finish` needs the true axes: a single boat's are those of all fixes."""
-    pose = ArrayPose(boat=b)
-    if ti.static(worlds.program.fleet):
-        pose = array_pose(worlds, w, b)
-    else:
-        first = ti.static(ReceptionColumn.pitch_cosine)
-        angles = [noted(worlds, w, 0, first + c) for c in ti.static(range(4))]
-        pose = ArrayPose(boat=b, axes=usbl.array_axes(angles))
-    return pose
 
 
 @func

@@ -7,11 +7,11 @@ import taichi as ti
 
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, Draw, Parameter, ReceptionColumn
-from usvauv.kernels.mission.reception import located
-from usvauv.kernels.mission.worlds import SIDE_BY_SIDE, TOGETHER, number_drawn, place_drawn
+from usvauv.kernels.mission.reception import ArrayPose, Fix, array_pose, displacement, fixed_offset, write_fix
+from usvauv.kernels.mission.worlds import SIDE_BITS, SIDE_BY_SIDE, TOGETHER, number_drawn, place_drawn
 from usvauv.kernels.positioning import acoustic_link, usbl
 from usvauv.kernels.trigonometry import circle
-from usvauv.kernels.types import select
+from usvauv.kernels.types import select, vec2, vec3
 
 
 @func
@@ -83,7 +83,7 @@ def fix_each(worlds: ti.template(), w: ti.template(), k: ti.template(), group, r
         residual = numbers_drawn(worlds, w, k, Draw.residual, 1)[0]
     slowness = of_boats(worlds, w, b, BoatColumn.slowness)
     error = slowness, own_noise, numbers_drawn(worlds, w, k, Draw.fix, 4), residual
-    x, y, z, flags = located(worlds, link, row, offset, axes, measured, error)
+    x, y, z, flags = fixed_offset(worlds, link, row, offset, axes, measured, error)
     found = x, y, z
     sigma = acoustic_link.phase_deviation(link, row, usbl.length(found), z, own_noise)
     own = usbl.fix_covariance(link, row, found, axes, sigma)
@@ -96,3 +96,41 @@ def fix_each(worlds: ti.template(), w: ti.template(), k: ti.template(), group, r
         reception[group, ReceptionColumn.common_xx + c] = common[c]
     for c in ti.static(range(4)):
         reception[group, ReceptionColumn.pitch_cosine + c] = angles[c]
+
+
+@func
+def note(worlds: ti.template(), w, k, c: ti.template(), number):
+    """Write a number of a reply of AUV k, column c of `ReceptionColumn`."""
+    n = w * worlds.auv.shape[1] + k
+    worlds.reception[n >> SIDE_BITS, c][n & (SIDE_BY_SIDE - 1)] = number
+
+
+@func
+def noted(worlds: ti.template(), w, k, c: ti.template()) -> ti.f32:
+    """A number of a reply of AUV k, column c of `ReceptionColumn`."""
+    n = w * worlds.auv.shape[1] + k
+    return worlds.reception[n >> SIDE_BITS, c][n & (SIDE_BY_SIDE - 1)]
+
+
+@func
+def read_fix(worlds: ti.template(), w, k, boat, here: vec2) -> Fix:
+    """The fix of AUV k by a boat, `here` (m), that `fix_side_by_side` has made, written as others are."""
+    first = ti.static(ReceptionColumn.offset_x)
+    numbers = [noted(worlds, w, k, first + c) for c in ti.static(range(ReceptionColumn.flags + 1 - first))]
+    there = vec2(worlds.auv[w, k, AuvColumn.heard_x], worlds.auv[w, k, AuvColumn.heard_y])
+    place = here + displacement(worlds, w, boat) + vec2(numbers[0], numbers[1])
+    own, common = vec3(numbers[3], numbers[4], numbers[5]), vec3(numbers[6], numbers[7], numbers[8])
+    return write_fix(worlds, w, k, boat, there, place, own, common, ti.cast(numbers[9], ti.i32))
+
+
+@func
+def pose_as_read(worlds: ti.template(), w, b) -> ArrayPose:
+    """The pose of boat b's array, of which `finish` needs the true axes: a single boat's are those of all fixes."""
+    pose = ArrayPose(boat=b)
+    if ti.static(worlds.program.fleet):
+        pose = array_pose(worlds, w, b)
+    else:
+        first = ti.static(ReceptionColumn.pitch_cosine)
+        angles = [noted(worlds, w, 0, first + c) for c in ti.static(range(4))]
+        pose = ArrayPose(boat=b, axes=usbl.array_axes(angles))
+    return pose

@@ -115,7 +115,7 @@ class Program(NamedTuple):
 
     @property
     def plain_sound(self) -> bool:
-        """Whether a fix needs no more than `usvauv.kernels.mission.reception.located`."""
+        """Whether a fix needs no more than `usvauv.kernels.mission.reception.fixed_offset`."""
         return not (self.waveform or self.multipath or self.refraction or self.candidates)
 
     @property
