@@ -22,6 +22,7 @@ from usvauv.kernels.mission.replies import expected_reply
 from usvauv.kernels.mission.worlds import Worlds, address, key, normals
 from usvauv.kernels.positioning import acoustic_link, matched_filter, rays, reflections, usbl
 from usvauv.kernels.positioning.layered_water import sound_speed
+from usvauv.kernels.positioning.sonar import magnitude
 from usvauv.kernels.positioning.usbl import Expectation
 from usvauv.kernels.types import mat3, select, vec2, vec3, vec4, vec6
 
@@ -407,7 +408,7 @@ def fixed_offset(
     found = usbl.located(link, k, (kappa * body[0], kappa * body[1]), phase, amplitude, measured, 1.0)
     flags = found[3]
     if ti.static(worlds.program.turns):
-        lacking = select(usbl.magnitude(residual) > 0.5 * math.pi, 1.0, 0.0)
+        lacking = select(magnitude(residual) > 0.5 * math.pi, 1.0, 0.0)
         beyond = select(phase[0] * phase[0] + phase[1] * phase[1] > kappa * kappa, 1.0, 0.0)
         flags += ti.static(float(usbl.AMBIGUOUS)) * (lacking + beyond - lacking * beyond)
     return path * found[0], path * found[1], path * found[2], flags

@@ -73,6 +73,7 @@ from usvauv.kernels.positioning.sonar import (
     coates,
     exponential,
     logarithm_of_range,
+    magnitude,
     path_loss,
     power_of_10,
     thorp,
@@ -293,7 +294,7 @@ def phase_deviation(link: ti.template(), k, S, height, noise):
         link: link table, (K, COLUMNS).
         S: slant range, m. height: of the AUV over the array, m, of either sign. noise: `noise_ratio`.
     """
-    above = select(height > 0.0, height, 0.0 - height)
+    above = magnitude(height)
     path = select(S > 1.0, S, 1.0)
     decades = (1.0 / LN10) * (logarithm_of_range(path) + LN_TYPICAL)
     along = link[k, PATHS] * (link[k, SPREADING] * decades + 0.001 * link[k, ABSORPTION] * path)

@@ -91,6 +91,12 @@ def power_of_10(exponent: ti.f32) -> ti.f32:
 
 
 @func
+def magnitude(v):
+    """|v|; Taichi has none of vectors in registers."""
+    return select(v > 0.0, v, 0.0 - v)
+
+
+@func
 def logarithm_of_range(S):
     """ln(S/`TYPICAL`) of a number or a vector, within 1e-6 before rounding for S from 1 m to 20 km, by the series of
     8 artanh.

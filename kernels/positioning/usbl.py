@@ -68,6 +68,7 @@ from usvauv.kernels.positioning.acoustic_link import (
     phase_deviation,
     range_deviation,
 )
+from usvauv.kernels.positioning.sonar import magnitude
 from usvauv.kernels.trigonometry import circle
 from usvauv.kernels.types import array2, index1, mat2, mat3, select, vec2, vec3, vec4, vec5
 
@@ -184,12 +185,6 @@ def wrap(phase):
 def length(v):
     """Of a vector of three numbers."""
     return ti.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-
-
-@func
-def magnitude(v):
-    """|v|; Taichi has none of vectors in registers."""
-    return select(v > 0.0, v, 0.0 - v)
 
 
 @func
