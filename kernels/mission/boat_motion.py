@@ -340,7 +340,7 @@ def move_boat(worlds: ti.template(), w, b):
         wanted = way_through_water(worlds, w, b, wanted, drift / dt)
         distance = wanted.norm()
     else:
-        wanted -= drift
+        wanted = wanted - drift
         distance = wanted.norm()
         if distance > farthest:
             wanted *= farthest / distance

@@ -468,19 +468,11 @@ class Action(Columns):
 class Phase(Columns):
     """Task of a launch: begin episodes, advance them by a step, or by one part of a step.
 
-    On a CPU a step in parts is `draw`, `move`, `ride`, `answer` and `look`, with rollouts `begin`, `plan` and `sail` in
-    place of `move`, on a GPU `begin`, `weigh`, `end` and `look_round`.
+    On a GPU a step in parts is `begin`, `weigh`, `end` and `look_round`, or `begin_and_end` and `look_round`.
     """
 
     reset: int
     step: int
-    draw: int
-    move: int
-    plan: int
-    sail: int
-    ride: int
-    answer: int
-    look: int
     begin: int
     weigh: int
     end: int

@@ -215,6 +215,13 @@ def begin_episode(worlds: ti.template(), w):
 
 
 @func
+def draw(worlds: ti.template(), w):
+    """The random numbers of the step, where they are drawn side by side."""
+    if ti.static(worlds.program.in_lanes):
+        draw_ahead(worlds, w)
+
+
+@func
 def begin_step(worlds: ti.template(), w):
     """Begin a mission step of world w, with the distances that are left to the AUVs' targets.
 
@@ -277,13 +284,6 @@ def ride(worlds: ti.template(), w):
 
 
 @func
-def ride_and_feel(worlds: ti.template(), w):
-    """`ride` and `feel_storm`, while the waves of world w are in the cache: AUVs have made their step."""
-    ride(worlds, w)
-    feel_storm(worlds, w)
-
-
-@func
 def exchange(worlds: ti.template(), w):
     """The exchanges of the step, where its replies are then fixed side by side."""
     if ti.static(worlds.program.fixes_in_lanes):
@@ -330,17 +330,12 @@ def begin_chosen(worlds: ti.template(), w):
 
 
 BEGIN, END = (begin_step, move_auvs, prepare), (plan, move_boats, ride, locate, end_step)
-LOOK = (sense, observe)
 STAGES = {
     Phase.reset: (begin_chosen,),
-    Phase.step: (*BEGIN, *END, feel_storm, *LOOK),
-    Phase.draw: (draw_ahead,),
-    Phase.move: (*BEGIN, plan, move_boats),
-    Phase.plan: (plan,),
-    Phase.sail: (move_boats,),
-    Phase.ride: (ride_and_feel, exchange, fix_side_by_side),
-    Phase.answer: (locate, end_step),
-    Phase.look: LOOK,
+    Phase.step: (
+        *(draw, *BEGIN, plan, move_boats, ride, feel_storm, exchange, fix_side_by_side),
+        *(locate, end_step, sense, observe),
+    ),
     Phase.begin: BEGIN,
     Phase.weigh: (weigh,),
     Phase.end: END,
@@ -352,10 +347,7 @@ STAGES = {
 def launches(program: Program) -> tuple[int, ...]:
     """Phases that make a mission step."""
     phases: tuple[int, ...] = (Phase.step,)
-    if program.in_lanes:
-        moves = (Phase.move,) if program.strategy.weigh is None else (Phase.begin, Phase.plan, Phase.sail)
-        phases = Phase.draw, *moves, Phase.ride, Phase.answer, Phase.look
-    elif program.weighs_apart:
+    if program.weighs_apart:
         phases = Phase.begin, Phase.weigh, Phase.end, Phase.look_round
     elif program.in_threads:
         phases = Phase.begin_and_end, Phase.look_round
@@ -444,10 +436,9 @@ def kernel_of(source: str, **names: Any) -> Callable[..., Any]:
     return kernel(names["run"])
 
 
-# Begins the next episode of each world w with `chosen[w]` ≠ 0, or advances all worlds by one mission step. Many worlds
-# take the step by five launches or seven. `Phase.draw`, random numbers, `Phase.plan`, rollouts, `Phase.ride`, sums of
-# waves and the step's fixes, and `Phase.look`, sums of vortices, have vectors in registers.
-# For few worlds launches take longer than they save, and plugins' functions may not compile so.
+# Begins the next episode of each world w with `chosen[w]` ≠ 0, or advances all worlds by one mission step.
+# On a CPU many worlds take the step side by side, `TOGETHER` of them stage after stage, while their numbers are in the
+# processor's cache, and with vectors in registers, for which plugins' functions may not compile.
 # On a GPU the last part of a step has a thread for each AUV, and a boat's plan by rollouts one for each goal.
 run = kernel_of(
     SOURCE,

@@ -83,8 +83,8 @@ class Program(NamedTuple):
         passing: nodes are served in passing, not hovering.
         abreast: AUVs side by side in a boat's rollouts, at least all.
         serial: the calling thread steps all worlds: for few worlds on a CPU waking another thread takes longer.
-        in_lanes: the parts of a step are separate launches, some in vectors, see `usvauv.kernels.mission.run`.
-        in_threads: they are, and some have a thread for each AUV or each goal of a boat.
+        in_lanes: many worlds on a CPU take a step side by side, see `usvauv.kernels.mission.run`.
+        in_threads: on a GPU the parts of a step are separate launches, some with a thread for each AUV or each goal.
     """
 
     task: Task

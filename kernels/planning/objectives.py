@@ -130,7 +130,7 @@ def log_variance(link: ti.template(), k, code: ti.template(), rho2, z2) -> vec3:
     objective = ti.static(objective_of(code))
     g = vec3(0.0)
     if ti.static(objective == SUM):
-        g = -log_strength(link, k, rho2 + z2, z2)
+        g = -1.0 * log_strength(link, k, rho2 + z2, z2)
     else:
         across, along = log_variances(link, k, code, rho2, z2)
         if ti.static(objective == D):
@@ -159,7 +159,7 @@ def log_det(team: ti.template(), code: ti.template(), place: vec2) -> vec6:
     """Objective D."""
     f = vec6(0.0)
     for k in range(team.count):
-        f -= auv_variance(team, code, k, place)
+        f = f - auv_variance(team, code, k, place)
     return f
 
 
@@ -291,7 +291,7 @@ def log_det_of_sum(team: ti.template(), printed: ti.template(), place: vec2) -> 
         dy = along[0] * apart[1] - along[1] * apart[0]
         P += diagonal_entry(a, b, dx, dy)
         Q += diagonal_entry(a, b, dy, dx)
-        R -= off_diagonal_entry(b, dx, dy)
+        R = R - off_diagonal_entry(b, dx, dy)
         E += diagonal_entry(vec3(c[2, 0], c[2, 1], c[2, 2]), vec3(0.0), dx, dy)
     Q = vec6(Q[jet.VALUE], Q[jet.Y], Q[jet.X], Q[jet.YY], Q[jet.XY], Q[jet.XX])
     f = jet.turned(jet.logarithm(jet.product(P, Q) - jet.square(R) + E), along)
@@ -307,7 +307,7 @@ def log_objective(team: ti.template(), code: ti.template(), place: vec2) -> vec6
     if ti.static(objective == D):
         f = log_det(team, code, place)
     elif ti.static(objective == A):
-        f = -log_sum(team, code, 1.0, place)
+        f = -1.0 * log_sum(team, code, 1.0, place)
     elif ti.static(objective == SUM and measurement_of(code) == FIX):
         f = 2.0 * log_sum(team, code, -1.0, place)
     else:

@@ -129,7 +129,7 @@ def step_along_circle(f: vec6, place: vec2, outward: vec2, region: ti.template()
     tangent = vec2(-outward[1], outward[0])
     if slope < 0.0:
         slope = -slope
-        tangent = -tangent
+        tangent = -1.0 * tangent
     step = vec2(0.0, 0.0)
     to_side = (place[0] <= 0.0 and tangent[0] < 0.0) or (place[0] >= region.size[0] and tangent[0] > 0.0)
     to_end = (place[1] <= 0.0 and tangent[1] < 0.0) or (place[1] >= region.size[1] and tangent[1] > 0.0)

@@ -283,7 +283,7 @@ def measure(
     else:
         lag = peak(tables, k, heard, level, normals, n)
     real, imaginary = output(tables, k, heard, level, normals, n, ti.cast(ti.round(lag), ti.i32))
-    turn = common_turn(-ti.atan2(imaginary, real) / TWO_PI)
+    turn = common_turn(vec4([-ti.atan2(imaginary[i], real[i]) / TWO_PI for i in ti.static(range(4))]))
     late_by = lag / FINE - level[1]
     if ti.static(tables.tone):
         late_by += fraction(turn[0] - late_by)

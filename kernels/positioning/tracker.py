@@ -274,7 +274,7 @@ def update(track: ti.template(), w, k, fix: TrackFix, variance, speed):
         speed: greatest of the AUV over ground, m/s; how far rejected fixes that agree can be apart.
     """
     if fix.lag > 0.0:
-        shift(track, w, k, -fix.carried, -fix.lag)
+        shift(track, w, k, -1.0 * fix.carried, -fix.lag)
     R = mat2([[fix.covariance[0], fix.covariance[1]], [fix.covariance[1], fix.covariance[2]]])
     innovation = fix.place - vec2(track[w, k, X], track[w, k, Y])
     A = position_block(track, w, k)

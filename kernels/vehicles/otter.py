@@ -163,7 +163,7 @@ def wrap(angle: ti.f32) -> ti.f32:
 @func
 def thrusts(table: ti.template(), n: vec2) -> vec2:
     """Of the propellers at n rad/s, left and right, N."""
-    return n * ti.abs(n) * ti.select(n > 0.0, table[Number.ahead], table[Number.astern])
+    return n * n * ti.select(n > 0.0, table[Number.ahead], -table[Number.astern])
 
 
 @func
@@ -248,8 +248,8 @@ def allocate(table: ti.template(), X: ti.f32, N: ti.f32) -> vec2:
 @func
 def revolutions(table: ti.template(), T: vec2) -> vec2:
     """At which the propellers have a thrust, rad/s."""
-    k = ti.select(T > 0.0, table[Number.ahead], table[Number.astern])
-    return ti.math.sign(T) * ti.sqrt(ti.abs(T) / k)
+    k = ti.select(T > 0.0, table[Number.ahead], -table[Number.astern])
+    return ti.select(T > 0.0, 1.0, -1.0) * ti.sqrt(T / k)
 
 
 @func

@@ -619,11 +619,10 @@ class World:
 
     def _mission(self, arguments: Mapping[str, Any], phase: int) -> Launch:
         """A phase of the mission's kernel."""
-        in_registers = phase in (Phase.draw, Phase.plan, Phase.ride, Phase.look)
-        settings = runtime.vectors_in_registers() if in_registers else runtime.NONE
         program = arguments["program"]
         if phase == Phase.reset:  # which draws for itself
             program = program._replace(in_lanes=False)
+        settings = runtime.vectors_in_registers() if program.in_lanes else runtime.NONE
         given = ({**arguments, "phase": phase, "program": program}[name] for name in PARAMETERS)
         return Launch(run, *given, settings={**runtime.quickly(), **settings})
 
