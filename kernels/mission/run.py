@@ -28,7 +28,7 @@ from usvauv.kernels.mission import (
 from usvauv.kernels.mission.belief_planner import OTHER_GOALS
 from usvauv.kernels.mission.columns import AuvColumn, Draw, EstimateColumn, Parameter, Phase, Schedule, Sensor
 from usvauv.kernels.mission.tasks import rewards
-from usvauv.kernels.mission.worlds import ARRAYS, TOGETHER, Program, Rows, Worlds, address, draw_ahead, key
+from usvauv.kernels.mission.worlds import ARRAYS, TOGETHER, Program, Rows, Worlds, address, draw_ahead, find_faults, key
 from usvauv.kernels.positioning.pulse import Pulses
 from usvauv.kernels.types import array1, array2, array3, array4, index1, index2
 
@@ -310,6 +310,14 @@ def locate(worlds: ti.template(), w):
 
 
 @func
+def check(worlds: ti.template(), n):
+    """Look at all numbers of the worlds of iteration n."""
+    if ti.static(worlds.program.checks):
+        first = ti.static(together(worlds.program)) * n
+        find_faults(worlds, first, ti.min(ti.static(together(worlds.program)), worlds.clock.shape[0] - first))
+
+
+@func
 def end_step(worlds: ti.template(), w):
     """End the mission step, but for what the AUVs meet and observe."""
     num_auvs = worlds.auv.shape[1]
@@ -331,10 +339,10 @@ def begin_chosen(worlds: ti.template(), w):
 
 BEGIN, END = (begin_step, move_auvs, prepare), (plan, move_boats, ride, locate, end_step)
 STAGES = {
-    Phase.reset: (begin_chosen,),
+    Phase.reset: (begin_chosen, check),
     Phase.step: (
         *(draw, *BEGIN, plan, move_boats, ride, feel_storm, exchange, fix_side_by_side),
-        *(locate, end_step, sense, observe),
+        *(locate, end_step, sense, observe, check),
     ),
     Phase.begin: BEGIN,
     Phase.weigh: (weigh,),
@@ -373,7 +381,7 @@ def run_stage(worlds: ti.template(), stage: ti.template(), n, threads):
     count = ti.static(together(worlds.program))
     if ti.static(stage in (look_round, weigh)):
         stage(worlds, n // threads, n % threads)
-    elif ti.static(stage in (fix_side_by_side,)):
+    elif ti.static(stage in (fix_side_by_side, check)):
         stage(worlds, n)
     elif ti.static(count == 1):
         stage(worlds, n)

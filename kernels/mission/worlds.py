@@ -15,7 +15,7 @@ from taichi.lang import impl
 from usvauv.kernels import random
 from usvauv.kernels.flow.vortex import Vortex
 from usvauv.kernels.flow.vortex_motion import VortexDrift
-from usvauv.kernels.functions import func
+from usvauv.kernels.functions import LANES, MAGNITUDE, func, lanes
 from usvauv.kernels.mission.columns import (
     AuvColumn,
     BeliefColumn,
@@ -83,6 +83,7 @@ class Program(NamedTuple):
         passing: nodes are served in passing, not hovering.
         abreast: AUVs side by side in a boat's rollouts, at least all.
         serial: the calling thread steps all worlds: for few worlds on a CPU waking another thread takes longer.
+        checks: the kernel looks for faults, on a CPU.
         in_lanes: many worlds on a CPU take a step side by side, see `usvauv.kernels.mission.run`.
         in_threads: on a GPU the parts of a step are separate launches, some with a thread for each AUV or each goal.
     """
@@ -110,6 +111,7 @@ class Program(NamedTuple):
     passing: bool
     abreast: int
     serial: bool = False
+    checks: bool = False
     in_lanes: bool = False
     in_threads: bool = False
 
@@ -229,6 +231,8 @@ REWARDS = {
     "reward": Array("WK", "sum of the reward terms"),
     "reward_terms": Array("WKR", "weighted reward terms"),
 }
+LARGEST = max(float(r.high) for array in STATE.values() for r in array.ranges if not isinstance(r.high, str))
+LARGEST_BITS = int(np.float32(LARGEST).view(np.int32))  # magnitudes are ordered as their bits, what is not finite last
 ARRAYS = {
     **TABLES,
     **STATE,
@@ -238,6 +242,9 @@ ARRAYS = {
     "action": Array("WK.", "actions in [−1, 1]"),
     "workspace": Array("W.", "numbers that the target rule needs while it chooses, at least one"),
     "drawn": Array("W.", "random numbers drawn before a step, `draw_ahead`", dtype=random.lanes),
+    "numbers": Array(".", "bits of all numbers of `STATE` and `REWARDS`, where they are looked at", dtype=lanes),
+    "spans": Array("..", "of each array of these its first row, and numbers of a world", dtype=ti.i32),
+    "outside": Array(".", "set to 1 if one is not finite or beyond ±`LARGEST`", dtype=ti.i32),
     "ways": Array("W.", "where AUVs are foreseen, for `TOGETHER` worlds", dtype=random.lanes),
     "reception": Array("G", "replies of a step that are fixed side by side", ReceptionColumn, side_by_side),
     "pulse_noise": Array("W..", "noise of one pulse, where it is sampled"),
@@ -398,3 +405,18 @@ def normals(worlds: ti.template(), w, draw: ti.template(), index):
     else:
         found = random.normals(address(worlds, w, worlds.clock[w, 1], draw, index), key(worlds, w))
     return found
+
+
+@func
+def find_faults(worlds: ti.template(), first, count):
+    """Set `outside` if one of the numbers of some worlds is not finite or beyond ±`LARGEST`."""
+    largest = lanes(0)
+    for a in range(worlds.spans.shape[0]):
+        begin, each = worlds.spans[a, 0], ti.cast(worlds.spans[a, 1], ti.i64)
+        end = begin + ti.cast(((first + count) * each + LANES - 1) // LANES, ti.i32)
+        for row in range(begin + ti.cast(first * each // LANES, ti.i32), end):
+            largest = ti.max(largest, worlds.numbers[row] & MAGNITUDE)
+    found = lanes(0)
+    found += ti.select(largest > LARGEST_BITS, lanes(1), lanes(0))
+    if found.sum() > 0:
+        worlds.outside[0] = 1

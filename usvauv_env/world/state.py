@@ -16,7 +16,6 @@ from usvauv.kernels.mission.worlds import REWARDS, STATE
 Numbers = torch.Tensor | np.ndarray | Sequence[Any]  # arguments of `World.step`
 ALIGNMENT = 16  # numbers
 ANYTHING = 1e12  # bound of a number without a range: of an observation, a reward
-LARGEST = max(float(r.high) for array in STATE.values() for r in array.ranges if not isinstance(r.high, str))
 LATEST = 1_000_000_000  # largest episode or step of a clock
 # Fields on which only numbers in the kernels' tables, the storm and the forcing of the sea depend.
 ADJUSTABLE = (
@@ -79,6 +78,15 @@ def allocate(shapes: Mapping[str, Sequence[int]], device: torch.device) -> tuple
     named = zip(parts, shapes.items(), strict=True)
     views = {name: part[: math.prod(shape)].view(*shape) for part, (name, shape) in named}
     return numbers, views
+
+
+def spans_of(shapes: Mapping[str, Sequence[int]], num_worlds: int) -> np.ndarray:
+    """First row of `ALIGNMENT` numbers of each array that every world has, and its numbers a world, (…, 2) int32."""
+    rows = np.cumsum([0, *(padded_length(shape) // ALIGNMENT for shape in shapes.values())])
+    each = [
+        (row, math.prod(shape[1:])) for row, shape in zip(rows, shapes.values(), strict=False) if shape[0] == num_worlds
+    ]
+    return np.array(each, np.int32)
 
 
 def bounds_of(scenario: Scenario) -> dict[str, np.ndarray]:

@@ -22,8 +22,8 @@ from usvauv.env.world.boat_strategies import AGENT, StrategyChoice, boat_strateg
 from usvauv.env.world.observation import ObservationLayout, observation_terms
 from usvauv.env.world.state import (
     ADJUSTABLE,
+    ALIGNMENT,
     DECISIONS,
-    LARGEST,
     Numbers,
     allocate,
     array_shapes,
@@ -33,6 +33,7 @@ from usvauv.env.world.state import (
     mask_of,
     numbers_of,
     padded_length,
+    spans_of,
     unused_arrays,
 )
 from usvauv.kernels import random, runtime
@@ -56,7 +57,7 @@ from usvauv.kernels.mission.run import PARAMETERS, draw_vortices, launches, run
 from usvauv.kernels.mission.target_rules import target_rules
 from usvauv.kernels.mission.tasks.task import tasks
 from usvauv.kernels.mission.vehicles import ROWS, move
-from usvauv.kernels.mission.worlds import REWARDS, SIDE_BY_SIDE, STATE, TOGETHER, draw_numbers
+from usvauv.kernels.mission.worlds import LARGEST, REWARDS, SIDE_BY_SIDE, STATE, TOGETHER, draw_numbers
 from usvauv.kernels.positioning import pulse, tracker
 from usvauv.kernels.registry import Registry
 from usvauv.kernels.vehicles.vehicle import LANES, vehicles
@@ -211,6 +212,7 @@ class World:
         memory = 4.0 * (WORKSPACE * sum(map(padded_length, shapes.values())) + num_worlds * workspaces)
         require(memory, f"num_worlds = {num_worlds} of {self.num_auvs} AUVs", self.device)
         self._numbers, arrays = allocate(shapes, self.device)
+        self._spans = torch.from_numpy(spans_of(shapes, num_worlds)).to(self.device)
         for name, array in arrays.items():
             setattr(self, name, array)
         self._clock = torch.full((num_worlds, 2), -1, dtype=torch.int32, device=self.device)
@@ -499,7 +501,7 @@ class World:
         Raises:
             DivergenceError: one is not finite or out of range; the message has world, quantity and time.
         """
-        if self._fault.raised():
+        if self._fault.noted() if self._constants["program"].checks else self._fault.raised():
             self._diverged = True
             terms = [name for name, place in self.observation_layout for _ in range(place.start, place.stop)]
             columns = {"observation": terms, "reward_terms": self.reward_names}
@@ -573,12 +575,14 @@ class World:
         on_cpu = runtime.start().on_cpu
         in_lanes, in_threads = known and on_cpu and not serial, known and not on_cpu
         program = program._replace(serial=serial, in_lanes=in_lanes, in_threads=in_threads)
+        program = program._replace(checks=on_cpu and self._on_host)
         losses = self.scenario.boat.count * (self.num_auvs + OTHER_GOALS) if program.weighs_apart else 0
         ways = (1, 1)
         if in_lanes and program.strategy.weigh:
             ways = -(-self.num_worlds // TOGETHER), WAY * STEPS * program.abreast // random.LANES
         drawn = (self.num_worlds, 4 * len(self._draw_numbers)) if in_lanes else (1, 1)
         groups = -(-self.num_worlds * self.num_auvs // SIDE_BY_SIDE) if program.fixes_in_lanes else 1
+        numbers = self._numbers if program.checks else self._zeros(ALIGNMENT)
         return {
             **{name: torch.from_numpy(table).to(self.device) for name, table in uploaded.items()},
             "key": torch.from_numpy(self.seeds.keys()).to(self.device),
@@ -587,6 +591,9 @@ class World:
             "reception": self._zeros(groups, len(ReceptionColumn.names), SIDE_BY_SIDE),
             "links": torch.tensor(uploaded["links"], device=self.device),  # aligned
             "program": program,
+            "numbers": numbers.view(torch.int32).view(-1, ALIGNMENT),
+            "spans": self._spans,
+            "outside": self._fault.outside,
             "workspace": self._zeros(self.num_worlds, tables.rule_workspace(self.scenario) + losses),
             "ways": self._zeros(*ways, random.LANES),
             "pulse_envelope": self._pulses.envelope,
