@@ -16,12 +16,14 @@ Engineers and Scientists" (1991), §3.4 and §4.4; van den Bremer and Breivik (2
 A sea is an array `wave` (seas, groups, columns, LANES): LANES components stand side by side, one column each of
 
     TURNS_X, TURNS_Y    k/2π, 1/m
-    PHASE               (φ − ω t)/2π at the present time, reduced to one turn in double precision by `set_phases`
+    PHASE               (φ − ω t0)/2π, reduced to one turn in double precision by `set_phases`
+    FREQUENCY           ω/2π, Hz
     AMPLITUDE           a, m
     LEVEL + 2 n         2π a ω C/k at the n-th of some levels z, m²/s
     LEVEL + 2 n + 1     a ω D there, m/s
 
-so that no kernel evaluates a hyperbolic function and single precision loses nothing with time. Angles are in turns:
+so that no kernel evaluates a hyperbolic function. Kernels add what the phases lose in the time since t0, at most
+`PHASES_LAST`, so that single precision loses nothing with time. Angles are in turns:
 reducing one to ±½ is then exact, and two polynomials give its cosine and sine. With these, and with vectors of LANES
 numbers, a component takes a fifth of the time with `ti.cos` and `ti.sin`.
 """
@@ -35,10 +37,11 @@ import torch
 
 from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.trigonometry import half_cosine, half_sine, narrowed
-from usvauv.kernels.types import vec4
+from usvauv.kernels.types import array1, vec4
 
 LANES = 16
-TURNS_X, TURNS_Y, PHASE, AMPLITUDE, LEVEL = range(5)
+TURNS_X, TURNS_Y, PHASE, FREQUENCY, AMPLITUDE, LEVEL = range(6)
+PHASES_LAST = 16.0  # s, in which the fastest waves make ten turns
 TWO_PI = 2.0 * math.pi
 
 vec8 = ti.types.vector(8, ti.f32)
@@ -57,13 +60,22 @@ def total(v: lanes) -> ti.f32:
 
 
 @func
-def motion(wave: ti.template(), sea: ti.i32, level: ti.template(), x: ti.f32, y: ti.f32) -> vec8:
+def angle(wave: ti.template(), since: ti.template(), sea: ti.i32, n: ti.i32, x: ti.f32, y: ti.f32) -> lanes:
+    """θ/2π of group n of a sea at (x, y), between −½ and ½; arguments as of `motion`."""
+    turns = wave[sea, n, TURNS_X] * x + wave[sea, n, TURNS_Y] * y
+    turns = turns + (wave[sea, n, PHASE] - since[0] * wave[sea, n, FREQUENCY])
+    return turns - ti.floor(turns + 0.5)
+
+
+@func
+def motion(wave: ti.template(), since: ti.template(), sea: ti.i32, level: ti.template(), x: ti.f32, y: ti.f32) -> vec8:
     """Surface, velocity and its shear (η, η_x, η_y, u, v, w, u_z, v_z) of a sea at (x, y), in m, 1, m/s and 1/s.
 
     What a caller does not use of it is not computed.
 
     Args:
         wave: an argument of type `waves`.
+        since: (1,), time since t0, s.
         sea: index of the sea.
         level: index of the level at which the velocity is wanted, known when compiled.
         x, y: position, m.
@@ -75,8 +87,7 @@ def motion(wave: ti.template(), sea: ti.i32, level: ti.template(), x: ti.f32, y:
         kx = wave[sea, n, TURNS_X]
         ky = wave[sea, n, TURNS_Y]
         a = wave[sea, n, AMPLITUDE]
-        turns = kx * x + ky * y + wave[sea, n, PHASE]
-        t = turns - ti.floor(turns + 0.5)
+        t = angle(wave, since, sea, n, x, y)
         s = half_sine(t)
         cosine = 1.0 - 2.0 * s * s
         sine = 2.0 * s * half_cosine(t)
@@ -104,13 +115,13 @@ def motion(wave: ti.template(), sea: ti.i32, level: ti.template(), x: ti.f32, y:
 
 @kernel
 def set_phases(start: double_lanes, frequency: double_lanes, clock: double1, wave: waves, serial: ti.template()):
-    """Bring the phases of all seas to a time; `serial`: the calling thread does it all.
+    """Make a time t0 of all seas' phases; `serial`: the calling thread does it all.
 
     The old phases are read because Vulkan brings only what a kernel reads to the device, and takes the whole array
     back.
 
     Args:
-        start, frequency: φ/2π and ω/2π (Hz), each (seas, groups). clock: (1,), the time, s.
+        start, frequency: φ/2π and ω/2π (Hz), each (seas, groups). clock: (1,), t0, s.
     """
     ti.loop_config(serialize=serial)
     for sea in range(wave.shape[0]):
@@ -122,21 +133,22 @@ def set_phases(start: double_lanes, frequency: double_lanes, clock: double1, wav
 @kernel
 def _sample(
     wave: waves,
+    since: array1,
     level: ti.template(),
     points: ti.types.ndarray(dtype=ti.f32, ndim=3),
     out: ti.types.ndarray(dtype=ti.f32, ndim=3),
 ):
     for sea, n in ti.ndrange(points.shape[0], points.shape[1]):
-        moved = motion(wave, sea, level, points[sea, n, 0], points[sea, n, 1])
+        moved = motion(wave, since, sea, level, points[sea, n, 0], points[sea, n, 1])
         for c in ti.static(range(8)):
             out[sea, n, c] = moved[c]
 
 
-def sample(wave: torch.Tensor, points: torch.Tensor, level: int) -> torch.Tensor:
+def sample(wave: torch.Tensor, since: torch.Tensor, points: torch.Tensor, level: int) -> torch.Tensor:
     """`motion` at many points of many seas.
 
     Args:
-        wave: (seas, groups, columns, LANES) float32.
+        wave: (seas, groups, columns, LANES) float32. since: (1,) float32, time since t0 of its phases, s.
         points: (seas, P, 2) float32, m.
         level: index of the level of the velocity.
 
@@ -144,7 +156,7 @@ def sample(wave: torch.Tensor, points: torch.Tensor, level: int) -> torch.Tensor
         (seas, P, 8) float32: η (m), η_x, η_y, u, v, w (m/s), u_z, v_z (1/s).
     """
     out = points.new_empty((*points.shape[:2], 8))
-    _sample(wave, level, points.contiguous(), out)
+    _sample(wave, since, level, points.contiguous(), out)
     return out
 
 
@@ -182,7 +194,7 @@ def pack(
     levels: Sequence[float],
     more: Sequence[np.ndarray] = (),
 ) -> np.ndarray:
-    """The array `wave` with all phases 0, (seas, groups, LEVEL + 2 len(levels), LANES) float32.
+    """The array `wave` with phases of 0, (seas, groups, LEVEL + 2 len(levels), LANES) float32.
 
     The last group is filled up with components of no amplitude.
 
@@ -193,7 +205,8 @@ def pack(
         levels: heights z at which velocities are wanted, −h ≤ z ≤ 0, m.
         more: further columns, each (seas, N).
     """
-    columns = [k * np.cos(direction) / TWO_PI, k * np.sin(direction) / TWO_PI, np.zeros_like(k), amplitude]
+    columns = [k * np.cos(direction) / TWO_PI, k * np.sin(direction) / TWO_PI, np.zeros_like(k)]
+    columns += [omega / TWO_PI, amplitude]
     for z in levels:
         C, D = decay(k, z, depth)
         columns += [TWO_PI * amplitude * omega * C / k, amplitude * omega * D]

@@ -74,7 +74,7 @@ def decaying(x: lanes) -> lanes:
 
 
 @func
-def storm(wave: ti.template(), sea: ti.i32, x: ti.f32, y: ti.f32, depth: ti.f32) -> Flow:
+def storm(wave: ti.template(), since: ti.template(), sea: ti.i32, x: ti.f32, y: ti.f32, depth: ti.f32) -> Flow:
     """Orbital motion of a sea whose components have the columns `Deep`, at (x, y) and a depth, m."""
     u, v, w = lanes(0.0), lanes(0.0), lanes(0.0)
     u_x, u_y, u_z = lanes(0.0), lanes(0.0), lanes(0.0)
@@ -83,8 +83,7 @@ def storm(wave: ti.template(), sea: ti.i32, x: ti.f32, y: ti.f32, depth: ti.f32)
     for n in range(wave.shape[1]):
         kx = wave[sea, n, airy.TURNS_X]
         ky = wave[sea, n, airy.TURNS_Y]
-        turns = kx * x + ky * y + wave[sea, n, airy.PHASE]
-        t = turns - ti.floor(turns + 0.5)
+        t = airy.angle(wave, since, sea, n, x, y)
         half = half_sine(t)
         cosine = 1.0 - 2.0 * half * half
         sine = 2.0 * half * half_cosine(t)
@@ -131,7 +130,7 @@ def around(water: ti.template(), w: ti.i32, x: ti.f32, y: ti.f32, depth: ti.f32,
         water: `usvauv.kernels.flow.current.Water` whose waves have the columns `Deep`.
         cruise: depth of `Level.cruise`, m. decay: in which vortices fade, m; 0: they do not.
     """
-    found = storm(water.wave, water.sea_index[w], x, y, depth)
+    found = storm(water.wave, water.since, water.sea_index[w], x, y, depth)
     fade, share = at(depth, cruise, decay)
     fading = ti.select(decay > 0.0, 1.0 / decay, 0.0)
     u, v = current.without_waves(water, w, x + ti.Vector(ti.static(EAST)), y + ti.Vector(ti.static(NORTH)), fade, share)

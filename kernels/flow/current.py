@@ -35,6 +35,7 @@ class Water(NamedTuple):
         nx, ny: number of cells.
         sea_index: (W,) int32, which sea of the pool a world sails on.
         wave: (seas, groups, columns, LANES) the storm's components, `airy`; velocities at each `Level`.
+        since: (1,) time since that of the components' phases, s.
         pattern: of the vortices.
     """
 
@@ -52,6 +53,7 @@ class Water(NamedTuple):
     ny: Any = None
     sea_index: Any = None
     wave: Any = None
+    since: Any = None
     pattern: Pattern = ENDLESS.pattern
 
 
@@ -257,7 +259,9 @@ def on_grid(
     for w, i in ti.ndrange(flow.shape[0], flow.shape[1]):
         pattern = ti.static(Pattern(repeats, eddy_scale, eddy_share, cruise))
         water = ti.static(
-            Water(vortices, stream, size[0], size[1], bed, None, U, V, unit_x, unit_y, nx, ny, sea_index, None, pattern)
+            Water(
+                vortices, stream, size[0], size[1], bed, None, U, V, unit_x, unit_y, nx, ny, sea_index, pattern=pattern
+            )
         )
         fade, share = at_level(water, Level.cruise)
         y = margin + (size[1] - 2.0 * margin) * i / (flow.shape[1] - 1)

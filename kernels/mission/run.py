@@ -403,6 +403,7 @@ WATER = {
     "ny": ti.i32,
     "sea_index": index1,
     "wave": airy.waves,
+    "since": array1,
 }
 PARAMETERS = {
     "phase": ti.template(),
@@ -427,7 +428,7 @@ def run({", ".join(f"{name}: PARAMETERS[{name!r}]" for name in PARAMETERS)}):
                                     p[Parameter.eddies_at_cruise]))
         water = ti.static(Water(Rows.of(vortex), Rows.of(stream), p[Parameter.width], p[Parameter.length], Rows.of(bed),
                                 Rows.of(eta), Rows.of(U), Rows.of(V), unit_x, unit_y, nx, ny, sea_index, Rows.of(wave),
-                                pattern))
+                                since, pattern))
         pulses = ti.static(Pulses(pulse_envelope, pulse_output, pulse_rate, program.tone))
         worlds = ti.static(Worlds(program, water, pulses, {", ".join(PASSED)}))
         for stage in ti.static(STAGES[phase]):

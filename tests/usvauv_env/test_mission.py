@@ -51,7 +51,7 @@ class TestMotion:
 
 def storm_at(world: World, xy: torch.Tensor, level: int) -> torch.Tensor:
     """Storm (η, η_x, η_y, u, v, w, u_z, v_z) at the point (x, y) of each world; world w sails on sea w."""
-    return airy.sample(world.storm.wave, xy[:, None].contiguous(), level)[:, 0]
+    return airy.sample(world.storm.wave, world.storm.since, xy[:, None].contiguous(), level)[:, 0]
 
 
 class TestStorm:

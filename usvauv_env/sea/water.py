@@ -111,7 +111,7 @@ class AirySea:
     Attributes:
         k: wave number (seas, N), rad/m.
         wave: table of the components for kernels, torch (seas, groups, columns, LANES); see `usvauv.kernels.flow.airy`.
-        time: s.
+        time: s. since: (1,) time since that of the table's phases, s.
     """
 
     def __init__(
@@ -134,6 +134,8 @@ class AirySea:
         self.wave = torch.tensor(packed, device=device)
         start, frequency = (torch.tensor(airy.group(part / airy.TWO_PI), device=device) for part in (phase, omega))
         self._clock = torch.zeros(1, dtype=torch.float64, device=device)
+        self._begin = math.nan
+        self.since = torch.zeros(1, device=device)
         serial = runtime.better_alone(len(omega) // SEAS_A_MICROSECOND)
         self._set_phases = None
         if omega.size:
@@ -142,11 +144,14 @@ class AirySea:
         self.set_time(0.0)
 
     def set_time(self, time: float) -> None:
-        """Set the time, s. Phases are reduced in double precision, so that late times lose no digits."""
+        """Set the time, s. Phases are reduced in double precision now and then, so that late times lose no digits."""
         self.time = time
-        if self._set_phases:
-            self._clock.fill_(time)
+        begin = time // airy.PHASES_LAST * airy.PHASES_LAST
+        if self._set_phases and begin != self._begin:
+            self._clock.fill_(begin)
             self._set_phases()
+            self._begin = begin
+        self.since.fill_(time - begin)
 
     def components(self, sea: int) -> np.ndarray:
         """Waves of one sea: a (m), kx, ky (rad/m), ω (rad/s), φ (rad), (N, 5)."""
@@ -300,6 +305,7 @@ class WorldWater:
             "ny": sea.ny,
             "sea_index": self.sea_index,
             "wave": self.storm.wave,
+            "since": self.storm.since,
         }
 
     def mean_elevation(self, pixels: int, world: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

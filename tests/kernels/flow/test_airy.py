@@ -49,7 +49,7 @@ def motion(sea: AirySea, points: np.ndarray, level: int = 0) -> np.ndarray:
     """(η, η_x, η_y, u, v, w, u_z, v_z) of every sea at points (P, 2): (seas, P, 8) in double precision."""
     points = torch.as_tensor(points, dtype=torch.float32, device=sea.wave.device)
     points = points.expand(sea.wave.shape[0], -1, -1)
-    return airy.sample(sea.wave, points, level).double().cpu().numpy()
+    return airy.sample(sea.wave, sea.since, points, level).double().cpu().numpy()
 
 
 def summed(sea: AirySea, points: np.ndarray, z: float, depth: float = H) -> np.ndarray:

@@ -12,7 +12,7 @@ from usvauv.kernels.flow import airy, at_depth
 from usvauv.kernels.flow.current import Water
 from usvauv.kernels.flow.vortex import Eddies, sample_current
 from usvauv.kernels.functions import kernel
-from usvauv.kernels.types import Level, array2, array3, array4, index1
+from usvauv.kernels.types import Level, array1, array2, array3, array4, index1
 
 G, H, CRUISE, DECAY, STEP, SIDE = 9.81, 120.0, 100.0, 280.0, 1.0, 200.0
 EDDIES = Eddies(period=300.0, centre=(100.0, 100.0))
@@ -47,12 +47,16 @@ def sample(
     still: array4,
     sea: index1,
     wave: airy.waves,
+    since: array1,
     points: array2,
     out: array3,
 ):
     for n in range(points.shape[0]):
         water = ti.static(
-            Water(vortices, stream, SIDE, SIDE, bed, still, still, still, 1.0, 1.0, NX, NY, sea, wave, EDDIES.pattern)
+            Water(
+                *(vortices, stream, SIDE, SIDE, bed, still, still, still, 1.0, 1.0, NX, NY),
+                *(sea, wave, since, EDDIES.pattern),
+            )
         )
         found = at_depth.around(water, 0, points[n, 0], points[n, 1], points[n, 2], CRUISE, DECAY)
         for i in ti.static(range(3)):
@@ -97,7 +101,7 @@ class Scene:
         index = torch.tensor([1], dtype=torch.int32, device=self.device)
         points = torch.tensor(places * [1, 1, -1], dtype=torch.float32, device=self.device)
         out = torch.zeros((len(places), 3, 5), device=self.device)
-        sample(self.vortices, stream, bed, still, index, self.sea.wave, points, out)
+        sample(self.vortices, stream, bed, still, index, self.sea.wave, self.sea.since, points, out)
         return out.double().cpu().numpy()
 
 
