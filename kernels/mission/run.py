@@ -446,8 +446,8 @@ def kernel_of(source: str, **names: Any) -> Callable[..., Any]:
 
 
 # Begins the next episode of each world w with `chosen[w]` ≠ 0, or advances all worlds by one mission step.
-# On a CPU many worlds take the step side by side, `TOGETHER` of them stage after stage, while their numbers are in the
-# processor's cache, and with vectors in registers, for which plugins' functions may not compile.
+# On a CPU vectors stay in registers, for which plugins' functions may not compile, and many worlds take the step side
+# by side, `TOGETHER` of them stage after stage, while their numbers are in the processor's cache.
 # On a GPU the last part of a step has a thread for each AUV, and a boat's plan by rollouts one for each goal.
 run = kernel_of(
     SOURCE,

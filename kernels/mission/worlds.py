@@ -83,7 +83,7 @@ class Program(NamedTuple):
         passing: nodes are served in passing, not hovering.
         abreast: AUVs side by side in a boat's rollouts, at least all.
         serial: the calling thread steps all worlds: for few worlds on a CPU waking another thread takes longer.
-        checks: the kernel looks for faults, on a CPU.
+        checks: on a CPU the kernel looks for faults, with vectors in registers.
         in_lanes: many worlds on a CPU take a step side by side, see `usvauv.kernels.mission.run`.
         in_threads: on a GPU the parts of a step are separate launches, some with a thread for each AUV or each goal.
     """

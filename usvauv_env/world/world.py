@@ -571,11 +571,11 @@ class World:
         uploaded = tables.kernel_tables(self.site, self.strategy)
         program = tables.program(self.site, self.strategy.strategy, uploaded["link"])
         serial = runtime.better_alone(self.num_worlds * self.num_auvs)
-        known = not self._plugins()  # plugins' functions may read anything, and may not compile so
+        known = not self._plugins()  # plugins' functions may read anything, and may not compile with whole vectors
         on_cpu = runtime.start().on_cpu
         in_lanes, in_threads = known and on_cpu and not serial, known and not on_cpu
         program = program._replace(serial=serial, in_lanes=in_lanes, in_threads=in_threads)
-        program = program._replace(checks=on_cpu and self._on_host)
+        program = program._replace(checks=known and on_cpu and self._on_host)
         losses = self.scenario.boat.count * (self.num_auvs + OTHER_GOALS) if program.weighs_apart else 0
         ways = (1, 1)
         if in_lanes and program.strategy.weigh:
@@ -629,7 +629,7 @@ class World:
         program = arguments["program"]
         if phase == Phase.reset:  # which draws for itself
             program = program._replace(in_lanes=False)
-        settings = runtime.vectors_in_registers() if program.in_lanes else runtime.NONE
+        settings = runtime.NONE if self._plugins() else runtime.vectors_in_registers()
         given = ({**arguments, "phase": phase, "program": program}[name] for name in PARAMETERS)
         return Launch(run, *given, settings={**runtime.quickly(), **settings})
 
