@@ -407,8 +407,10 @@ def quickly() -> Settings:
 def vectors_in_registers() -> Settings:
     """Whole vectors stay in registers; by default Taichi splits them.
 
-    Twice as fast on a CPU. Not the default, because Taichi then lacks several vector functions that other kernels use,
-    and expects that arrays are aligned to vectors, which holds for torch, but not always for NumPy.
+    Twice as fast on a CPU. Not the default, because Taichi then expects that arrays are aligned to vectors, which holds
+    for torch, but not always for NumPy, and because LLVM ends the process at what Taichi 1.7.4 cannot compile of whole
+    vectors: negation, `-=`, `abs`, `sign`, casts, bit casts, exponential and trigonometric functions. Written as `-1.0
+    * v`, `v = v - x` or element by element they can be compiled.
     """
     return {"real_matrix_scalarize": False} if start().on_cpu else NONE
 
