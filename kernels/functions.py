@@ -364,22 +364,19 @@ class DeviceFlag:
     Args:
         numbers: to be looked at; they keep their memory.
         limit: largest magnitude.
-
-    Attributes:
-        outside: (1,) int32, not 0 if one was beyond; a kernel that writes the numbers may look and set it.
     """
 
     def __init__(self, numbers: torch.Tensor | DeviceArray, limit: float) -> None:
         running = runtime.start()
         self._numbers: Any = numbers
         self._limit = limit
-        self.outside = torch.zeros(1, dtype=torch.int32, device=running.device)
+        self._outside = torch.zeros(1, dtype=torch.int32, device=running.device)
         self._at_once = running.torch_on_host
         self._mark: Launch | None = None
         if isinstance(numbers, DeviceArray):
-            self._mark = Launch(mark_outside, numbers.view(-1), limit, self.outside)
+            self._mark = Launch(mark_outside, numbers.view(-1), limit, self._outside)
         elif running.on_cpu and numbers.numel() >= MANY and numbers.numel() % LANES == 0:
-            arguments = numbers.view(torch.int32).view(-1, LANES), np.float32(limit).view(np.int32), self.outside
+            arguments = numbers.view(torch.int32).view(-1, LANES), np.float32(limit).view(np.int32), self._outside
             self._mark = Launch(mark_rows_outside, *arguments, settings=runtime.vectors_in_registers())
         elif not self._at_once:
             self._copy = torch.zeros(1, dtype=torch.int32, pin_memory=torch.cuda.is_available())
@@ -387,28 +384,21 @@ class DeviceFlag:
 
     def forget(self) -> None:
         """Stop reporting faults seen so far."""
-        self.outside.zero_()
+        self._outside.zero_()
         if not isinstance(self._numbers, DeviceArray) and not self._at_once:
-            self._copy.copy_(self.outside)
-
-    def noted(self) -> bool:
-        """Whether a kernel has set `outside` since the last look."""
-        found = bool(self.outside.item())
-        if found:
-            self.outside.zero_()
-        return found
+            self._copy.copy_(self._outside)
 
     def raised(self) -> bool:
         """Whether one of the numbers is not finite or beyond the limit."""
         if self._mark:
-            self.outside.zero_()
+            self._outside.zero_()
             self._mark()
             runtime.synchronize()
-            return bool(self.outside.item())
+            return bool(self._outside.item())
         low, high = torch.aminmax(self._numbers)
         if self._at_once:
             return not (low.item() >= -self._limit and high.item() <= self._limit)
         seen = bool(self._seen[0])
-        self.outside.copy_(~((low >= -self._limit) & (high <= self._limit)))
-        self._copy.copy_(self.outside, non_blocking=True)
+        self._outside.copy_(~((low >= -self._limit) & (high <= self._limit)))
+        self._copy.copy_(self._outside, non_blocking=True)
         return seen

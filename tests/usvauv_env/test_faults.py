@@ -45,6 +45,22 @@ def test_a_state_that_is_not_finite_stops_the_step(world, array, value):
         until_seen(lambda: world.step(torch.zeros(WORLDS, 2, 2)))
 
 
+@pytest.mark.cpu("many worlds side by side")
+def test_a_state_among_many_is_looked_at(monkeypatch):
+    """The first world, one at the end of those that step together, and the last; the end of an array too."""
+    with monkeypatch.context() as patch:
+        patch.setattr(runtime, "FEW_TASKS", 0)
+        many = World(Scenario.load("extreme", ["sea.realisations=4"]), 301)
+    many.reset()
+    for own in (0, 31, 300):
+        for array in ("node", "vortex", "belief", "track"):
+            getattr(many, array).view(301, -1)[own, -1] = math.nan
+            with pytest.raises(DivergenceError, match=rf"^world {own} at 1 s: "):
+                many.step(torch.zeros(301, 2, 2))
+            many.reset()
+    many.step(torch.zeros(301, 2, 2))
+
+
 @pytest.mark.parametrize("value", [math.nan, 500.0, -500.0])
 def test_a_sea_that_runs_away_stops_the_step(world, value):
     world.sea.eta[0, 5] = value

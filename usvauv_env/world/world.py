@@ -223,7 +223,7 @@ class World:
         self._action = self._zeros(num_worlds, self.num_auvs, self.action_size)
         groups = -(-num_worlds * self.num_auvs // LANES) if scenario.auv.dynamic else 0
         self._blocks = self._zeros(groups, ROWS, LANES)
-        self._fault = DeviceFlag(self._numbers, LARGEST)
+        self._outside = torch.zeros(1, dtype=torch.int32, device=self.device)
         self._evolve_vortices = None
         eddies = scenario.current
         if eddies.viscosity > 0 or eddies.mutual:
@@ -233,6 +233,7 @@ class World:
                 clock=self._clock,
             )
         self._constants = self._upload_tables()
+        self._fault = None if self._constants["program"].checks else DeviceFlag(self._numbers, LARGEST)
         whole, own = (seeds, 0) if batch is None else (Seeds.of(seed, batch), first_world)
         worlds = slice(own, own + num_worlds)
         self._water = WorldWater(self.site, whole, worlds, first_world=first_world, fine=fine_sea, device=self.device)
@@ -323,7 +324,9 @@ class World:
             array = getattr(self, name)
             if len(array) == self.num_worlds:
                 array[self._chosen.bool()] = 0
-        self._fault.forget()
+        self._outside.zero_()
+        if self._fault:
+            self._fault.forget()
         self._diverged = False
 
     def step(self, action: Numbers, boat_action: Numbers | None = None) -> Step:
@@ -501,8 +504,9 @@ class World:
         Raises:
             DivergenceError: one is not finite or out of range; the message has world, quantity and time.
         """
-        if self._fault.noted() if self._constants["program"].checks else self._fault.raised():
+        if self._fault.raised() if self._fault else self._outside.item():
             self._diverged = True
+            self._outside.zero_()
             terms = [name for name, place in self.observation_layout for _ in range(place.start, place.stop)]
             columns = {"observation": terms, "reward_terms": self.reward_names}
             world, problem = first_fault({name: getattr(self, name) for name in ARRAYS}, self.scenario, columns)
@@ -593,7 +597,7 @@ class World:
             "program": program,
             "numbers": numbers.view(torch.int32).view(-1, ALIGNMENT),
             "spans": self._spans,
-            "outside": self._fault.outside,
+            "outside": self._outside,
             "workspace": self._zeros(self.num_worlds, tables.rule_workspace(self.scenario) + losses),
             "ways": self._zeros(*ways, random.LANES),
             "pulse_envelope": self._pulses.envelope,
