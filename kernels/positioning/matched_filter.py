@@ -57,6 +57,12 @@ def fraction(turns):
 
 
 @func
+def turns(real: vec4, imaginary: vec4) -> vec4:
+    """Arrivals at the four hydrophones by the phases there, in turns."""
+    return vec4([-ti.atan2(imaginary[i], real[i]) / TWO_PI for i in ti.static(range(4))])
+
+
+@func
 def common_turn(turn: vec4) -> vec4:
     """Mean, difference x, difference y and residual of arrivals at +x, −x, +y, −y that are known modulo one turn."""
     x = fraction(turn[1] - turn[0])
@@ -219,7 +225,7 @@ def tone_peak(tables: ti.template(), k: ti.i32, heard: ti.template(), level: vec
     """Lag, in FINE lags a period, of the largest energy among those that the phase of a tone leaves."""
     last = tables.noise.shape[1] - 1
     real, imaginary = output(tables, k, heard, level, normals, n, last // 2)
-    late = fraction(common_turn(-ti.atan2(imaginary, real) / TWO_PI)[0])
+    late = fraction(common_turn(turns(real, imaginary))[0])
     found = 0.0
     highest = -1.0
     for period in range(-PERIODS, PERIODS + 1):
@@ -283,7 +289,7 @@ def measure(
     else:
         lag = peak(tables, k, heard, level, normals, n)
     real, imaginary = output(tables, k, heard, level, normals, n, ti.cast(ti.round(lag), ti.i32))
-    turn = common_turn(vec4([-ti.atan2(imaginary[i], real[i]) / TWO_PI for i in ti.static(range(4))]))
+    turn = common_turn(turns(real, imaginary))
     late_by = lag / FINE - level[1]
     if ti.static(tables.tone):
         late_by += fraction(turn[0] - late_by)
