@@ -135,7 +135,7 @@ class AirySea:
         start, frequency = (torch.tensor(airy.group(part / airy.TWO_PI), device=device) for part in (phase, omega))
         self._clock = torch.zeros(1, dtype=torch.float64, device=device)
         self._begin = math.nan
-        self.since = torch.zeros(1, device=device)
+        self.since = torch.zeros(1, dtype=torch.float32, device=device)
         serial = runtime.better_alone(len(omega) // SEAS_A_MICROSECOND)
         self._set_phases = None
         if omega.size:
