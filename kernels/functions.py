@@ -334,6 +334,14 @@ def mark_outside(numbers: array1, limit: ti.f32, flag: index1):
             flag[0] = 1
 
 
+@func
+def lanes_above(values: lanes, limit: ti.i32) -> ti.i32:
+    """Number of lanes that are above a limit."""
+    above = lanes(0)
+    above += ti.select(values > limit, lanes(1), lanes(0))
+    return above.sum()
+
+
 @kernel
 def mark_rows_outside(bits: rows, limit: ti.i32, flag: index1):
     """`mark_outside` on a CPU by the bits of numbers and limit, LANES numbers side by side.
@@ -348,9 +356,7 @@ def mark_rows_outside(bits: rows, limit: ti.i32, flag: index1):
             for stream in ti.static(range(STREAMS)):
                 row = n + stream * (bits.shape[0] - count) // (STREAMS - 1)
                 largest = ti.max(largest, bits[row] & MAGNITUDE)
-        outside = lanes(0)
-        outside += ti.select(largest > limit, lanes(1), lanes(0))
-        if outside.sum() > 0:
+        if lanes_above(largest, limit) > 0:
             flag[0] = 1
 
 

@@ -15,7 +15,7 @@ from taichi.lang import impl
 from usvauv.kernels import random
 from usvauv.kernels.flow.vortex import Vortex
 from usvauv.kernels.flow.vortex_motion import VortexDrift
-from usvauv.kernels.functions import LANES, MAGNITUDE, func, lanes
+from usvauv.kernels.functions import LANES, MAGNITUDE, func, lanes, lanes_above
 from usvauv.kernels.mission.columns import (
     AuvColumn,
     BeliefColumn,
@@ -416,7 +416,5 @@ def find_faults(worlds: ti.template(), first, count):
         end = begin + ti.cast(((first + count) * each + LANES - 1) // LANES, ti.i32)
         for row in range(begin + ti.cast(first * each // LANES, ti.i32), end):
             largest = ti.max(largest, worlds.numbers[row] & MAGNITUDE)
-    found = lanes(0)
-    found += ti.select(largest > LARGEST_BITS, lanes(1), lanes(0))
-    if found.sum() > 0:
+    if lanes_above(largest, LARGEST_BITS) > 0:
         worlds.outside[0] = 1
