@@ -162,6 +162,8 @@ class Parameter(Columns):
     reference_rate: int  # of the data link in a typical service, Mbit/s
     service_time: int  # of a typical service, s
     duration: int  # of the mission, s
+    steps: int  # of the mission
+    service_terminates: int
     array_depth: int
     water_depth: int
     roughness: int  # standard deviation of the surface in short waves, m

@@ -240,6 +240,8 @@ ARRAYS = {
     "clock": Array("W.", "episode, and mission steps done", dtype=ti.i32),
     "chosen": Array("W", "whether a world is to begin an episode, 0 or 1", dtype=ti.u8),
     "action": Array("WK.", "actions in [−1, 1]"),
+    "horizon_ended": Array("WK", "whether a service ended the learner's value horizon, 0 or 1", dtype=ti.u8),
+    "truncated": Array("WK", "whether the episode's time is over, 0 or 1", dtype=ti.u8),
     "workspace": Array("W.", "numbers that the target rule needs while it chooses, at least one"),
     "drawn": Array("W.", "random numbers drawn before a step, `draw_ahead`", dtype=random.lanes),
     "numbers": Array(".", "bits of all numbers of `STATE` and `REWARDS`, where they are looked at", dtype=lanes),

@@ -156,7 +156,7 @@ class DataCollectionTorchRLEnv(EnvBase):
         info = self._no_info.empty()
         for name, tensor in details.items():
             info.set(name, tensor.clone())
-        info.set("horizon_ended", horizon_ended.unsqueeze(-1))
+        info.set("horizon_ended", horizon_ended.unsqueeze(-1).clone())
         following = self._tensordict(info)
         following.set(("agents", "reward"), reward.unsqueeze(-1).clone())
         if self._boats:

@@ -403,6 +403,8 @@ def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
         "data_bandwidth": s.nodes.bandwidth,
         "progress": s.reward.distance_form == "progress",
         "service_hovering": s.reward.service_form == "hovering",
+        "service_terminates": s.reward.service_terminates,
+        "steps": s.mission.steps,
         "proximity_once": s.reward.proximity_form == "pair",
         "farthest": math.hypot(s.area.diagonal, s.auv.depth),
         "rate_mean": np.mean(s.nodes.arrival_rates),

@@ -73,8 +73,7 @@ WORKSPACE = 1.5  # memory of worlds, including temporary arrays of a step, over 
 class Step(NamedTuple):
     """The result of a step of `World`. W worlds, K AUVs.
 
-    `observation`, `reward` and the tensors of `info` are views of the worlds' memory: the next step or reset overwrites
-    them. To keep them, take a `clone`.
+    All tensors are views of the worlds' memory: the next step or reset overwrites them. To keep them, take a `clone`.
 
     Attributes:
         observation: (W, K, O) float32, the terms of `World.observation_layout`.
@@ -217,13 +216,15 @@ class World:
             setattr(self, name, array)
         self._clock = torch.full((num_worlds, 2), -1, dtype=torch.int32, device=self.device)
         # Views that each step uses; making them anew would take a tenth of a single world's step.
-        self._service_rate, self._measures = self.auv[..., AuvColumn.service_rate], self.auv[..., MEASURED]
-        self._steps_done = self._clock[:, 1:].expand(-1, self.num_auvs)
+        self._measures = self.auv[..., MEASURED]
+        self._ends = torch.zeros((2, num_worlds, self.num_auvs), dtype=torch.uint8, device=self.device)
+        self._horizon_ended, self._truncated = self._ends.view(torch.bool)
         self._chosen = torch.ones(num_worlds, dtype=torch.uint8, device=self.device)
         self._action = self._zeros(num_worlds, self.num_auvs, self.action_size)
         groups = -(-num_worlds * self.num_auvs // LANES) if scenario.auv.dynamic else 0
         self._blocks = self._zeros(groups, ROWS, LANES)
         self._outside = torch.zeros(1, dtype=torch.int32, device=self.device)
+        self._seen_outside = self._outside.numpy() if self._on_host else None  # faster to read than a tensor
         self._evolve_vortices = None
         eddies = scenario.current
         if eddies.viscosity > 0 or eddies.mutual:
@@ -371,11 +372,8 @@ class World:
         for part in self._step:
             part()
         self._stop_at_fault()
-        ends = self.scenario.reward.service_terminates
-        horizon_ended = self._service_rate > 0 if ends else torch.zeros_like(self.reward, dtype=torch.bool)
-        truncated = self._steps_done >= self.steps
         info = {"reward_terms": self.reward_terms, "measures": self._measures}
-        return Step(self.observation, self.reward, horizon_ended, truncated, info)
+        return Step(self.observation, self.reward, self._horizon_ended, self._truncated, info)
 
     def _steer_boats(self, action: torch.Tensor) -> None:
         """Set each boat's goal so that it commands the velocity through the water in its action (W, B, 2)."""
@@ -504,7 +502,7 @@ class World:
         Raises:
             DivergenceError: one is not finite or out of range; the message has world, quantity and time.
         """
-        if self._fault.raised() if self._fault else self._outside.item():
+        if self._fault.raised() if self._fault else self._seen_outside[0]:
             self._diverged = True
             self._outside.zero_()
             terms = [name for name, place in self.observation_layout for _ in range(place.start, place.stop)]
@@ -614,6 +612,7 @@ class World:
             "chosen": self._chosen,
             "clock": self._clock,
             "action": self._action,
+            **dict(zip(("horizon_ended", "truncated"), self._ends, strict=True)),
             **{name: getattr(self, name) for name in ARRAYS},
         }
         self._bound_in = runtime.start()

@@ -79,6 +79,14 @@ def write(worlds: ti.template(), w, k):
 
 
 @func
+def write_ends(worlds: ti.template(), w, k):
+    """Write whether AUV k's value horizon has ended, and whether its episode has."""
+    served = worlds.auv[w, k, AuvColumn.service_rate] > 0.0
+    worlds.horizon_ended[w, k] = ti.cast(served and worlds.p[Parameter.service_terminates] > 0.5, ti.u8)
+    worlds.truncated[w, k] = ti.cast(worlds.clock[w, 1] >= worlds.p[Parameter.steps], ti.u8)
+
+
+@func
 def count_collisions(worlds: ti.template(), w):
     """Count the pairs of AUVs that are closer than the collision distance."""
     count = 0.0
