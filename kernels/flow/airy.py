@@ -43,6 +43,7 @@ LANES = 16
 TURNS_X, TURNS_Y, PHASE, FREQUENCY, AMPLITUDE, LEVEL = range(6)
 PHASES_LAST = 16.0  # s; in single precision a wave of 1 Hz keeps its phase so long within 1e-6 of a turn
 TWO_PI = 2.0 * math.pi
+STILL = 1e-5  # m/s, which is not felt
 
 vec8 = ti.types.vector(8, ti.f32)
 lanes = ti.types.vector(LANES, ti.f32)
@@ -68,7 +69,9 @@ def angle(wave: ti.template(), since: ti.template(), sea: ti.i32, n: ti.i32, x: 
 
 
 @func
-def motion(wave: ti.template(), since: ti.template(), sea: ti.i32, level: ti.template(), x: ti.f32, y: ti.f32) -> vec8:
+def motion(
+    wave: ti.template(), since: ti.template(), sea: ti.i32, groups: ti.i32, level: ti.template(), x: ti.f32, y: ti.f32
+) -> vec8:
     """Surface, velocity and its shear (η, η_x, η_y, u, v, w, u_z, v_z) of a sea at (x, y), in m, 1, m/s and 1/s.
 
     What a caller does not use of it is not computed.
@@ -77,13 +80,14 @@ def motion(wave: ti.template(), since: ti.template(), sea: ti.i32, level: ti.tem
         wave: an argument of type `waves`.
         since: (1,), time since t0, s.
         sea: index of the sea.
+        groups: of its components, the first of which move the water; see `felt`.
         level: index of the level at which the velocity is wanted, known when compiled.
         x, y: position, m.
     """
     eta, eta_x, eta_y = lanes(0.0), lanes(0.0), lanes(0.0)
     u, v, w = lanes(0.0), lanes(0.0), lanes(0.0)
     u_z, v_z = lanes(0.0), lanes(0.0)
-    for n in range(wave.shape[1]):
+    for n in range(groups):
         kx = wave[sea, n, TURNS_X]
         ky = wave[sea, n, TURNS_Y]
         a = wave[sea, n, AMPLITUDE]
@@ -139,7 +143,7 @@ def _sample(
     out: ti.types.ndarray(dtype=ti.f32, ndim=3),
 ):
     for sea, n in ti.ndrange(points.shape[0], points.shape[1]):
-        moved = motion(wave, since, sea, level, points[sea, n, 0], points[sea, n, 1])
+        moved = motion(wave, since, sea, wave.shape[1], level, points[sea, n, 0], points[sea, n, 1])
         for c in ti.static(range(8)):
             out[sea, n, c] = moved[c]
 
@@ -212,6 +216,16 @@ def pack(
         columns += [TWO_PI * amplitude * omega * C / k, amplitude * omega * D]
     columns += more
     return np.ascontiguousarray(group(np.stack(columns, axis=1)).swapaxes(1, 2), np.float32)
+
+
+def felt(packed: np.ndarray, level: int) -> np.ndarray:
+    """Groups of each sea in what `pack` returns that move the water at a level, (seas,) int32: all up to the last.
+
+    Those after it, as a rule of the shortest waves, move it by less than `STILL` all together.
+    """
+    speed = packed[:, :, LEVEL + 2 * level] * np.hypot(packed[:, :, TURNS_X], packed[:, :, TURNS_Y])
+    those_after = speed.sum(axis=2)[:, ::-1].cumsum(axis=1)
+    return np.count_nonzero(those_after >= STILL, axis=1).astype(np.int32)
 
 
 def group(components: np.ndarray) -> np.ndarray:

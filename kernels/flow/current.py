@@ -36,6 +36,7 @@ class Water(NamedTuple):
         sea_index: (W,) int32, which sea of the pool a world sails on.
         wave: (seas, groups, columns, LANES) the storm's components, `airy`; velocities at each `Level`.
         since: (1,) time since that of the components' phases, s.
+        felt: (seas,) int32, groups of the components that are felt at cruise level, `airy.felt`.
         pattern: of the vortices.
     """
 
@@ -54,6 +55,7 @@ class Water(NamedTuple):
     sea_index: Any = None
     wave: Any = None
     since: Any = None
+    felt: Any = None
     pattern: Pattern = ENDLESS.pattern
 
 

@@ -9,7 +9,9 @@ In a periodic pattern centres follow Hamilton's equations on a torus, so by Liou
 uniform and independent remain so: the field is stationary.
 """
 
+from collections import namedtuple
 from collections.abc import Callable
+from typing import Any
 
 import taichi as ti
 import torch
@@ -18,7 +20,7 @@ from usvauv.kernels import runtime
 from usvauv.kernels.flow.airy import LANES, lanes
 from usvauv.kernels.flow.vortex import ENDLESS, FAR, Eddies, Vortex, induced
 from usvauv.kernels.functions import Launch, func, kernel
-from usvauv.kernels.types import Columns, array3, array4, columns, index1, index2, vec2, vec4
+from usvauv.kernels.types import Columns, array3, array4, columns, index1, index2, select, vec2, vec4
 
 ABREAST = 32  # worlds side by side: enough independent numbers that the processor need not wait for any
 RENEWAL = 4.0  # s, at most, for which a centre keeps its acceleration
@@ -44,6 +46,7 @@ class VortexDrift(Columns):
 Step = ti.types.struct(
     dt=ti.f32, viscosity=ti.f32, scale=ti.f32, share=ti.f32, period=ti.f32, middle=vec2, renewal=ti.i32
 )
+Moving = namedtuple("Moving", "dt viscosity scale period middle")  # the part of it that `move` reads
 # Rows of the workspace: vortices with δ², what `carry` finds, where centres are, and their `VortexDrift`.
 Work = columns(
     *("x", "y", "Gamma", "width2", "u", "v"),
@@ -84,7 +87,7 @@ def scatter(drift: ti.template(), due: ti.template(), first: ti.i32, v: ti.i32, 
 
 
 @func
-def within(place, middle: ti.f32, period: ti.f32, scale: ti.f32, repeats: ti.template()):
+def within(place, middle, period: ti.f32, scale: ti.f32, repeats: ti.template()):
     """A coordinate of a centre, m; of a periodic pattern, that of the image in the square around its `middle`."""
     if ti.static(repeats):
         away = place - middle
@@ -158,31 +161,55 @@ def advance(work: ti.template(), b: ti.i32, stage: ti.i32, step: ti.template()):
 
 
 @func
-def moved(vortex, drift, step: ti.template(), repeats: ti.template()):
-    """A vortex and its `VortexDrift` after a step, in which its centre moves and its core spreads."""
+def grown(delta, step: ti.template()):
+    """Core radius after a step."""
+    return ti.sqrt(delta**2 + 4.0 * step.viscosity * step.dt)
+
+
+@func
+def move(vortex: ti.template(), drift: ti.template(), w, v, step: ti.template(), repeats: ti.template()):
+    """Vortex v of world w after a step (`Step` or `Moving`), in which its centre moves and its core spreads."""
     for axis in ti.static(range(2)):
-        gained = step.dt * drift[VortexDrift.u_rate + axis]
-        place = vortex[axis] + step.dt * (drift[axis] + 0.5 * gained)
-        vortex[axis] = within(place, step.middle[axis], step.period, step.scale, repeats)
-        drift[axis] += gained
-    vortex[Vortex.delta] = ti.sqrt(vortex[Vortex.delta] ** 2 + 4.0 * step.viscosity * step.dt)
-    return vortex, drift
+        gained = step.dt * drift[w, v, VortexDrift.u_rate + axis]
+        place = vortex[w, v, axis] + step.dt * (drift[w, v, axis] + 0.5 * gained)
+        vortex[w, v, axis] = within(place, step.middle[axis], step.period, step.scale, repeats)
+        drift[w, v, axis] = drift[w, v, axis] + gained
+    vortex[w, v, Vortex.delta] = grown(vortex[w, v, Vortex.delta], step)
+
+
+@func
+def move_side_by_side(vortex: ti.template(), drift: ti.template(), row, step: ti.template(), repeats: ti.template()):
+    """`move` of LANES // 4 vortices in a row of (…, LANES) arrays, of `Vortex` and `VortexDrift`, bit for bit."""
+    quarters = ti.static(LANES // 4)
+    along = lanes(ti.static([1.0, 1.0, 0.0, 0.0] * quarters))
+    middle = lanes([step.middle[n % 2] for n in ti.static(range(LANES))])
+    before, motion = vortex[row], drift[row]
+    rate = lanes([motion[n - n % 4 + VortexDrift.u_rate + n % 2] for n in ti.static(range(LANES))])
+    gained = step.dt * (along * rate)
+    after = before + along * (step.dt * (motion + 0.5 * gained))
+    if ti.static(repeats):
+        after = select(along > 0.5, within(after, middle, step.period, step.scale, repeats), after)
+    if step.viscosity > 0.0:
+        for q in ti.static(range(quarters)):
+            delta = ti.static(4 * q + Vortex.delta)
+            after[delta] = grown(before[delta], step)
+    vortex[row] = after
+    drift[row] = motion + gained
 
 
 @kernel
-def _evolve(
+def _renew(
     serial: ti.template(),
     vortex: rows4,
     drift: rows4,
     clock: index2,
     work: blocks3,
     step: Step,
-    mutual: ti.i32,
     repeats: ti.template(),
 ):
     ti.loop_config(serialize=serial)
     for w in range(work.shape[0]):
-        if mutual != 0 and clock[w, 1] % step.renewal == 0:
+        if clock[w, 1] % step.renewal == 0:
             load(vortex, work, w, step.scale)
             for stage in range(STAGES):
                 carry(work, w, vortex.shape[1], repeats)
@@ -190,12 +217,10 @@ def _evolve(
             for v in range(vortex.shape[1]):
                 for column in ti.static(range(4)):
                     drift[w, v][column] = work[w, Work.drift_u + column, v // LANES][v % LANES]
-        for v in range(vortex.shape[1]):
-            vortex[w, v], drift[w, v] = moved(vortex[w, v], drift[w, v], step, repeats)
 
 
 @kernel
-def _evolve_abreast(
+def _renew_abreast(
     vortex: rows4,
     drift: rows4,
     clock: index2,
@@ -204,7 +229,7 @@ def _evolve_abreast(
     step: Step,
     repeats: ti.template(),
 ):
-    """`_evolve` of centres that carry one another, ABREAST worlds side by side, bit for bit.
+    """`_renew` of ABREAST worlds side by side, bit for bit.
 
     Args:
         due: (W + 1,) number and indices of the worlds whose `VortexDrift` is renewed; workspace.
@@ -232,27 +257,23 @@ def _evolve_abreast(
             advance(work, b, stage, step)
         for v in range(vortex.shape[1]):
             scatter(drift, due, first, v, work, b)
-    for w in range(vortex.shape[0]):
-        for v in range(vortex.shape[1]):
-            vortex[w, v], drift[w, v] = moved(vortex[w, v], drift[w, v], step, repeats)
 
 
 @kernel
-def _evolve_each(
+def _renew_each(
     vortex: array3,
     drift: array3,
     clock: index2,
     velocity: array4,
     step: Step,
-    mutual: ti.template(),
     repeats: ti.template(),
 ):
-    """`_evolve` with a thread for each vortex, and without lanes.
+    """`_renew` with a thread for each vortex, and without lanes.
 
     Args:
         velocity: (STAGES, W, V, 2), of each stage, m/s; workspace.
     """
-    for stage in ti.static(range(STAGES if mutual else 0)):
+    for stage in ti.static(range(STAGES)):
         for w, i in ti.ndrange(vortex.shape[0], vortex.shape[1]):
             if clock[w, 1] % step.renewal == 0:
                 time = step.dt * step.renewal * ti.static((0.0, 0.5, 0.5, 1.0)[stage])
@@ -275,18 +296,20 @@ def _evolve_each(
                 velocity[stage, w, i, 0] = step.share * u
                 velocity[stage, w, i, 1] = step.share * v
     for w, i in ti.ndrange(vortex.shape[0], vortex.shape[1]):
-        if ti.static(mutual):
-            if clock[w, 1] % step.renewal == 0:
-                for axis in ti.static(range(2)):
-                    slopes = ti.Vector([velocity[stage, w, i, axis] for stage in ti.static(range(STAGES))])
-                    rate = slopes.dot(ti.Vector([-5.0, 2.0, 2.0, 1.0])) / (3.0 * step.dt * step.renewal)
-                    drift[w, i, axis] = slopes[0]
-                    drift[w, i, VortexDrift.u_rate + axis] = rate
-        before = vec4([vortex[w, i, column] for column in ti.static(range(4))])
-        drifts = vec4([drift[w, i, column] for column in ti.static(range(4))])
-        after, drifts = moved(before, drifts, step, repeats)
-        for column in ti.static(range(4)):
-            vortex[w, i, column], drift[w, i, column] = after[column], drifts[column]
+        due = clock[w, 1] % step.renewal == 0
+        for axis in ti.static(range(2)):
+            slopes = ti.Vector([velocity[stage, w, i, axis] for stage in ti.static(range(STAGES))])
+            rate = slopes.dot(ti.Vector([-5.0, 2.0, 2.0, 1.0])) / (3.0 * step.dt * step.renewal)
+            # What stays is read, because Vulkan takes the whole array back, and sends it only where it is read.
+            drift[w, i, axis] = ti.select(due, slopes[0], drift[w, i, axis])
+            drift[w, i, VortexDrift.u_rate + axis] = ti.select(due, rate, drift[w, i, VortexDrift.u_rate + axis])
+
+
+@kernel
+def _move(serial: ti.template(), vortex: array3, drift: array3, step: Step, repeats: ti.template()):
+    ti.loop_config(serialize=serial)
+    for w, v in ti.ndrange(vortex.shape[0], vortex.shape[1]):
+        move(vortex, drift, w, v, step, repeats)
 
 
 def evolution(
@@ -319,43 +342,51 @@ def evolution(
     """
     if drift is None:
         drift = torch.zeros_like(vortex)
-    if clock is not None:
-        return _launch(vortex, drift, clock, dt, viscosity, mutual, eddies)
-    own = torch.zeros((len(vortex), 2), dtype=torch.int32, device=vortex.device)
-    launch = _launch(vortex, drift, own, dt, viscosity, mutual, eddies)
+    own = clock is None
+    if clock is None:
+        clock = torch.zeros((len(vortex), 2), dtype=torch.int32, device=vortex.device)
+    step = _step(dt, viscosity, eddies)
+    renew = renewal(vortex, drift, clock, dt, viscosity, eddies) if mutual else None
+    serial = runtime.better_alone(vortex.shape[0] * vortex.shape[1])
+    move_all = Launch(_move, serial, vortex, drift, step, eddies.pattern.repeats)
 
-    def counted() -> None:
-        launch()
-        own[:, 1] += 1
+    def evolve() -> None:
+        if renew:
+            renew()
+        move_all()
+        if own:
+            clock[:, 1] += 1
 
-    return counted
+    return evolve
 
 
-def _launch(
-    vortex: torch.Tensor,
-    drift: torch.Tensor,
-    clock: torch.Tensor,
-    dt: float,
-    viscosity: float,
-    mutual: bool,
-    eddies: Eddies,
+def steps_of_renewal(dt: float) -> int:
+    """Steps from one renewal of a world's `VortexDrift` to the next."""
+    return max(1, int(RENEWAL / dt + 1e-6))
+
+
+def _step(dt: float, viscosity: float, eddies: Eddies) -> tuple[Any, ...]:
+    """Numbers of `Step`."""
+    _, scale, share, _ = eddies.pattern
+    return dt, viscosity, scale, share * eddies.column, eddies.period, eddies.centre, steps_of_renewal(dt)
+
+
+def renewal(
+    vortex: torch.Tensor, drift: torch.Tensor, clock: torch.Tensor, dt: float, viscosity: float, eddies: Eddies
 ) -> Launch:
-    """The kernel of `evolution`."""
+    """The kernel that renews the motion of vortices where it is due; arguments as of `evolution`."""
     worlds, count = vortex.shape[:2]
-    repeats, scale, share, _ = eddies.pattern
-    renewal = max(1, int(RENEWAL / dt + 1e-6))
-    step = dt, viscosity, scale, share * eddies.column, eddies.period, eddies.centre, renewal
-    arrays = vortex, drift, clock
+    arrays, step, repeats = (vortex, drift, clock), _step(dt, viscosity, eddies), eddies.pattern.repeats
     if not runtime.start().on_cpu:
         velocity = vortex.new_zeros((STAGES, worlds, count, 2))
-        return Launch(_evolve_each, *arrays, velocity, step, bool(mutual), repeats)
-    if mutual and worlds >= ABREAST * runtime.start().threads:
+        return Launch(_renew_each, *arrays, velocity, step, repeats)
+    if worlds >= ABREAST * runtime.start().threads:
         work = vortex.new_zeros((-(-worlds // ABREAST), len(Work.names), count, ABREAST))
         due = torch.zeros(worlds + 1, dtype=torch.int32)
         settings = {**runtime.vectors_in_registers(), **runtime.quickly()}
-        return Launch(_evolve_abreast, *arrays, due, work, step, repeats, settings=settings)
+        return Launch(_renew_abreast, *arrays, due, work, step, repeats, settings=settings)
     work = vortex.new_zeros((worlds, len(Work.names), -(-count // LANES), LANES))
     work[:, Work.width2] = 1.0  # of lanes without a vortex: `induced` divides by it
     serial = runtime.better_alone(worlds * count)
     settings = runtime.vectors_in_registers()
-    return Launch(_evolve, serial, *arrays, work, step, int(mutual), repeats, settings=settings)
+    return Launch(_renew, serial, *arrays, work, step, repeats, settings=settings)

@@ -366,7 +366,8 @@ def ride_waves(worlds: ti.template(), w, b):
     dx = water.width / water.nx
     dy = water.length / water.ny
     surface = current.long_wave_surface(water.eta, water.sea_index[w], x, y, dx, dy, water.nx, water.ny)
-    storm = airy.motion(water.wave, water.since, water.sea_index[w], Level.surface, x, y)
+    groups = water.wave.shape[1]
+    storm = airy.motion(water.wave, water.since, water.sea_index[w], groups, Level.surface, x, y)
     boat[w, b, BoatColumn.elevation] = surface[0] + storm[0]
     boat[w, b, BoatColumn.slope_x] = surface[1] + storm[1]
     boat[w, b, BoatColumn.slope_y] = surface[2] + storm[2]

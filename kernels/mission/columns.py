@@ -80,6 +80,8 @@ class Parameter(Columns):
     core_radius_min: int
     core_radius_max: int
     random_vortices: int
+    viscosity: int
+    renewal: int  # steps from one renewal of vortices' motion to the next
     tilt: int
     attitude_error: int
     alignment_error: int

@@ -236,7 +236,8 @@ def feel_storm(worlds: ti.template(), w, k):
     water = ti.static(worlds.water)
     if ti.static(not worlds.program.vehicle):
         x, y = worlds.auv[w, k, AuvColumn.x], worlds.auv[w, k, AuvColumn.y]
-        storm = airy.motion(water.wave, water.since, water.sea_index[w], Level.cruise, x, y)
+        sea = water.sea_index[w]
+        storm = airy.motion(water.wave, water.since, sea, water.felt[sea], Level.cruise, x, y)
         worlds.auv[w, k, AuvColumn.current_x] = storm[3]
         worlds.auv[w, k, AuvColumn.current_y] = storm[4]
 

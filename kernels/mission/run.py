@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 import taichi as ti
 
 from usvauv.kernels import random
-from usvauv.kernels.flow import airy
+from usvauv.kernels.flow import airy, vortex_motion
 from usvauv.kernels.flow.current import Water
 from usvauv.kernels.flow.vortex import Pattern, Vortex
-from usvauv.kernels.functions import func, kernel
+from usvauv.kernels.functions import LANES, func, kernel
 from usvauv.kernels.mission import (
     boat_motion,
     fixes,
@@ -30,7 +30,7 @@ from usvauv.kernels.mission.columns import AuvColumn, Draw, EstimateColumn, Para
 from usvauv.kernels.mission.tasks import rewards
 from usvauv.kernels.mission.worlds import ARRAYS, TOGETHER, Program, Rows, Worlds, address, draw_ahead, find_faults, key
 from usvauv.kernels.positioning.pulse import Pulses
-from usvauv.kernels.types import array1, array2, array3, array4, index1, index2
+from usvauv.kernels.types import array1, array2, array3, array4, index1, index2, vec2
 
 START_ATTEMPTS = 256
 
@@ -222,6 +222,30 @@ def draw(worlds: ti.template(), w):
 
 
 @func
+def move_vortices(worlds: ti.template(), n):
+    """The vortices of the worlds of iteration n move and spread; find out where their motion is then to be renewed."""
+    if ti.static(worlds.program.vortices_move):
+        p = ti.static(worlds.p)
+        middle = vec2(0.5 * p[Parameter.width], 0.5 * p[Parameter.length])
+        scale, period = p[Parameter.eddy_scale], p[Parameter.period]
+        step = ti.static(vortex_motion.Moving(p[Parameter.step], p[Parameter.viscosity], scale, period, middle))
+        repeats = ti.static(worlds.program.repeats)
+        count = ti.static(together(worlds.program))
+        first, last = count * n, ti.min(count * (n + 1), worlds.clock.shape[0])
+        if ti.static(worlds.program.in_lanes):
+            each = 4 * worlds.vortex.shape[1]
+            for row in range(first * each // LANES, (last * each + LANES - 1) // LANES):
+                vortex_motion.move_side_by_side(worlds.vortex_rows, worlds.drift_rows, row, step, repeats)
+        else:
+            for v in range(worlds.vortex.shape[1]):
+                vortex_motion.move(worlds.vortex, worlds.drift, first, v, step, repeats)
+        renewal = ti.cast(p[Parameter.renewal], ti.i32)
+        for w in range(first, last):
+            if worlds.due[0] == 0 and (worlds.clock[w, 1] + 1) % renewal == 0:
+                worlds.due[0] = 1
+
+
+@func
 def begin_step(worlds: ti.template(), w):
     """Begin a mission step of world w, with the distances that are left to the AUVs' targets.
 
@@ -342,7 +366,7 @@ BEGIN, END = (begin_step, move_auvs, prepare), (plan, move_boats, ride, locate, 
 STAGES = {
     Phase.reset: (begin_chosen, check),
     Phase.step: (
-        *(draw, *BEGIN, plan, move_boats, ride, feel_storm, exchange, fix_side_by_side),
+        *(move_vortices, draw, *BEGIN, plan, move_boats, ride, feel_storm, exchange, fix_side_by_side),
         *(locate, end_step, sense, observe, check),
     ),
     Phase.begin: BEGIN,
@@ -382,7 +406,7 @@ def run_stage(worlds: ti.template(), stage: ti.template(), n, threads):
     count = ti.static(together(worlds.program))
     if ti.static(stage in (look_round, weigh)):
         stage(worlds, n // threads, n % threads)
-    elif ti.static(stage in (fix_side_by_side, check)):
+    elif ti.static(stage in (move_vortices, fix_side_by_side, check)):
         stage(worlds, n)
     elif ti.static(count == 1):
         stage(worlds, n)
@@ -405,6 +429,7 @@ WATER = {
     "sea_index": index1,
     "wave": airy.waves,
     "since": array1,
+    "felt": index1,
 }
 PARAMETERS = {
     "phase": ti.template(),
@@ -429,7 +454,7 @@ def run({", ".join(f"{name}: PARAMETERS[{name!r}]" for name in PARAMETERS)}):
                                     p[Parameter.eddies_at_cruise]))
         water = ti.static(Water(Rows.of(vortex), Rows.of(stream), p[Parameter.width], p[Parameter.length], Rows.of(bed),
                                 Rows.of(eta), Rows.of(U), Rows.of(V), unit_x, unit_y, nx, ny, sea_index, Rows.of(wave),
-                                since, pattern))
+                                since, felt, pattern))
         pulses = ti.static(Pulses(pulse_envelope, pulse_output, pulse_rate, program.tone))
         worlds = ti.static(Worlds(program, water, pulses, {", ".join(PASSED)}))
         for stage in ti.static(STAGES[phase]):

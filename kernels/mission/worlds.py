@@ -13,6 +13,7 @@ import taichi as ti
 from taichi.lang import impl
 
 from usvauv.kernels import random
+from usvauv.kernels.flow import airy
 from usvauv.kernels.flow.vortex import Vortex
 from usvauv.kernels.flow.vortex_motion import VortexDrift
 from usvauv.kernels.functions import LANES, MAGNITUDE, func, lanes, lanes_above
@@ -83,6 +84,7 @@ class Program(NamedTuple):
         passing: nodes are served in passing, not hovering.
         abreast: AUVs side by side in a boat's rollouts, at least all.
         serial: the calling thread steps all worlds: for few worlds on a CPU waking another thread takes longer.
+        vortices_move: here, not in a launch of their own.
         checks: on a CPU the kernel looks for faults, with vectors in registers.
         in_lanes: many worlds on a CPU take a step side by side, see `usvauv.kernels.mission.run`.
         in_threads: on a GPU the parts of a step are separate launches, some with a thread for each AUV or each goal.
@@ -111,6 +113,7 @@ class Program(NamedTuple):
     passing: bool
     abreast: int
     serial: bool = False
+    vortices_move: bool = False
     checks: bool = False
     in_lanes: bool = False
     in_threads: bool = False
@@ -245,6 +248,9 @@ ARRAYS = {
     "workspace": Array("W.", "numbers that the target rule needs while it chooses, at least one"),
     "drawn": Array("W.", "random numbers drawn before a step, `draw_ahead`", dtype=random.lanes),
     "numbers": Array(".", "bits of all numbers of `STATE` and `REWARDS`, where they are looked at", dtype=lanes),
+    "vortex_rows": Array(".", "all numbers of `vortex`, where many worlds' vortices move together", dtype=airy.lanes),
+    "drift_rows": Array(".", "likewise of `drift`", dtype=airy.lanes),
+    "due": Array(".", "set to 1 where vortices' motion is due to be renewed", dtype=ti.i32),
     "spans": Array("..", "of each array of these its first row, and numbers of a world", dtype=ti.i32),
     "outside": Array(".", "set to 1 if one is not finite or beyond ±`LARGEST`", dtype=ti.i32),
     "ways": Array("W.", "where AUVs are foreseen, for `TOGETHER` worlds", dtype=random.lanes),

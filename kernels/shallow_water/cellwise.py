@@ -12,10 +12,41 @@ import taichi as ti
 import torch
 
 from usvauv.kernels import runtime
-from usvauv.kernels.functions import DeviceArray, Launch, kernel
-from usvauv.kernels.shallow_water.discretisation import EAST, LANES, NORTH, SOUTH, WEST, BasinBoundaries, Packing
+from usvauv.kernels.functions import DeviceArray, DeviceFlag, Launch, kernel
+from usvauv.kernels.shallow_water.discretisation import (
+    EAST,
+    LANES,
+    NORTH,
+    SOUTH,
+    WEST,
+    BasinBoundaries,
+    Packing,
+    vectors,
+)
+from usvauv.kernels.shallow_water.forcing import Forcing, Waves, double1, double_vectors, tabulate
 from usvauv.kernels.shallow_water.wavefront import LinearBasin, Options, elevation_outside
 from usvauv.kernels.types import array1, index1, vec4
+
+
+@kernel
+def prescribe(
+    amplitude: vectors,
+    frequency: double_vectors,
+    phase: double_vectors,
+    clock: double1,
+    interval: index1,
+    time_step: ti.f64,
+    blocks: ti.i32,
+    prescribed: vectors,
+):
+    """Elevations (blocks, substeps) that the seas are given in the present interval, of `forcing.Waves`."""
+    waves = ti.static(Waves(amplitude, frequency, phase, clock, interval))
+    substeps = prescribed.shape[0] // blocks
+    for block in range(blocks):
+        now = interval[0]
+        if now < 0:
+            now = -1 - now
+        tabulate(waves, block, blocks, now * substeps, substeps, time_step, prescribed, block * substeps)
 
 
 @kernel
@@ -129,19 +160,24 @@ def elevations(
 class CellwiseBackend:
     """GPU backend; arguments, attributes and methods as of `wavefront.WavefrontBackend`."""
 
-    def __init__(self, packing: Packing, substeps: int) -> None:
-        self._packing, self._substeps = packing, substeps
+    def __init__(self, packing: Packing, interval: float, substeps: int, largest: float) -> None:
+        self._packing, self._time_step, self._substeps, self._largest = packing, interval / substeps, substeps, largest
         self.rows = packing.ny + 1
+        self.table = packing.blocks, substeps
+        self._flag: DeviceFlag | None = None
 
     def launches(
         self,
         arrays: Sequence[torch.Tensor | DeviceArray],
+        forcing: Forcing,
         coefficient_row: np.ndarray,
         boundaries: BasinBoundaries,
         a: float,
     ) -> list[Launch]:
         """Kernel launches of one interval."""
         packing = self._packing
+        self._flag = DeviceFlag(arrays[0], self._largest)
+        prescribed = arrays[5].view(-1, LANES)
         arrays = [array.view(-1) for array in arrays]
         table = torch.tensor(coefficient_row, device=runtime.start().device)
         blocks, W, nx, ny = packing.blocks, packing.columns, packing.nx, packing.ny
@@ -149,4 +185,14 @@ class CellwiseBackend:
         fixed = *arrays, table, boundaries.elevation_factors(), blocks, W, nx, ny
         second = Launch(elevations, *arrays[:3], arrays[-1], blocks, W, nx, ny, options)
         first = (Launch(transports, *fixed, substep, a, options) for substep in range(self._substeps))
-        return [launch for step in first for launch in (step, second)]
+        given = Launch(prescribe, *forcing.waves, self._time_step, blocks, prescribed)
+        return [given, *(launch for step in first for launch in (step, second))]
+
+    def exceeded(self) -> bool:
+        """Whether an elevation is beyond `largest`, or with CUDA was at the last call."""
+        return self._flag is not None and self._flag.raised()
+
+    def forget(self) -> None:
+        """Forget elevations seen so far."""
+        if self._flag:
+            self._flag.forget()

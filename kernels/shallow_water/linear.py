@@ -1,17 +1,14 @@
-"""Linear shallow water on an Arakawa C grid, forward–backward in time (Eq. 6), and its forcing: the elevation given
-along open boundaries, E(t) = Σ a cos(2πt/T + φ).
-"""
+"""Linear shallow water on an Arakawa C grid, forward–backward in time (Eq. 6)."""
 
 import math
 from collections.abc import Mapping
 from functools import cached_property
 
 import numpy as np
-import taichi as ti
 import torch
 
 from usvauv.kernels import runtime
-from usvauv.kernels.functions import DeviceArray, DeviceArrays, Launch, kernel
+from usvauv.kernels.functions import DeviceArrays, Launch
 from usvauv.kernels.shallow_water.cellwise import CellwiseBackend
 from usvauv.kernels.shallow_water.discretisation import (
     GEOMETRY,
@@ -21,102 +18,19 @@ from usvauv.kernels.shallow_water.discretisation import (
     Discretisation,
     Packing,
     Side,
-    vector,
-    vectors,
 )
+from usvauv.kernels.shallow_water.forcing import Forcing
 from usvauv.kernels.shallow_water.wavefront import WavefrontBackend
-from usvauv.kernels.trigonometry import half_sine, narrowed
 
 COURANT = 0.95  # fraction of the stability limit that a substep may use
-PRESCRIBED = 2  # place of the prescribed elevation among the arrays that one interval does not change
 
 
-double1 = ti.types.ndarray(dtype=ti.f64, ndim=1)
-double_vectors = ti.types.ndarray(dtype=ti.types.vector(LANES, ti.f64), ndim=1)
-
-
-@kernel
-def tabulate(
-    amplitude: vectors,
-    frequency: double_vectors,
-    phase: double_vectors,
-    clock: double1,
-    time_step: ti.f64,
-    blocks: ti.i32,
-    prescribed: vectors,
-    serial: ti.template(),
-):
-    """E at each substep of an interval, within 4e-7 Σ a: phases are reduced to one turn in double precision.
-
-    Args:
-        amplitude, frequency, phase: a (m), 1/T (Hz) and φ/2π, each (blocks × components,).
-        clock: (1,), time of the first substep, s.
-        time_step: of a substep, s.
-        prescribed: E, (blocks × substeps,), m.
-        serial: the calling thread does it all.
-    """
-    components = amplitude.shape[0] // blocks
-    substeps = prescribed.shape[0] // blocks
-    ti.loop_config(serialize=serial)
-    for task in range(prescribed.shape[0]):
-        time = clock[0] + time_step * (task % substeps)
-        first = task // substeps * components
-        E = vector(0.0)
-        for n in range(first, first + components):
-            turns = frequency[n] * time + phase[n]
-            half = half_sine(narrowed(turns - ti.floor(turns + 0.5)))
-            E += amplitude[n] * (1.0 - 2.0 * half * half)
-        prescribed[task] = E
-
-
-class PrescribedElevation:
-    """The elevation E that the seas of a packed field are given.
-
-    Args:
-        amplitude, period, phase: a (m), T (s) and φ (rad), (num_seas, components).
-        packing: of the field.
-        time_step: of a substep, s.
-        table: E at each substep of an interval, (blocks, substeps, LANES), an argument of a `Launch`.
-
-    Attributes:
-        silent: E is 0 at all times.
-    """
-
-    def __init__(
-        self,
-        amplitude: np.ndarray,
-        period: np.ndarray,
-        phase: np.ndarray,
-        packing: Packing,
-        time_step: float,
-        table: torch.Tensor | DeviceArray,
-    ) -> None:
-        tensor = table.tensor if isinstance(table, DeviceArray) else table
-        self._amplitude = np.asarray(amplitude, np.float64)
-        self._frequency, self._phase = 1 / np.asarray(period, np.float64), np.asarray(phase) / (2 * math.pi)
-        self.silent = not self._amplitude.any()
-        if self.silent:
-            return
-        self._clock = tensor.new_zeros(1, dtype=torch.float64)
-        seas = LANES if packing.strips else packing.num_seas
-        lanes = np.zeros((3, packing.blocks * LANES, self._amplitude.shape[1]))
-        lanes[:, :seas] = self._amplitude, self._frequency, self._phase
-        columns = (part.reshape(packing.blocks, LANES, -1).swapaxes(1, 2).reshape(-1, LANES) for part in lanes)
-        a, *turns = (torch.tensor(part.copy(), device=tensor.device) for part in columns)
-        each = table.view(-1, LANES)
-        serial = runtime.better_alone(tensor.numel() // LANES)
-        arguments = a.float(), *turns, self._clock, time_step, packing.blocks, each, serial
-        self._tabulate = Launch(tabulate, *arguments, settings=runtime.vectors_in_registers())
-
-    def at(self, time: float) -> np.ndarray:
-        """E at a time (s), m, (num_seas, 1)."""
-        angle = 2 * math.pi * (self._frequency * time + self._phase)
-        return (self._amplitude * np.cos(angle)).sum(axis=1)[:, None]
-
-    def tabulate_from(self, time: float) -> None:
-        """Write E at each substep of the interval that begins at a time (s) into the table."""
-        self._clock.fill_(time)
-        self._tabulate()
+def beyond(elevation: np.ndarray, largest: float, time: float) -> FloatingPointError:
+    """The error of the first of some seas whose elevation (num_seas, ny, nx) is not finite or beyond ±`largest`."""
+    places = np.argwhere(~(abs(elevation) <= largest))
+    sea, *cell = places[0] if len(places) else (0, 0, 0)
+    found = f"the elevation is {elevation[(sea, *cell)]:g} m at {time:g} s: must be within {largest:g} m"
+    return FloatingPointError(int(sea), found)
 
 
 class ShallowWater:
@@ -154,6 +68,7 @@ class ShallowWater:
         sponge_width: width of the sponges, m, where there are any. One of the longest wave reflects under 1% of
             plane waves up to 45°.
         num_seas: independent seas over the same bed.
+        largest: magnitude, m, of an elevation at which `advance` still goes on.
 
     Attributes:
         limit: largest stable substep 1/√(g h_max (1/Δx² + 1/Δy²)), s.
@@ -178,6 +93,7 @@ class ShallowWater:
         boundaries: Mapping[Side, Boundary] | None = None,
         sponge_width: float | None = None,
         num_seas: int = 1,
+        largest: float = math.inf,
     ) -> None:
         running = runtime.start()
         self.nx, self.ny = cells
@@ -185,7 +101,7 @@ class ShallowWater:
             raise ValueError(f"cells: {cells} must be at least 3 each way")
         self.dx, self.dy = size[0] / self.nx, size[1] / self.ny
         self.gravity, self.drag = gravity, drag
-        self.num_seas, self.interval = num_seas, interval
+        self.num_seas, self.interval, self.largest = num_seas, interval, largest
         self.depth = np.broadcast_to(depth, (self.ny, self.nx))
         deepest = float(self.depth.max())
         if not (0 < deepest < math.inf and self.depth.min() >= 0):
@@ -198,10 +114,11 @@ class ShallowWater:
         device = running.device
         self._packing = Packing(num_seas, self.nx, self.ny, self.boundaries.outer_columns)
         blocks, columns = self._packing.blocks, self._packing.columns
+        cut = self._packing, interval, self.substeps, largest
         if running.on_cpu:
-            self._backend = WavefrontBackend(self._packing, self.substeps, running.threads)
+            self._backend = WavefrontBackend(*cut, running.threads)
         else:
-            self._backend = CellwiseBackend(self._packing, self.substeps)
+            self._backend = CellwiseBackend(*cut)
         spacing = self.dx, self.dy
         self._scheme = Discretisation(
             self._packing, self.depth, spacing, gravity, drag, self.time_step, self.boundaries
@@ -210,7 +127,7 @@ class ShallowWater:
         self._state = torch.zeros((3, blocks, self._backend.rows, columns, LANES), dtype=torch.float32, device=device)
         self._held = DeviceArrays(tuple(self._state))
         self.fields = self._held.arguments
-        self._prescribed = torch.zeros((blocks, self.substeps, LANES), dtype=torch.float32, device=device)
+        self._prescribed = torch.zeros((*self._backend.table, LANES), dtype=torch.float32, device=device)
         damping = self._scheme.resistances().to(device), self._scheme.sponge_factors().to(device)
         self._constant = DeviceArrays((*self._C, self._prescribed, *damping))
         self._intervals, self._start = 0, 0.0
@@ -252,10 +169,9 @@ class ShallowWater:
         Args:
             amplitude, period, phase: a (m), T (s) and φ (rad), (num_seas, components).
         """
-        table = self._constant.arguments[PRESCRIBED]
-        self._forcing = PrescribedElevation(amplitude, period, phase, self._packing, self.time_step, table)
+        self._forcing = Forcing(amplitude, period, phase, self._packing, self.interval, self._prescribed.device)
         self._silent = not self.boundaries.forced or self._forcing.silent
-        self._prescribed.zero_()
+        self.__dict__.pop("_launches", None)
 
     def set_state(
         self, eta: np.ndarray, u: np.ndarray | None = None, v: np.ndarray | None = None, time: float = 0.0
@@ -270,6 +186,7 @@ class ShallowWater:
         """
         self._start, self._intervals = time, 0
         self._at_rest = True
+        self._backend.forget()
         self._state.zero_()
         packed_eta, *packed_transports = self._state
         eta = np.broadcast_to(eta, (self.num_seas, self.ny, self.nx))
@@ -293,20 +210,31 @@ class ShallowWater:
                 self._at_rest = self._at_rest and not transport.any()
 
     def advance(self) -> None:
-        """One interval."""
+        """One interval.
+
+        Raises:
+            FloatingPointError: (index of a sea, what is wrong with it); an elevation is not finite or beyond `largest`.
+                With CUDA the next interval raises it.
+        """
         if not self.still:
-            if not self._silent:
-                self._forcing.tabulate_from(self.time)
+            self._forcing.go_to(self._start, self._intervals)
             for launch in self._launches:
                 launch()
             self._at_rest = False
         self._intervals += 1
+        if self._backend.exceeded():
+            self._backend.forget()
+            raise beyond(self.elevation(), self.largest, self.time)
 
     @cached_property
     def _launches(self) -> list[Launch]:
         """Kernel launches of one interval."""
         return self._backend.launches(
-            (*self.fields, *self._constant.arguments), self._coefficient_row, self.boundaries, self._scheme.drag_factor
+            (*self.fields, *self._constant.arguments),
+            self._forcing,
+            self._coefficient_row,
+            self.boundaries,
+            self._scheme.drag_factor,
         )
 
     def state(self) -> tuple[torch.Tensor, torch.Tensor]:
@@ -320,6 +248,7 @@ class ShallowWater:
 
     def load_state(self, fields: torch.Tensor, clock: torch.Tensor) -> None:
         """Restore what `state` returned."""
+        self._backend.forget()
         self._state.zero_()
         self._state[:, :, : self.ny + 1] = fields
         self._intervals, self._start, self._at_rest = int(clock[0]), float(clock[1]), bool(clock[2])

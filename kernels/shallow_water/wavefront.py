@@ -25,7 +25,15 @@ from usvauv.kernels.shallow_water.discretisation import (
     vector,
     vectors,
 )
-from usvauv.kernels.types import columns, index3, vec4
+from usvauv.kernels.shallow_water.forcing import (
+    Forcing,
+    Waves,
+    double1,
+    double_vectors,
+    intervals_of_period,
+    tabulate,
+)
+from usvauv.kernels.types import columns, index1, index3, select, vec4
 
 # Compile-time options: whether lanes are strips of one sea, any boundary radiates, any sponge damps, the calling thread
 # marches all bands, and whether it makes all copies.
@@ -55,6 +63,12 @@ def march(
     prescribed: vectors,
     resistance: vectors,
     sponge_factor: vectors,
+    amplitude: vectors,
+    frequency: double_vectors,
+    phase: double_vectors,
+    clock: double1,
+    interval: index1,
+    outside: index1,
     bands: index3,
     elevation_factor: vec4,
     blocks: ti.i32,
@@ -63,7 +77,10 @@ def march(
     ny: ti.i32,
     first: ti.i32,
     substeps: ti.i32,
+    every: ti.i32,
+    time_step: ti.f64,
     a: ti.f32,
+    largest: ti.f32,
     options: ti.template(),
 ):
     """Substeps `first` to `first + substeps − 1` of an interval, in place.
@@ -86,13 +103,17 @@ def march(
         eta, U, V: each (blocks, rows, W), m.
         Cx, Cy: (rows of coefficients, W): g h (Δt/Δx)²/(1 + r Δt/2) at western and southern faces, where equal rows may
             be stored once.
-        prescribed: (blocks, substeps of the interval), prescribed elevation, m.
+        prescribed: (blocks, bands, substeps of a period), prescribed elevation, m; made here as a period begins.
         resistance: R of the faces south (W,) and north (W,), west (ny + 1,) and east (ny + 1,); read if
             `options.radiating`.
         sponge_factor: Fx (W,), Gx (W,), Fy (ny + 1,) and Gy (ny + 1,); read if `options.sponge`.
+        amplitude, frequency, phase, clock, interval: of `usvauv.kernels.shallow_water.forcing.Waves`.
+        outside: (1,), set to 1 if an elevation is not finite or beyond ±`largest`.
         bands: (bands, 4, longest), the table `BandTable` of each band.
         elevation_factor: factor on the prescribed elevation for each side (west, east, south, north); −1 for a wall.
         nx, ny: columns and rows of water.
+        every: substeps of an interval.
+        time_step: Δt, s.
         a: (1 − r Δt/2)/(1 + r Δt/2).
         options: see `Options`.
     """
@@ -100,8 +121,8 @@ def march(
         LinearBasin(eta, U, V, Cx, Cy, resistance, sponge_factor, elevation_factor, W, nx, ny, a, options)
     )
     rows = eta.shape[0] // (blocks * W)
-    table = prescribed.shape[0] // blocks
     tasks = blocks * bands.shape[0]
+    table = prescribed.shape[0] // tasks
     ti.loop_config(block_dim=1, serialize=options.copy_serially)
     for task in range(tasks):
         band = task % bands.shape[0]
@@ -122,6 +143,13 @@ def march(
         copied_north = bands[band, BandTable.extent, Extent.copied_north]
         west_lanes = lane_mask(LANES - 1, options.strips)
         east_lanes = lane_mask(nx // W, options.strips)
+        now = interval[0]
+        if now < 0:
+            now = -1 - now
+            if first == 0:
+                waves = ti.static(Waves(amplitude, frequency, phase, clock, interval))
+                tabulate(waves, block, blocks, 0, table, time_step, prescribed, task * table)
+        given = task * table + now * every + first
         for front in range(1, count + substeps - 1):
             for s in range(substeps):
                 k = front - s
@@ -130,7 +158,7 @@ def march(
                     south = (block * rows + bands[band, BandTable.packed, k - 1]) * W
                     c = bands[band, BandTable.coefficients, k] * W
                     source = bands[band, BandTable.source, k]
-                    E = prescribed[block * table + first + s]
+                    E = prescribed[given + s]
                     set_west_and_east(basin, north, source, E, west_lanes, east_lanes)
                     if k == 1 and copied_south == 0:
                         set_row_outside(basin, SOUTH, south, north, E)
@@ -142,6 +170,14 @@ def march(
                         Fy = sponge_factor[2 * W + source]
                         Gy = sponge_factor[2 * W + ny + 1 + ti.min(bands[band, BandTable.source, k - 1], ny)]
                     advance_row(basin, ti.static(Row(north, south, c, Fy, Gy)))
+        inside = vector(1.0)
+        for k in range(count):
+            if bands[band, BandTable.packed, k] == bands[band, BandTable.source, k]:
+                row = (block * rows + bands[band, BandTable.packed, k]) * W
+                for n in range(row, row + W):
+                    inside = select(eta[n] * eta[n] <= largest * largest, inside, vector(0.0))
+        if inside.sum() < LANES:
+            outside[0] = 1
 
 
 @func
@@ -258,27 +294,38 @@ class WavefrontBackend:
 
     Args:
         packing: of the fields.
-        substeps: of an interval.
+        interval, substeps: time of an interval, s, and its substeps.
+        largest: elevation, m.
         threads: CPU threads.
 
     Attributes:
         rows: rows of the packed fields, copies included.
+        table: rows and substeps of the table of prescribed elevations.
     """
 
-    def __init__(self, packing: Packing, substeps: int, threads: int) -> None:
-        self._packing, self._substeps = packing, substeps
+    def __init__(self, packing: Packing, interval: float, substeps: int, largest: float, threads: int) -> None:
+        self._packing, self._time_step, self._substeps, self._largest = packing, interval / substeps, substeps, largest
         blocks, columns = packing.blocks, packing.columns
         self._tile, self._bands, self.rows = plan_bands(packing.ny, columns, blocks, substeps, threads)
         copies = np.count_nonzero(self._bands[:, BandTable.packed] != self._bands[:, BandTable.source]) * blocks
         self._copy_serially = copies * LANES * columns * COPY < WAKE  # done before another thread wakes up
+        self.table = blocks * len(self._bands), intervals_of_period(interval) * substeps
+        self._outside = torch.zeros(1, dtype=torch.int32)
+        self._seen = self._outside.numpy()
 
     def launches(
-        self, arrays: Sequence[torch.Tensor], coefficient_row: np.ndarray, boundaries: BasinBoundaries, a: float
+        self,
+        arrays: Sequence[torch.Tensor],
+        forcing: Forcing,
+        coefficient_row: np.ndarray,
+        boundaries: BasinBoundaries,
+        a: float,
     ) -> list[Launch]:
         """Kernel launches of one interval.
 
         Args:
             arrays: η, U, V, Cx, Cy, prescribed elevation, resistance and sponge factors of `march`, each (…, LANES).
+            forcing: of the seas.
             coefficient_row: (ny + 1,), the row of coefficients of each row of the basin.
             boundaries: of the basin.
             a: factor on the transports, of `march`.
@@ -288,15 +335,25 @@ class WavefrontBackend:
         count = math.ceil(self._substeps / self._tile)
         ends = [self._substeps * n // count for n in range(count + 1)]
         table = torch.tensor(bands, device=arrays[0].device)
-        fixed = *(array.view(-1, LANES) for array in arrays), table, boundaries.elevation_factors()
+        fixed = *(array.view(-1, LANES) for array in arrays), *forcing.waves, self._outside, table
+        fixed = *fixed, boundaries.elevation_factors()
         grid = packing.blocks, packing.columns, packing.nx, packing.ny
         serial = packing.blocks * len(bands) == 1, self._copy_serially
         options = Options(packing.strips, boundaries.radiating, boundaries.sponge, *serial)
         settings = runtime.vectors_in_registers()
+        numbers = self._substeps, self._time_step, a, self._largest, options
         return [
-            Launch(march, *fixed, *grid, first, last - first, a, options, settings=settings)
+            Launch(march, *fixed, *grid, first, last - first, *numbers, settings=settings)
             for first, last in itertools.pairwise(ends)
         ]
+
+    def exceeded(self) -> bool:
+        """Whether an elevation has been beyond `largest` since `forget`."""
+        return bool(self._seen[0])
+
+    def forget(self) -> None:
+        """Forget elevations seen so far."""
+        self._seen[0] = 0
 
 
 def plan_bands(ny: int, columns: int, blocks: int, substeps: int, threads: int) -> tuple[int, np.ndarray, int]:

@@ -80,6 +80,15 @@ class TestStorm:
         moved = (boat - before)[:, BoatColumn.span("x", "y")]
         torch.testing.assert_close((moved - drift).norm(dim=1).cpu(), torch.full((16,), 4.0), atol=1e-4, rtol=0)
 
+    def test_it_carries_the_auvs(self):
+        """Of the waves that do not reach down to them, which are left out, no more than 1e-5 m/s is missing."""
+        world = World(Scenario.load("extreme", [*self.quiet]), num_worlds=16, seed=3)
+        run(world, 7)
+        for k in range(world.num_auvs):
+            seen = storm_at(world, world.auv[:, k, AuvColumn.span("x", "y")], Level.cruise)
+            torch.testing.assert_close(world.current()[:, k], seen[:, 3:5], atol=1.1e-5, rtol=0)
+        assert world.current().std() > 0.02
+
     def test_a_boat_adrift_has_the_stokes_drift(self):
         """Σ a² ω k, in deep water, of a long-crested JONSWAP sea that is not steep."""
         changes = [*self.quiet, "area.width=1000", "area.length=1000", "mission.step=0.25", "mission.duration=600"]

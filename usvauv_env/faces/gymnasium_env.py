@@ -323,7 +323,9 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if self.render_mode:
             self._camera.add()
         tensors = {"auv_reward": reward, **info, "horizon_ended": horizon_ended}
-        return truncated[:, 0].clone().numpy(force=True), {name: tensor.numpy(force=True) for name, tensor in tensors.items()}
+        return truncated[:, 0].clone().numpy(force=True), {
+            name: tensor.numpy(force=True) for name, tensor in tensors.items()
+        }
 
     def render(self) -> tuple[np.ndarray, ...] | None:
         """Every mission as it is now, W pictures (720, 1280, 3) uint8, RGB; None without a render mode.

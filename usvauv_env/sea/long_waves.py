@@ -19,12 +19,14 @@ from usvauv.env.sea.storm import cumulative, density, total_height, wave_systems
 from usvauv.env.site.site import Site
 from usvauv.env.storage.memory import require
 from usvauv.kernels import runtime
+from usvauv.kernels.functions import DeviceFlag
 from usvauv.kernels.shallow_water.discretisation import LANES, Boundary, Packing, Side
-from usvauv.kernels.shallow_water.linear import COURANT, ShallowWater
+from usvauv.kernels.shallow_water.linear import COURANT, ShallowWater, beyond
 from usvauv.kernels.shallow_water.nonlinear import NonlinearShallowWater
 
 FEWEST_CELLS = 4
 MOST_SUBSTEPS = 1_000_000
+DRY = 1e4  # m, above every elevation where land may be dry
 RESONANT_GAIN = 10.0  # |1/cos kL| above which a component starts from rest instead of in its steady state
 
 
@@ -53,6 +55,7 @@ class NonlinearSeas:
         self.eta, U, V = torch.zeros(shape, dtype=torch.float32, device=runtime.start().device)
         self.transports = U, V
         self.fields = self.eta, U, V
+        self._flag = DeviceFlag(self.eta, DRY)
         self._pack()
 
     @property
@@ -77,6 +80,8 @@ class NonlinearSeas:
             except FloatingPointError as error:
                 raise FloatingPointError(index, str(error)) from None
         self._pack()
+        if self._flag.raised():
+            raise beyond(self.elevation(), DRY, self.time)
 
     def elevation(self) -> np.ndarray:
         """Elevation at cell centres, m, (num_seas, ny, nx); a copy."""
@@ -193,7 +198,8 @@ def build_sea(site: Site, seas: Sequence[tuple[int, int]], cells: tuple[int, int
             solvers.append(solver)
         return NonlinearSeas(solvers)
     sponge = sea.sponge_width if sea.sponge_edges else None
-    solver = ShallowWater(depth=np.maximum(depth, 0), sponge_width=sponge, num_seas=len(seas), **like)
+    depth = np.maximum(depth, 0)
+    solver = ShallowWater(depth=depth, sponge_width=sponge, num_seas=len(seas), largest=float(depth.max()), **like)
     solver.set_forcing(*waves)
     solver.set_state(eta, u, v)
     return solver

@@ -11,7 +11,7 @@ import torch
 
 from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.env.sea.long_waves import build_sea, check_sea
-from usvauv.env.sea.water import LARGEST_SEED, SeaWatch, build_short_waves, whole_number
+from usvauv.env.sea.water import LARGEST_SEED, advance, build_short_waves, whole_number
 from usvauv.env.site.site import Site
 from usvauv.kernels import runtime
 from usvauv.kernels.flow import vortex, vortex_motion
@@ -106,7 +106,6 @@ class SeaSimulation:
         flow_changes = self._flow is not None and len(self._flow.times) > 1
         self.steady = self._evolve_vortices is None and not flow_changes
         self.long_waves = build_sea(site, [(seed, 0)], shape)
-        self._watch = SeaWatch(self.long_waves, float(self.depth.max()))
         self.storm = build_short_waves(site, [(seed, 0)])
         self.x = (np.arange(shape[0]) + 0.5) * (scenario.area.width / shape[0])
         self.y = (np.arange(shape[1]) + 0.5) * (scenario.area.length / shape[1])
@@ -133,7 +132,7 @@ class SeaSimulation:
         Raises:
             DivergenceError: the long waves are not finite or have run away.
         """
-        self._watch.advance()
+        advance(self.long_waves)
         self._steps += 1
         self.storm.set_time(self.time)
         if self._evolve_vortices:

@@ -11,19 +11,18 @@ import numpy as np
 import torch
 
 from usvauv.env.scenario import ScenarioError
-from usvauv.env.sea.long_waves import LongWaves, NonlinearSeas, boundary_waves, build_sea, speed_bound
+from usvauv.env.sea.long_waves import LongWaves, boundary_waves, build_sea, speed_bound
 from usvauv.env.sea.storm import density, draw_storm, elevation, wave_systems
 from usvauv.env.site.site import Site
 from usvauv.kernels import runtime
 from usvauv.kernels.errors import DivergenceError
 from usvauv.kernels.flow import airy
 from usvauv.kernels.flow.at_depth import deep_columns
-from usvauv.kernels.functions import DeviceFlag, Launch
+from usvauv.kernels.functions import Launch
 from usvauv.kernels.types import Level
 
 LARGEST_SEED = (1 << 64) - 1
 SEAS_A_MICROSECOND = 8  # of which a thread sets the phases of the storm
-DRY = 1e4  # m, above every elevation where land may be dry
 LEAST_CURRENT_BOUND = 0.1  # m/s; a box without extent is not a valid space
 NAMED = 8  # of the worlds on a sea, in a message
 ROUNDING = 1e-6  # of a ratio of times
@@ -111,6 +110,7 @@ class AirySea:
     Attributes:
         k: wave number (seas, N), rad/m.
         wave: table of the components for kernels, torch (seas, groups, columns, LANES); see `usvauv.kernels.flow.airy`.
+        felt: groups of these that are felt at the last level, (seas,) int32, `usvauv.kernels.flow.airy.felt`.
         time: s. since: (1,) time since that of the table's phases, s.
     """
 
@@ -132,6 +132,7 @@ class AirySea:
         deep = deep_columns(amplitude, self.k, omega, depth, step) if step else ()
         packed = airy.pack(amplitude, self.k, direction, omega, depth=depth, levels=levels, more=deep)
         self.wave = torch.tensor(packed, device=device)
+        self.felt = torch.from_numpy(airy.felt(packed, len(levels) - 1)).to(device)
         start, frequency = (torch.tensor(airy.group(part / airy.TWO_PI), device=device) for part in (phase, omega))
         self._clock = torch.zeros(1, dtype=torch.float64, device=device)
         self._begin = math.nan
@@ -173,41 +174,17 @@ def build_short_waves(site: Site, seas: Sequence[tuple[int, int]]) -> AirySea:
     return AirySea(*drawn, **water, levels=(0.0, -min(scenario.auv.depth, site.mean_depth)), step=step)
 
 
-class SeaWatch:
-    """Advances long waves and looks at their elevation.
+def advance(sea: LongWaves, named: Callable[[int], str] = lambda index: "the sea") -> None:
+    """One interval of long waves; `named` tells what a message calls the sea of an index.
 
-    Args:
-        sea: to be watched.
-        deepest: depth of still water at the deepest place, m; the elevation of a linear sea stays within it.
-        named: index of a sea → what to call it in a message.
+    Raises:
+        DivergenceError: a sea is not finite or has run away.
     """
-
-    def __init__(self, sea: LongWaves, deepest: float, named: Callable[[int], str] = lambda index: "the sea") -> None:
-        self._sea = sea
-        self._named = named
-        self._limit = DRY if isinstance(sea, NonlinearSeas) else deepest
-        self._flag = DeviceFlag(sea.fields[0], self._limit)
-
-    def advance(self) -> None:
-        """One interval.
-
-        Raises:
-            DivergenceError: the sea is not finite or has run away.
-        """
-        sea = self._sea
-        try:
-            sea.advance()
-        except FloatingPointError as error:
-            index, problem = error.args
-            raise DivergenceError(f"{self._named(index)}: {problem}") from None
-        if self._flag.raised():
-            elevation = sea.elevation().reshape(-1, sea.ny * sea.nx)
-            places = np.argwhere(~(abs(elevation) <= self._limit))
-            index, cell = places[0] if len(places) else (0, 0)
-            raise DivergenceError(
-                f"{self._named(index)}: the elevation is {elevation[index, cell]:g} m at {sea.time:g} s: must be within"
-                f" {self._limit:g} m"
-            )
+    try:
+        sea.advance()
+    except FloatingPointError as error:
+        index, problem = error.args
+        raise DivergenceError(f"{named(index)}: {problem}") from None
 
 
 class WorldWater:
@@ -251,8 +228,6 @@ class WorldWater:
         seas, scenario = self.seas_of(episode), self._site.scenario
         cells = scenario.area.cells(scenario.sea.fine_cells) if self._fine else None
         self.long_waves = build_sea(self._site, seas, cells)
-        deepest = float(self._site.still_depth((self.long_waves.nx, self.long_waves.ny)).max())
-        self._watch = SeaWatch(self.long_waves, deepest, self.named)
         self.storm = build_short_waves(self._site, seas)
         self.episode, self.steps = episode, 0
         self._set_clock()
@@ -270,7 +245,7 @@ class WorldWater:
         done = self._updates(self.steps)
         self.steps += 1
         for _ in range(self._updates(self.steps) - done):
-            self._watch.advance()
+            advance(self.long_waves, self.named)
         self._set_clock()
 
     def go_on_under(self, site: Site) -> None:
@@ -306,6 +281,7 @@ class WorldWater:
             "sea_index": self.sea_index,
             "wave": self.storm.wave,
             "since": self.storm.since,
+            "felt": self.storm.felt,
         }
 
     def mean_elevation(self, pixels: int, world: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -22,6 +22,7 @@ from usvauv.env.world.boat_strategies import BoatStrategy, StrategyChoice
 from usvauv.env.world.current_statistics import FOREVER, current_model
 from usvauv.env.world.observation import ObservationLayout, observation_terms
 from usvauv.kernels import runtime
+from usvauv.kernels.flow.vortex_motion import steps_of_renewal
 from usvauv.kernels.mission import target_rules
 from usvauv.kernels.mission.boat_motion import CONTROL_TIME, DRIFT_TIME
 from usvauv.kernels.mission.columns import Action, Information, Parameter, Schedule, Sensor
@@ -363,6 +364,7 @@ def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
         "eddy_scale": site.eddies.pattern.scale,
         "eddy_share": site.eddies.pattern.share,
         "eddies_at_cruise": site.eddies.cruise,
+        "renewal": steps_of_renewal(s.mission.step),
         "random_vortices": s.current.count > 0 and not s.current.centres,
         "sound_speed_error": s.acoustics.sound_speed_error / s.acoustics.sound_speed,
         "gnss_memory": math.exp(-s.mission.step / s.usbl.gnss_correlation_time),

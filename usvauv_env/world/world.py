@@ -224,15 +224,19 @@ class World:
         groups = -(-num_worlds * self.num_auvs // LANES) if scenario.auv.dynamic else 0
         self._blocks = self._zeros(groups, ROWS, LANES)
         self._outside = torch.zeros(1, dtype=torch.int32, device=self.device)
-        self._seen_outside = self._outside.numpy() if self._on_host else None  # faster to read than a tensor
+        self._seen_outside = self._outside.numpy(force=True)  # on a CPU the same memory, and faster to read
+        # On a CPU vortices move in the mission's kernel, which tells when their motion is due to be renewed.
+        self._due = torch.ones(1, dtype=torch.int32, device=self.device)
+        self._seen_due = self._due.numpy() if running.on_cpu else None
         self._evolve_vortices = None
-        eddies = scenario.current
-        if eddies.viscosity > 0 or eddies.mutual:
+        current, eddies = scenario.current, self.site.eddies
+        moving = scenario.mission.step, current.viscosity
+        if self._vortices_move and not running.on_cpu:
             self._evolve_vortices = vortex_motion.evolution(
-                *(self.vortex, scenario.mission.step, eddies.viscosity, eddies.mutual, self.site.eddies),
-                drift=self.drift,
-                clock=self._clock,
+                self.vortex, *moving, current.mutual, eddies, drift=self.drift, clock=self._clock
             )
+        elif current.mutual:
+            self._evolve_vortices = vortex_motion.renewal(self.vortex, self.drift, self._clock, *moving, eddies)
         self._constants = self._upload_tables()
         self._fault = None if self._constants["program"].checks else DeviceFlag(self._numbers, LARGEST)
         whole, own = (seeds, 0) if batch is None else (Seeds.of(seed, batch), first_world)
@@ -290,6 +294,11 @@ class World:
         return self._constants["workspace"][:, : tables.rule_workspace(self.scenario)]
 
     @property
+    def _vortices_move(self) -> bool:
+        """Whether vortices move or spread."""
+        return self.scenario.current.viscosity > 0 or self.scenario.current.mutual
+
+    @property
     def begun(self) -> bool:
         """Whether an episode has begun in all worlds, so that a step can follow."""
         return self._begun
@@ -315,6 +324,7 @@ class World:
         if self._deploy:
             self._deploy()
         self._reset()
+        self._due.fill_(1)
         self._begun = True
         self._stop_at_fault()
         return self.observation
@@ -365,7 +375,8 @@ class World:
         except DivergenceError:
             self._diverged = True
             raise
-        if self._evolve_vortices:
+        if self._evolve_vortices and (self._seen_due is None or self._seen_due[0]):
+            self._due.zero_()
             self._evolve_vortices()
         if self._sail:
             self._sail()
@@ -578,13 +589,13 @@ class World:
         in_lanes, in_threads = known and on_cpu and not serial, known and not on_cpu
         program = program._replace(serial=serial, in_lanes=in_lanes, in_threads=in_threads)
         program = program._replace(checks=known and on_cpu and self._on_host)
+        program = program._replace(vortices_move=on_cpu and self._vortices_move)
         losses = self.scenario.boat.count * (self.num_auvs + OTHER_GOALS) if program.weighs_apart else 0
         ways = (1, 1)
         if in_lanes and program.strategy.weigh:
             ways = -(-self.num_worlds // TOGETHER), WAY * STEPS * program.abreast // random.LANES
         drawn = (self.num_worlds, 4 * len(self._draw_numbers)) if in_lanes else (1, 1)
         groups = -(-self.num_worlds * self.num_auvs // SIDE_BY_SIDE) if program.fixes_in_lanes else 1
-        numbers = self._numbers if program.checks else self._zeros(ALIGNMENT)
         return {
             **{name: torch.from_numpy(table).to(self.device) for name, table in uploaded.items()},
             "key": torch.from_numpy(self.seeds.keys()).to(self.device),
@@ -593,9 +604,12 @@ class World:
             "reception": self._zeros(groups, len(ReceptionColumn.names), SIDE_BY_SIDE),
             "links": torch.tensor(uploaded["links"], device=self.device),  # aligned
             "program": program,
-            "numbers": numbers.view(torch.int32).view(-1, ALIGNMENT),
+            "numbers": self._rows(self._numbers, program.checks).view(torch.int32),
             "spans": self._spans,
             "outside": self._outside,
+            "due": self._due,
+            "vortex_rows": self._rows(self.vortex, in_lanes),
+            "drift_rows": self._rows(self.drift, in_lanes),
             "workspace": self._zeros(self.num_worlds, tables.rule_workspace(self.scenario) + losses),
             "ways": self._zeros(*ways, random.LANES),
             "pulse_envelope": self._pulses.envelope,
@@ -603,6 +617,12 @@ class World:
             "pulse_rate": self._pulses.rate,
             "pulse_noise": self._zeros(self.num_worlds, self._pulses.noise.shape[2], 8),
         }
+
+    def _rows(self, array: torch.Tensor, read: bool) -> torch.Tensor:
+        """An array of the state as rows of `ALIGNMENT` numbers with what aligns the next one; some row if not read."""
+        first = array.storage_offset()
+        part = self._numbers[first : first + padded_length(array.shape)] if read else self._zeros(ALIGNMENT)
+        return part.view(-1, ALIGNMENT)
 
     def _bind(self) -> None:
         """Compile the mission's kernels, unless compiled already, for the present tables and sea."""
@@ -615,6 +635,7 @@ class World:
             **dict(zip(("horizon_ended", "truncated"), self._ends, strict=True)),
             **{name: getattr(self, name) for name in ARRAYS},
         }
+        self._due.fill_(1)
         self._bound_in = runtime.start()
         for registry, name in self._parts():
             registry.check_fields(name)

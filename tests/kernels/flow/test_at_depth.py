@@ -55,7 +55,8 @@ def sample(
         water = ti.static(
             Water(
                 *(vortices, stream, SIDE, SIDE, bed, still, still, still, 1.0, 1.0, NX, NY),
-                *(sea, wave, since, EDDIES.pattern),
+                *(sea, wave, since),
+                pattern=EDDIES.pattern,
             )
         )
         found = at_depth.around(water, 0, points[n, 0], points[n, 1], points[n, 2], CRUISE, DECAY)

@@ -7,6 +7,7 @@ state variable is rounded about four times a substep; in waves these errors add 
 import math
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -50,7 +51,8 @@ class TestStep:
             solver = ShallowWater(**common, interval=2000 * courant * solver.limit * (1 - 1e-9))
             assert solver.time_step == pytest.approx(courant * solver.limit)
             solver.set_state(np.random.default_rng(1).normal(size=(1, 12, 18)))
-            solver.advance()
+            with suppress(FloatingPointError):
+                solver.advance()
             growth[courant] = np.abs(solver.elevation()).max()
         assert growth[0.999] < 100  # near the limit the fastest mode has a large, but constant amplitude
         assert not growth[1.02] < 1e6
