@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -71,22 +71,32 @@ def padded_length(shape: Sequence[int]) -> int:
     return -(-math.prod(shape) // ALIGNMENT) * ALIGNMENT
 
 
-def allocate(shapes: Mapping[str, Sequence[int]], device: torch.device) -> tuple[torch.Tensor, dict[str, torch.Tensor]]:
-    """One array of zeros, (N,) float32, so that one check finds any fault, and all arrays as views of it."""
-    numbers = torch.zeros(sum(map(padded_length, shapes.values())), dtype=torch.float32, device=device)
-    parts = numbers.split([padded_length(shape) for shape in shapes.values()])
-    named = zip(parts, shapes.items(), strict=True)
-    views = {name: part[: math.prod(shape)].view(*shape) for part, (name, shape) in named}
-    return numbers, views
+class Memory(NamedTuple):
+    """The arrays of `STATE` and `REWARDS` of worlds, one after the other, so that one check finds any fault.
+
+    Attributes:
+        numbers: all of them, (N,) float32.
+        arrays: views of these by name.
+        spans: of each array that every world has the first row of `ALIGNMENT` numbers, and the numbers of a world,
+            (…, 2) int32.
+    """
+
+    numbers: torch.Tensor
+    arrays: dict[str, torch.Tensor]
+    spans: torch.Tensor
 
 
-def spans_of(shapes: Mapping[str, Sequence[int]], num_worlds: int) -> np.ndarray:
-    """First row of `ALIGNMENT` numbers of each array that every world has, and its numbers a world, (…, 2) int32."""
-    rows = np.cumsum([0, *(padded_length(shape) // ALIGNMENT for shape in shapes.values())])
+def allocate(shapes: Mapping[str, Sequence[int]], num_worlds: int, device: torch.device) -> Memory:
+    """Memory of zeros for arrays of these shapes."""
+    lengths = [padded_length(shape) for shape in shapes.values()]
+    numbers = torch.zeros(sum(lengths), dtype=torch.float32, device=device)
+    named = zip(numbers.split(lengths), shapes.items(), strict=True)
+    arrays = {name: part[: math.prod(shape)].view(*shape) for part, (name, shape) in named}
+    rows = np.cumsum([0, *lengths]) // ALIGNMENT
     each = [
         (row, math.prod(shape[1:])) for row, shape in zip(rows, shapes.values(), strict=False) if shape[0] == num_worlds
     ]
-    return np.array(each, np.int32)
+    return Memory(numbers, arrays, torch.tensor(np.array(each, np.int32), device=device))
 
 
 def bounds_of(scenario: Scenario) -> dict[str, np.ndarray]:

@@ -311,6 +311,12 @@ def pulse_tables(scenario: Scenario, device: torch.device) -> pulse.Pulses:
     return pulse.pulses(codes, carriers(scenario), bandwidth, GATE, device)
 
 
+def no_pulses(device: torch.device) -> pulse.Pulses:
+    """What stands for `pulse_tables` where none are used."""
+    none = torch.zeros(1, dtype=torch.float32, device=device)
+    return pulse.Pulses(none.view(1, 1), none.view(1, 1, 1), none)
+
+
 def roughness(site: Site) -> float:
     """Standard deviation of the surface in short waves, m: in the storm, or without one in the wind's sea."""
     systems = wave_systems(site)

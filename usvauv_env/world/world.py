@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import reprlib
 from collections.abc import Mapping, Sequence
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,11 +17,11 @@ from usvauv.env.sea.water import AirySea, Seeds, WorldWater, whole_number
 from usvauv.env.site.site import Site
 from usvauv.env.storage.memory import require
 from usvauv.env.world import tables
-from usvauv.env.world.boat_strategies import AGENT, StrategyChoice, boat_strategies
-from usvauv.env.world.observation import ObservationLayout, observation_terms
+from usvauv.env.world.boat_strategies import AGENT, StrategyChoice
+from usvauv.env.world.mission_kernels import MissionKernels, workspace_numbers
+from usvauv.env.world.observation import ObservationLayout
 from usvauv.env.world.state import (
     ADJUSTABLE,
-    ALIGNMENT,
     DECISIONS,
     Numbers,
     allocate,
@@ -33,15 +32,12 @@ from usvauv.env.world.state import (
     mask_of,
     numbers_of,
     padded_length,
-    spans_of,
     unused_arrays,
 )
-from usvauv.kernels import random, runtime
-from usvauv.kernels.errors import DivergenceError, blaming
-from usvauv.kernels.flow import current, vortex_motion
+from usvauv.kernels import runtime
+from usvauv.kernels.errors import DivergenceError
+from usvauv.kernels.flow import current
 from usvauv.kernels.flow.vortex import Vortex
-from usvauv.kernels.functions import DeviceFlag, Launch
-from usvauv.kernels.mission.belief_planner import OTHER_GOALS
 from usvauv.kernels.mission.columns import (
     AuvColumn,
     BoatColumn,
@@ -49,18 +45,10 @@ from usvauv.kernels.mission.columns import (
     ExchangeColumn,
     ForesightColumn,
     NodeColumn,
-    Phase,
-    ReceptionColumn,
 )
-from usvauv.kernels.mission.rollouts import STEPS, WAY
-from usvauv.kernels.mission.run import PARAMETERS, draw_vortices, launches, run
-from usvauv.kernels.mission.target_rules import target_rules
-from usvauv.kernels.mission.tasks.task import tasks
-from usvauv.kernels.mission.vehicles import ROWS, move
-from usvauv.kernels.mission.worlds import LARGEST, REWARDS, SIDE_BY_SIDE, STATE, TOGETHER, draw_numbers
-from usvauv.kernels.positioning import pulse, tracker
-from usvauv.kernels.registry import Registry
-from usvauv.kernels.vehicles.vehicle import LANES, vehicles
+from usvauv.kernels.mission.run import draw_vortices
+from usvauv.kernels.mission.worlds import REWARDS, STATE
+from usvauv.kernels.positioning import tracker
 
 NOT_BEGUN = "no episode has begun: call reset first"
 ARRAYS = *STATE, *REWARDS
@@ -201,52 +189,23 @@ class World:
         # Names in `state` of arrays that all worlds share.
         self.common_state = ("sea", "sea_clock", "sea_episode", *unused_arrays(scenario, foresees))
         shapes = array_shapes(scenario, num_worlds, foresees)
-        self._pulses = pulse.Pulses(self._zeros(1, 1), self._zeros(1, 1, 1), self._zeros(1))
-        if scenario.uses_pulse_tables:
-            self._pulses = tables.pulse_tables(scenario, self.device)
-        self._draw_numbers = draw_numbers(self.num_auvs, scenario.boat.count, scenario.targets)
-        drawn = 8 * self._pulses.noise.shape[2] + 4 * self._draw_numbers.size  # noise of a pulse, and random numbers
-        drawn += self.num_auvs * len(ReceptionColumn.names)
-        workspaces = tables.rule_workspace(scenario) + drawn
-        memory = 4.0 * (WORKSPACE * sum(map(padded_length, shapes.values())) + num_worlds * workspaces)
-        require(memory, f"num_worlds = {num_worlds} of {self.num_auvs} AUVs", self.device)
-        self._numbers, arrays = allocate(shapes, self.device)
-        self._spans = torch.from_numpy(spans_of(shapes, num_worlds)).to(self.device)
-        for name, array in arrays.items():
+        used = scenario.uses_pulse_tables
+        pulses = tables.pulse_tables(scenario, self.device) if used else tables.no_pulses(self.device)
+        workspaces = num_worlds * workspace_numbers(scenario, pulses)
+        size = 4.0 * (WORKSPACE * sum(map(padded_length, shapes.values())) + workspaces)
+        require(size, f"num_worlds = {num_worlds} of {self.num_auvs} AUVs", self.device)
+        memory = allocate(shapes, num_worlds, self.device)
+        for name, array in memory.arrays.items():
             setattr(self, name, array)
-        self._clock = torch.full((num_worlds, 2), -1, dtype=torch.int32, device=self.device)
-        # Views that each step uses; making them anew would take a tenth of a single world's step.
-        self._measures = self.auv[..., MEASURED]
-        self._ends = torch.zeros((2, num_worlds, self.num_auvs), dtype=torch.uint8, device=self.device)
-        self._horizon_ended, self._truncated = self._ends.view(torch.bool)
-        self._chosen = torch.ones(num_worlds, dtype=torch.uint8, device=self.device)
-        self._action = self._zeros(num_worlds, self.num_auvs, self.action_size)
-        groups = -(-num_worlds * self.num_auvs // LANES) if scenario.auv.dynamic else 0
-        self._blocks = self._zeros(groups, ROWS, LANES)
-        self._outside = torch.zeros(1, dtype=torch.int32, device=self.device)
-        self._seen_outside = self._outside.numpy(force=True)  # on a CPU the same memory, and faster to read
-        # On a CPU vortices move in the mission's kernel, which tells when their motion is due to be renewed.
-        self._due = torch.ones(1, dtype=torch.int32, device=self.device)
-        self._seen_due = self._due.numpy() if running.on_cpu else None
-        self._evolve_vortices = None
-        current, eddies = scenario.current, self.site.eddies
-        moving = scenario.mission.step, current.viscosity
-        if self._vortices_move and not running.on_cpu:
-            self._evolve_vortices = vortex_motion.evolution(
-                self.vortex, *moving, current.mutual, eddies, drift=self.drift, clock=self._clock
-            )
-        elif current.mutual:
-            self._evolve_vortices = vortex_motion.renewal(self.vortex, self.drift, self._clock, *moving, eddies)
-        self._constants = self._upload_tables()
-        self._fault = None if self._constants["program"].checks else DeviceFlag(self._numbers, LARGEST)
+        self._measures = self.auv[..., MEASURED]  # making it anew in each step would take longer
         whole, own = (seeds, 0) if batch is None else (Seeds.of(seed, batch), first_world)
         worlds = slice(own, own + num_worlds)
         self._water = WorldWater(self.site, whole, worlds, first_world=first_world, fine=fine_sea, device=self.device)
-        self._bind()
+        self._kernels = MissionKernels(
+            *(self.site, self.strategy, self.observation_layout, seeds), self._water, memory, pulses
+        )
+        self._clock, self._action = self._kernels.clock, self._kernels.action
         self._begun = self._diverged = False
-
-    def _zeros(self, *shape: int) -> torch.Tensor:
-        return torch.zeros(shape, dtype=torch.float32, device=self.device)
 
     def __setattr__(self, name: str, value: object) -> None:
         """Refuse to rebind a public attribute: the kernels would continue to use the old one."""
@@ -286,17 +245,12 @@ class World:
     @property
     def rule_numbers(self) -> torch.Tensor:
         """Numbers of the target rule, (≥ 1,); changes take effect from the next step on."""
-        return self._constants["rule_numbers"]
+        return self._kernels.tables["rule_numbers"]
 
     @property
     def rule_workspace(self) -> torch.Tensor:
         """The target rule's workspace after the last step, (W, ≥ 1)."""
-        return self._constants["workspace"][:, : tables.rule_workspace(self.scenario)]
-
-    @property
-    def _vortices_move(self) -> bool:
-        """Whether vortices move or spread."""
-        return self.scenario.current.viscosity > 0 or self.scenario.current.mutual
+        return self._kernels.tables["workspace"][:, : tables.rule_workspace(self.scenario)]
 
     @property
     def begun(self) -> bool:
@@ -310,21 +264,18 @@ class World:
             ScenarioError: the mask is not one bool per world, or leaves a world out of the first reset.
             DivergenceError: as `step`; after one, reset all worlds, or all those whose state has diverged.
         """
-        self._follow_taichi()
+        self._kernels.follow_taichi()
         if mask is None:
             episode = int(self._clock[0, 0]) + 1
             if not self._water.is_at_beginning_of(episode):
                 self._water.begin(episode)
-                self._bind()
-            self._chosen.fill_(1)
+                self._kernels.bind()
+            self._kernels.chosen.fill_(1)
         else:
-            self._chosen.copy_(mask_of(mask, self.num_worlds, self._begun))
+            self._kernels.chosen.copy_(mask_of(mask, self.num_worlds, self._begun))
         if self._diverged:
             self._forget_divergence()
-        if self._deploy:
-            self._deploy()
-        self._reset()
-        self._due.fill_(1)
+        self._kernels.begin()
         self._begun = True
         self._stop_at_fault()
         return self.observation
@@ -334,10 +285,8 @@ class World:
         for name in ARRAYS:
             array = getattr(self, name)
             if len(array) == self.num_worlds:
-                array[self._chosen.bool()] = 0
-        self._outside.zero_()
-        if self._fault:
-            self._fault.forget()
+                array[self._kernels.chosen.bool()] = 0
+        self._kernels.forget_fault()
         self._diverged = False
 
     def step(self, action: Numbers, boat_action: Numbers | None = None) -> Step:
@@ -360,7 +309,7 @@ class World:
         """
         if not self._begun:
             raise ScenarioError(NOT_BEGUN)
-        self._follow_taichi()
+        self._kernels.follow_taichi()
         self._action.copy_(numbers_of("action", action, self._action.shape))
         if self._on_host and not math.isfinite(self._action.sum().item()):
             raise ScenarioError("action: all numbers must be finite")
@@ -375,16 +324,10 @@ class World:
         except DivergenceError:
             self._diverged = True
             raise
-        if self._evolve_vortices and (self._seen_due is None or self._seen_due[0]):
-            self._due.zero_()
-            self._evolve_vortices()
-        if self._sail:
-            self._sail()
-        for part in self._step:
-            part()
+        self._kernels.advance()
         self._stop_at_fault()
         info = {"reward_terms": self.reward_terms, "measures": self._measures}
-        return Step(self.observation, self.reward, self._horizon_ended, self._truncated, info)
+        return Step(self.observation, self.reward, self._kernels.horizon_ended, self._kernels.truncated, info)
 
     def _steer_boats(self, action: torch.Tensor) -> None:
         """Set each boat's goal so that it commands the velocity through the water in its action (W, B, 2)."""
@@ -433,7 +376,7 @@ class World:
         """
         check_state(state, self.state(), self.scenario)
         self._water.load_state(state)
-        self._bind()
+        self._kernels.bind()
         for name in STATE:
             getattr(self, name).copy_(state[name])
         self._clock.copy_(state["clock"])
@@ -460,14 +403,14 @@ class World:
         redrawn = scenario.current != self.scenario.current
         for name, value in (("scenario", scenario), ("site", self.site.under(scenario))):
             object.__setattr__(self, name, value)
-        self._constants = self._upload_tables()
+        self._kernels.use(self.site)
         if redrawn:
             self._redraw_circulations()
         self._water.go_on_under(self.site)
-        self._bind()
+        self._kernels.bind()
 
     def _redraw_circulations(self) -> None:
-        tables, clock, drawn = self._constants, self._clock.clone(), self.vortex.clone()
+        tables, clock, drawn = self._kernels.tables, self._clock.clone(), self.vortex.clone()
         clock[:, 1] = 0  # vortices are drawn as an episode begins
         draw_vortices(tables["p"], tables["fixed_vortex"], tables["key"], clock.contiguous(), drawn)
         self.vortex[..., Vortex.Gamma] = drawn[..., Vortex.Gamma]
@@ -513,33 +456,18 @@ class World:
         Raises:
             DivergenceError: one is not finite or out of range; the message has world, quantity and time.
         """
-        if self._fault.raised() if self._fault else self._seen_outside[0]:
+        if self._kernels.found_fault():
             self._diverged = True
-            self._outside.zero_()
+            self._kernels.forget_fault()
             terms = [name for name, place in self.observation_layout for _ in range(place.start, place.stop)]
             columns = {"observation": terms, "reward_terms": self.reward_names}
             world, problem = first_fault({name: getattr(self, name) for name in ARRAYS}, self.scenario, columns)
             time = int(self._clock[world, 1]) * self.scenario.mission.step
-            plugins = self._plugins()
+            plugins = self._kernels.plugins()
             raise DivergenceError(
                 f"world {self._first_world + world} at {time:g} s: {problem}"
                 + (f" (uses {plugins})" if plugins else "")
             )
-
-    def _parts(self) -> list[tuple[Registry[Any], str]]:
-        """Registered parts of these worlds, which may be a plugin's, each with its registry."""
-        scenario = self.scenario
-        return [
-            (tasks, scenario.task),
-            (boat_strategies, self.strategy.name.partition(":")[0]),
-            (target_rules, scenario.nodes.target_rule.partition(":")[0]),
-            *((observation_terms, term) for term in self.observation_layout.terms),
-            *([(vehicles, scenario.auv.model)] if scenario.auv.dynamic else []),
-        ]
-
-    def _plugins(self) -> str:
-        """The parts of these worlds that plugins have registered, in words; empty without any."""
-        return ", ".join(filter(None, (registry.described(name) for registry, name in self._parts())))
 
     def measures(self) -> torch.Tensor:
         """Cost and yield of the last step, (num_worlds, num_auvs, 6), columns `measure_names`."""
@@ -567,7 +495,7 @@ class World:
             self._area,
             self.vortex,
             self._water.stream,
-            self._constants["bed"],
+            self._kernels.tables["bed"],
             *self.sea.transports,
             *self.sea.units,
             self.sea.nx,
@@ -578,110 +506,6 @@ class World:
             flow,
             *self.site.eddies.pattern,
         )
-
-    def _upload_tables(self) -> dict[str, Any]:
-        """The constant arguments of the mission's kernel, and its workspaces, by name."""
-        uploaded = tables.kernel_tables(self.site, self.strategy)
-        program = tables.program(self.site, self.strategy.strategy, uploaded["link"])
-        serial = runtime.better_alone(self.num_worlds * self.num_auvs)
-        known = not self._plugins()  # plugins' functions may read anything, and may not compile with whole vectors
-        on_cpu = runtime.start().on_cpu
-        in_lanes, in_threads = known and on_cpu and not serial, known and not on_cpu
-        program = program._replace(serial=serial, in_lanes=in_lanes, in_threads=in_threads)
-        program = program._replace(checks=known and on_cpu and self._on_host)
-        program = program._replace(vortices_move=on_cpu and self._vortices_move)
-        losses = self.scenario.boat.count * (self.num_auvs + OTHER_GOALS) if program.weighs_apart else 0
-        ways = (1, 1)
-        if in_lanes and program.strategy.weigh:
-            ways = -(-self.num_worlds // TOGETHER), WAY * STEPS * program.abreast // random.LANES
-        drawn = (self.num_worlds, 4 * len(self._draw_numbers)) if in_lanes else (1, 1)
-        groups = -(-self.num_worlds * self.num_auvs // SIDE_BY_SIDE) if program.fixes_in_lanes else 1
-        return {
-            **{name: torch.from_numpy(table).to(self.device) for name, table in uploaded.items()},
-            "key": torch.from_numpy(self.seeds.keys()).to(self.device),
-            "draw_numbers": torch.tensor(self._draw_numbers, device=self.device),
-            "drawn": self._zeros(*drawn, random.LANES),
-            "reception": self._zeros(groups, len(ReceptionColumn.names), SIDE_BY_SIDE),
-            "links": torch.tensor(uploaded["links"], device=self.device),  # aligned
-            "program": program,
-            "numbers": self._rows(self._numbers, program.checks).view(torch.int32),
-            "spans": self._spans,
-            "outside": self._outside,
-            "due": self._due,
-            "vortex_rows": self._rows(self.vortex, in_lanes),
-            "drift_rows": self._rows(self.drift, in_lanes),
-            "workspace": self._zeros(self.num_worlds, tables.rule_workspace(self.scenario) + losses),
-            "ways": self._zeros(*ways, random.LANES),
-            "pulse_envelope": self._pulses.envelope,
-            "pulse_output": self._pulses.noise,
-            "pulse_rate": self._pulses.rate,
-            "pulse_noise": self._zeros(self.num_worlds, self._pulses.noise.shape[2], 8),
-        }
-
-    def _rows(self, array: torch.Tensor, read: bool) -> torch.Tensor:
-        """An array of the state as rows of `ALIGNMENT` numbers with what aligns the next one; some row if not read."""
-        first = array.storage_offset()
-        part = self._numbers[first : first + padded_length(array.shape)] if read else self._zeros(ALIGNMENT)
-        return part.view(-1, ALIGNMENT)
-
-    def _bind(self) -> None:
-        """Compile the mission's kernels, unless compiled already, for the present tables and sea."""
-        arguments = {
-            **self._constants,
-            **self._water.arguments(),
-            "chosen": self._chosen,
-            "clock": self._clock,
-            "action": self._action,
-            **dict(zip(("horizon_ended", "truncated"), self._ends, strict=True)),
-            **{name: getattr(self, name) for name in ARRAYS},
-        }
-        self._due.fill_(1)
-        self._bound_in = runtime.start()
-        for registry, name in self._parts():
-            registry.check_fields(name)
-        plugins = self._plugins()  # whose Taichi functions may not compile
-        with blaming(plugins, ScenarioError) if plugins else nullcontext():
-            self._reset = self._mission(arguments, Phase.reset)
-            self._step = tuple(self._mission(arguments, phase) for phase in launches(arguments["program"]))
-            self._deploy, self._sail = (
-                self._moving(phase, arguments) if self.scenario.auv.dynamic else None
-                for phase in (Phase.reset, Phase.step)
-            )
-
-    def _mission(self, arguments: Mapping[str, Any], phase: int) -> Launch:
-        """A phase of the mission's kernel."""
-        program = arguments["program"]
-        if phase == Phase.reset:  # which draws for itself
-            program = program._replace(in_lanes=False)
-        settings = runtime.NONE if self._plugins() else runtime.vectors_in_registers()
-        given = ({**arguments, "phase": phase, "program": program}[name] for name in PARAMETERS)
-        return Launch(run, *given, settings={**runtime.quickly(), **settings})
-
-    def _moving(self, phase: int, arguments: Mapping[str, Any]) -> Launch:
-        """The kernel that deploys the vehicles with dynamics, or moves them through a mission step."""
-        table = torch.from_numpy(tables.vehicle_table(self.scenario)).to(self.device)
-        given = (arguments[name] for name in ("key", "clock", "chosen", "action", "auv"))
-        serial = runtime.better_alone(self._blocks.shape[0])
-        body = self.body.view(-1, self.body.shape[-1])
-        motion = tables.vehicle_motion(self.scenario)
-        return Launch(
-            move,
-            phase,
-            serial,
-            motion,
-            arguments["p"],
-            table,
-            *given,
-            body,
-            self._blocks,
-            self._blocks,
-            settings=runtime.vectors_in_registers(),
-        )
-
-    def _follow_taichi(self) -> None:
-        """Bind the kernels again if other code has started Taichi anew."""
-        if runtime.start() is not self._bound_in:
-            self._bind()
 
     def surface(self, pixels: int, world: int = 0) -> np.ndarray:
         """Elevation of a world's sea averaged to at most `pixels` on the longer side, (Y, X), row 0 in the south, m."""

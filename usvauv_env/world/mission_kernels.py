@@ -1,0 +1,255 @@
+"""The kernels of the missions of a `World`, bound to its arrays: tables, workspaces, launches and flags."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from contextlib import nullcontext
+from typing import Any
+
+import torch
+
+from usvauv.env.scenario import Scenario, ScenarioError
+from usvauv.env.sea.water import Seeds, WorldWater
+from usvauv.env.site.site import Site
+from usvauv.env.world import tables
+from usvauv.env.world.boat_strategies import StrategyChoice, boat_strategies
+from usvauv.env.world.observation import ObservationLayout, observation_terms
+from usvauv.env.world.state import ALIGNMENT, Memory, padded_length
+from usvauv.kernels import random, runtime
+from usvauv.kernels.errors import blaming
+from usvauv.kernels.flow import vortex_motion
+from usvauv.kernels.functions import DeviceFlag, Launch
+from usvauv.kernels.mission.belief_planner import OTHER_GOALS
+from usvauv.kernels.mission.columns import Phase, ReceptionColumn
+from usvauv.kernels.mission.rollouts import STEPS, WAY
+from usvauv.kernels.mission.run import PARAMETERS, launches, run
+from usvauv.kernels.mission.target_rules import target_rules
+from usvauv.kernels.mission.tasks.task import tasks
+from usvauv.kernels.mission.vehicles import ROWS, move
+from usvauv.kernels.mission.worlds import LARGEST, SIDE_BY_SIDE, TOGETHER, draw_numbers
+from usvauv.kernels.positioning.pulse import Pulses
+from usvauv.kernels.registry import Registry
+from usvauv.kernels.vehicles.vehicle import LANES, vehicles
+
+
+def workspace_numbers(scenario: Scenario, pulses: Pulses) -> int:
+    """Numbers of a world's workspaces, at most."""
+    drawn = draw_numbers(scenario.auv.count, scenario.boat.count, scenario.targets).size
+    received = scenario.auv.count * len(ReceptionColumn.names)
+    return tables.rule_workspace(scenario) + 8 * pulses.noise.shape[2] + 4 * drawn + received
+
+
+class MissionKernels:
+    """Begins episodes of worlds, and advances worlds by a mission step.
+
+    Args:
+        site, strategy, layout: of the worlds; the last of their observations.
+        seeds: of each world. water: on which they sail.
+        memory: of the worlds' arrays.
+        pulses: of AUVs, where they are used.
+
+    Attributes:
+        clock: (W, 2) int32, episode, and mission steps done.
+        chosen: (W,) uint8, which worlds `begin` begins anew.
+        action: (W, K, A) float32, what `advance` takes.
+        horizon_ended, truncated: (W, K) bool, written by `advance`.
+        tables: constant arguments of the mission's kernel, and its workspaces, by name.
+    """
+
+    def __init__(
+        self,
+        site: Site,
+        strategy: StrategyChoice,
+        layout: ObservationLayout,
+        seeds: Seeds,
+        water: WorldWater,
+        memory: Memory,
+        pulses: Pulses,
+    ) -> None:
+        scenario, running = site.scenario, runtime.start()
+        self._strategy, self._layout, self._seeds, self._water = strategy, layout, seeds, water
+        self._memory, self._pulses = memory, pulses
+        self._device, self._on_cpu, self._on_host = running.device, running.on_cpu, running.torch_on_host
+        worlds, auvs = len(seeds.seed), scenario.auv.count
+        self.clock = torch.full((worlds, 2), -1, dtype=torch.int32, device=self._device)
+        self.chosen = torch.ones(worlds, dtype=torch.uint8, device=self._device)
+        self.action = self._zeros(worlds, auvs, scenario.auv.action_size)
+        self._ends = torch.zeros((2, worlds, auvs), dtype=torch.uint8, device=self._device)
+        self.horizon_ended, self.truncated = self._ends.view(torch.bool)
+        groups = -(-worlds * auvs // LANES) if scenario.auv.dynamic else 0
+        self._blocks = self._zeros(groups, ROWS, LANES)
+        # Flags that kernels set; on a CPU NumPy's views of them are faster to read.
+        self._outside = torch.zeros(1, dtype=torch.int32, device=self._device)
+        self._due = torch.ones(1, dtype=torch.int32, device=self._device)
+        self._seen_outside, self._seen_due = (flag.numpy(force=True) for flag in (self._outside, self._due))
+        self.use(site)
+        self._evolve_vortices = self._evolution()
+        self._flag = None if self.tables["program"].checks else DeviceFlag(memory.numbers, LARGEST)
+        self.bind()
+
+    def _zeros(self, *shape: int) -> torch.Tensor:
+        return torch.zeros(shape, dtype=torch.float32, device=self._device)
+
+    def use(self, site: Site) -> None:
+        """Make the tables of a site; `bind` is to follow."""
+        self._site, scenario = site, site.scenario
+        uploaded = tables.kernel_tables(site, self._strategy)
+        program = tables.program(site, self._strategy.strategy, uploaded["link"])
+        worlds, auvs = self.action.shape[:2]
+        serial = runtime.better_alone(worlds * auvs)
+        known = not self.plugins()  # plugins' functions may read anything, and may not compile with whole vectors
+        in_lanes, in_threads = known and self._on_cpu and not serial, known and not self._on_cpu
+        program = program._replace(serial=serial, in_lanes=in_lanes, in_threads=in_threads)
+        program = program._replace(checks=known and self._on_cpu and self._on_host)
+        program = program._replace(vortices_move=self._on_cpu and self._vortices_move)
+        losses = scenario.boat.count * (auvs + OTHER_GOALS) if program.weighs_apart else 0
+        ways = (1, 1)
+        if in_lanes and program.strategy.weigh:
+            ways = -(-worlds // TOGETHER), WAY * STEPS * program.abreast // random.LANES
+        draws = draw_numbers(auvs, scenario.boat.count, scenario.targets)
+        drawn = (worlds, 4 * len(draws)) if in_lanes else (1, 1)
+        groups = -(-worlds * auvs // SIDE_BY_SIDE) if program.fixes_in_lanes else 1
+        arrays = self._memory.arrays
+        self.tables: dict[str, Any] = {
+            **{name: torch.from_numpy(table).to(self._device) for name, table in uploaded.items()},
+            "key": torch.from_numpy(self._seeds.keys()).to(self._device),
+            "draw_numbers": torch.tensor(draws, device=self._device),
+            "drawn": self._zeros(*drawn, random.LANES),
+            "reception": self._zeros(groups, len(ReceptionColumn.names), SIDE_BY_SIDE),
+            "links": torch.tensor(uploaded["links"], device=self._device),  # aligned
+            "program": program,
+            "numbers": self._rows(self._memory.numbers, program.checks).view(torch.int32),
+            "spans": self._memory.spans,
+            "outside": self._outside,
+            "due": self._due,
+            "vortex_rows": self._rows(arrays["vortex"], in_lanes),
+            "drift_rows": self._rows(arrays["drift"], in_lanes),
+            "workspace": self._zeros(worlds, tables.rule_workspace(scenario) + losses),
+            "ways": self._zeros(*ways, random.LANES),
+            "pulse_envelope": self._pulses.envelope,
+            "pulse_output": self._pulses.noise,
+            "pulse_rate": self._pulses.rate,
+            "pulse_noise": self._zeros(worlds, self._pulses.noise.shape[2], 8),
+        }
+
+    def _rows(self, array: torch.Tensor, read: bool) -> torch.Tensor:
+        """An array of the state as rows of `ALIGNMENT` numbers with what aligns the next one; some row if not read."""
+        first = array.storage_offset()
+        part = self._memory.numbers[first : first + padded_length(array.shape)] if read else self._zeros(ALIGNMENT)
+        return part.view(-1, ALIGNMENT)
+
+    @property
+    def _vortices_move(self) -> bool:
+        """Whether vortices move or spread."""
+        return self._site.scenario.current.viscosity > 0 or self._site.scenario.current.mutual
+
+    def _evolution(self) -> Any:
+        """What comes before the mission's kernel where vortices move; on a CPU only where their motion is renewed."""
+        current, eddies = self._site.scenario.current, self._site.eddies
+        vortex, drift = (self._memory.arrays[name] for name in ("vortex", "drift"))
+        moving = self._site.scenario.mission.step, current.viscosity
+        if self._on_cpu:
+            return vortex_motion.renewal(vortex, drift, self.clock, *moving, eddies) if current.mutual else None
+        if not self._vortices_move:
+            return None
+        return vortex_motion.evolution(vortex, *moving, current.mutual, eddies, drift=drift, clock=self.clock)
+
+    def bind(self) -> None:
+        """Compile the kernels, unless compiled already, for the present tables and sea."""
+        arguments = {
+            **self.tables,
+            **self._water.arguments(),
+            "chosen": self.chosen,
+            "clock": self.clock,
+            "action": self.action,
+            **dict(zip(("horizon_ended", "truncated"), self._ends, strict=True)),
+            **self._memory.arrays,
+        }
+        self._due.fill_(1)
+        self._bound_in = runtime.start()
+        for registry, name in self._parts():
+            registry.check_fields(name)
+        plugins = self.plugins()  # whose Taichi functions may not compile
+        with blaming(plugins, ScenarioError) if plugins else nullcontext():
+            self._reset = self._mission(arguments, Phase.reset)
+            self._step = tuple(self._mission(arguments, phase) for phase in launches(arguments["program"]))
+            self._deploy, self._sail = (
+                self._moving(phase, arguments) if self._site.scenario.auv.dynamic else None
+                for phase in (Phase.reset, Phase.step)
+            )
+
+    def _mission(self, arguments: Mapping[str, Any], phase: int) -> Launch:
+        """A phase of the mission's kernel."""
+        program = arguments["program"]
+        if phase == Phase.reset:  # which draws for itself
+            program = program._replace(in_lanes=False)
+        settings = runtime.NONE if self.plugins() else runtime.vectors_in_registers()
+        given = ({**arguments, "phase": phase, "program": program}[name] for name in PARAMETERS)
+        return Launch(run, *given, settings={**runtime.quickly(), **settings})
+
+    def _moving(self, phase: int, arguments: Mapping[str, Any]) -> Launch:
+        """The kernel that deploys the vehicles with dynamics, or moves them through a mission step."""
+        scenario = self._site.scenario
+        table = torch.from_numpy(tables.vehicle_table(scenario)).to(self._device)
+        given = (arguments[name] for name in ("key", "clock", "chosen", "action", "auv"))
+        body = arguments["body"].view(-1, arguments["body"].shape[-1])
+        return Launch(
+            move,
+            phase,
+            runtime.better_alone(self._blocks.shape[0]),
+            tables.vehicle_motion(scenario),
+            arguments["p"],
+            table,
+            *given,
+            body,
+            self._blocks,
+            self._blocks,
+            settings=runtime.vectors_in_registers(),
+        )
+
+    def follow_taichi(self) -> None:
+        """Bind the kernels again if other code has started Taichi anew."""
+        if runtime.start() is not self._bound_in:
+            self.bind()
+
+    def begin(self) -> None:
+        """Begin the next episode of the worlds in `chosen`."""
+        if self._deploy:
+            self._deploy()
+        self._reset()
+        self._due.fill_(1)
+
+    def advance(self) -> None:
+        """Advance all worlds by a mission step under `action`; their water has been before."""
+        if self._evolve_vortices and (self._seen_due[0] or not self._on_cpu):
+            self._due.zero_()
+            self._evolve_vortices()
+        if self._sail:
+            self._sail()
+        for part in self._step:
+            part()
+
+    def found_fault(self) -> bool:
+        """Whether a number of the worlds is not finite or out of range; with CUDA whether it was a step ago."""
+        return self._flag.raised() if self._flag else bool(self._seen_outside[0])
+
+    def forget_fault(self) -> None:
+        """Go on after a fault."""
+        self._outside.zero_()
+        if self._flag:
+            self._flag.forget()
+
+    def _parts(self) -> list[tuple[Registry[Any], str]]:
+        """Registered parts of these worlds, which may be a plugin's, each with its registry."""
+        scenario = self._site.scenario
+        return [
+            (tasks, scenario.task),
+            (boat_strategies, self._strategy.name.partition(":")[0]),
+            (target_rules, scenario.nodes.target_rule.partition(":")[0]),
+            *((observation_terms, term) for term in self._layout.terms),
+            *([(vehicles, scenario.auv.model)] if scenario.auv.dynamic else []),
+        ]
+
+    def plugins(self) -> str:
+        """The parts of these worlds that plugins have registered, in words; empty without any."""
+        return ", ".join(filter(None, (registry.described(name) for registry, name in self._parts())))
