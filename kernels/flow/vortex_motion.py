@@ -25,6 +25,7 @@ from usvauv.kernels.types import Columns, array3, array4, columns, index1, index
 ABREAST = 32  # worlds side by side: enough independent numbers that the processor need not wait for any
 RENEWAL = 4.0  # s, at most, for which a centre keeps its acceleration
 STAGES = 4  # of the Runge–Kutta method
+PAIRS_A_MICROSECOND = 64  # of vortices abreast, whose motion one thread renews
 
 blocks3 = ti.types.ndarray(dtype=lanes, ndim=3)
 abreast = ti.types.vector(ABREAST, ti.f32)
@@ -221,6 +222,7 @@ def _renew(
 
 @kernel
 def _renew_abreast(
+    serial: ti.template(),
     vortex: rows4,
     drift: rows4,
     clock: index2,
@@ -241,6 +243,7 @@ def _renew_abreast(
             count = due[0] + 1
             due[count] = w
             due[0] = count
+    ti.loop_config(serialize=serial)
     for b in range((due[0] + ABREAST - 1) // ABREAST):
         first = 1 + b * ABREAST
         for v in range(vortex.shape[1]):
@@ -384,7 +387,8 @@ def renewal(
         work = vortex.new_zeros((-(-worlds // ABREAST), len(Work.names), count, ABREAST))
         due = torch.zeros(worlds + 1, dtype=torch.int32)
         settings = {**runtime.vectors_in_registers(), **runtime.quickly()}
-        return Launch(_renew_abreast, *arrays, due, work, step, repeats, settings=settings)
+        serial = runtime.better_alone(worlds * count * count // PAIRS_A_MICROSECOND)
+        return Launch(_renew_abreast, serial, *arrays, due, work, step, repeats, settings=settings)
     work = vortex.new_zeros((worlds, len(Work.names), -(-count // LANES), LANES))
     work[:, Work.width2] = 1.0  # of lanes without a vortex: `induced` divides by it
     serial = runtime.better_alone(worlds * count)

@@ -83,7 +83,7 @@ class Program(NamedTuple):
         repeats: the pattern of vortices has a period.
         passing: nodes are served in passing, not hovering.
         abreast: AUVs side by side in a boat's rollouts, at least all.
-        serial: the calling thread steps all worlds: for few worlds on a CPU waking another thread takes longer.
+        serial: the calling thread steps all worlds: for few on a CPU waking another thread takes longer.
         vortices_move: here, not in a launch of their own.
         checks: on a CPU the kernel looks for faults, with vectors in registers.
         in_lanes: many worlds on a CPU take a step side by side, see `usvauv.kernels.mission.run`.

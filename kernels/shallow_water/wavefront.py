@@ -308,7 +308,11 @@ class WavefrontBackend:
         blocks, columns = packing.blocks, packing.columns
         self._tile, self._bands, self.rows = plan_bands(packing.ny, columns, blocks, substeps, threads)
         copies = np.count_nonzero(self._bands[:, BandTable.packed] != self._bands[:, BandTable.source]) * blocks
-        self._copy_serially = copies * LANES * columns * COPY < WAKE  # done before another thread wakes up
+        cells = blocks * (packing.ny + 1) * columns * LANES
+        alone = cells * (FETCH + substeps * CELL) < WAKE / 2
+        # Done before another thread wakes up.
+        self._copy_serially = copies * LANES * columns * COPY < WAKE
+        self._serial = alone or blocks * len(self._bands) == 1
         self.table = blocks * len(self._bands), intervals_of_period(interval) * substeps
         self._outside = torch.zeros(1, dtype=torch.int32)
         self._seen = self._outside.numpy()
@@ -338,7 +342,7 @@ class WavefrontBackend:
         fixed = *(array.view(-1, LANES) for array in arrays), *forcing.waves, self._outside, table
         fixed = *fixed, boundaries.elevation_factors()
         grid = packing.blocks, packing.columns, packing.nx, packing.ny
-        serial = packing.blocks * len(bands) == 1, self._copy_serially
+        serial = self._serial, self._copy_serially
         options = Options(packing.strips, boundaries.radiating, boundaries.sponge, *serial)
         settings = runtime.vectors_in_registers()
         numbers = self._substeps, self._time_step, a, self._largest, options

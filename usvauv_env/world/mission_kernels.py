@@ -31,6 +31,8 @@ from usvauv.kernels.positioning.pulse import Pulses
 from usvauv.kernels.registry import Registry
 from usvauv.kernels.vehicles.vehicle import LANES, vehicles
 
+AUV_STEP = 5  # µs, about, of an AUV's step in few worlds, one after the other
+
 
 def workspace_numbers(scenario: Scenario, pulses: Pulses) -> int:
     """Numbers of a world's workspaces, at most."""
@@ -96,9 +98,10 @@ class MissionKernels:
         uploaded = tables.kernel_tables(site, self._strategy)
         program = tables.program(site, self._strategy.strategy, uploaded["link"])
         worlds, auvs = self.action.shape[:2]
-        serial = runtime.better_alone(worlds * auvs)
+        few = runtime.better_alone(AUV_STEP * worlds * auvs)
         known = not self.plugins()  # plugins' functions may read anything, and may not compile with whole vectors
-        in_lanes, in_threads = known and self._on_cpu and not serial, known and not self._on_cpu
+        in_lanes, in_threads = known and self._on_cpu and not few, known and not self._on_cpu
+        serial = few or (in_lanes and worlds <= TOGETHER)
         program = program._replace(serial=serial, in_lanes=in_lanes, in_threads=in_threads)
         program = program._replace(checks=known and self._on_cpu and self._on_host)
         program = program._replace(vortices_move=self._on_cpu and self._vortices_move)
