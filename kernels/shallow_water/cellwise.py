@@ -43,10 +43,8 @@ def prescribe(
     waves = ti.static(Waves(amplitude, frequency, phase, clock, interval))
     substeps = prescribed.shape[0] // blocks
     for block in range(blocks):
-        now = interval[0]
-        if now < 0:
-            now = -1 - now
-        tabulate(waves, block, blocks, now * substeps, substeps, time_step, prescribed, block * substeps)
+        first = ti.max(interval[0], -1 - interval[0]) * substeps
+        tabulate(waves, block, blocks, first, substeps, time_step, prescribed, block * substeps)
 
 
 @kernel

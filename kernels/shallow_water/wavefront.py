@@ -143,13 +143,10 @@ def march(
         copied_north = bands[band, BandTable.extent, Extent.copied_north]
         west_lanes = lane_mask(LANES - 1, options.strips)
         east_lanes = lane_mask(nx // W, options.strips)
-        now = interval[0]
-        if now < 0:
-            now = -1 - now
-            if first == 0:
-                waves = ti.static(Waves(amplitude, frequency, phase, clock, interval))
-                tabulate(waves, block, blocks, 0, table, time_step, prescribed, task * table)
-        given = task * table + now * every + first
+        if interval[0] < 0 and first == 0:
+            waves = ti.static(Waves(amplitude, frequency, phase, clock, interval))
+            tabulate(waves, block, blocks, 0, table, time_step, prescribed, task * table)
+        given = task * table + ti.max(interval[0], -1 - interval[0]) * every + first
         for front in range(1, count + substeps - 1):
             for s in range(substeps):
                 k = front - s
