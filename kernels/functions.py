@@ -43,6 +43,7 @@ MANY = 1 << 18  # numbers, from which on several threads look at them
 SHAPE = 0  # member of an array argument that holds its shape, as in Taichi's `SHAPE_POS_IN_NDARRAY`
 STREAMS = 4  # places that a thread reads in turns, so that more comes from memory at a time
 MAGNITUDE = 0x7FFFFFFF  # bits of a number but for its sign
+NOT_FINITE = 0x7F800000  # least magnitude of what is not finite
 lanes = ti.types.vector(LANES, ti.i32)
 rows = ti.types.ndarray(dtype=lanes, ndim=1)
 ALIGNMENT = 64  # bytes, of arrays of vectors: that of the widest registers, which torch's memory has, NumPy's need not
@@ -276,7 +277,7 @@ class Launch:
                 self._position[index] = len(self._position)
                 self._set(index, parameter.annotation, value)
         self._new_context = made.make_launch_context
-        self._kept = None if self._compiled_in.arch == "cuda" else self._calls.on(self._new_context())
+        self._kept: Any = None if self._compiled_in.arch == "cuda" else self._calls.on(self._new_context())
         program: Any = impl.get_runtime().prog
         self._compiled = program.compile_kernel(program.config(), program.get_device_caps(), made)
         self._launch = program.launch_kernel
@@ -307,6 +308,13 @@ class Launch:
         else:
             self._calls.set_arg_int(position, int(value))
 
+    def take(self, index: int, tensor: torch.Tensor) -> None:
+        """Argument `index` is from now on another array, of as many numbers of the same type; only on a CPU."""
+        held = self._held[index]
+        size = held.element_size() * held.nelement()
+        place = (self._position[index],), tensor.data_ptr(), size, tuple(held.shape), 0
+        self._kept.set_arg_external_array_with_shape(*place)
+
     def __call__(self) -> None:
         for arrays in self._on_device:
             arrays.send()
@@ -324,6 +332,18 @@ class Launch:
                 self._compile()
             self._launch(self._compiled, self._kept or self._calls.on(self._new_context()))
         self._launched_in = self._compiled_in
+
+
+@kernel
+def copy_finite(given: array1, copy: array1, flag: index1):
+    """Copy numbers in the calling thread, and set the flag to 1 if one is not finite, else to 0."""
+    flag[0] = 0
+    ti.loop_config(serialize=True)
+    for n in range(copy.shape[0]):
+        number = given[n]
+        copy[n] = number
+        if ti.bit_cast(number, ti.i32) & MAGNITUDE >= NOT_FINITE:
+            flag[0] = 1
 
 
 @kernel

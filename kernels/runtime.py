@@ -12,13 +12,14 @@ import atexit
 import contextlib
 import copy
 import ctypes
+import functools
 import io
 import os
 import shutil
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -435,6 +436,13 @@ def upload(numbers: np.ndarray, tensor: torch.Tensor) -> None:
     """
     source = torch.from_numpy(numbers)
     tensor.copy_(source.pin_memory() if tensor.is_cuda else source, non_blocking=True)
+
+
+def writer(tensor: torch.Tensor) -> Callable[[float], object]:
+    """A function that writes a number into a tensor of one, on the host by NumPy: after a large kernel torch's code is
+    no longer in the processor's caches, and its first operation takes a fiftieth of a step of thousands of worlds.
+    """
+    return functools.partial(tensor.numpy().__setitem__, 0) if tensor.is_cpu else tensor.fill_
 
 
 def synchronize() -> None:

@@ -7,6 +7,7 @@ import numpy as np
 import taichi as ti
 import torch
 
+from usvauv.kernels import runtime
 from usvauv.kernels.functions import func
 from usvauv.kernels.shallow_water.discretisation import LANES, Packing, vector
 from usvauv.kernels.trigonometry import half_sine, narrowed
@@ -57,6 +58,7 @@ class Forcing:
         clock = torch.zeros(1, dtype=torch.float64, device=device)
         number = torch.zeros(1, dtype=torch.int32, device=device)
         self.waves = Waves(a.float(), frequency, phases, clock, number)
+        self._write = runtime.writer(number)
         self._begun: float | None = None
 
     def at(self, time: float) -> np.ndarray:
@@ -68,7 +70,7 @@ class Forcing:
         """Go to the interval that begins some intervals after a time (s) at which a period begins."""
         number = intervals % self.intervals
         begin = start + (intervals - number) * self._interval
-        self.waves.interval.fill_(number if begin == self._begun else -1 - number)
+        self._write(number if begin == self._begun else -1 - number)
         if begin != self._begun:
             self.waves.clock.fill_(begin)
             self._begun = begin

@@ -137,6 +137,7 @@ class AirySea:
         self._clock = torch.zeros(1, dtype=torch.float64, device=device)
         self._begin = math.nan
         self.since = torch.zeros(1, dtype=torch.float32, device=device)
+        self._write_since = runtime.writer(self.since)
         serial = runtime.better_alone(len(omega) // SEAS_A_MICROSECOND)
         self._set_phases = None
         if omega.size:
@@ -152,7 +153,7 @@ class AirySea:
             self._clock.fill_(begin)
             self._set_phases()
             self._begin = begin
-        self.since.fill_(time - begin)
+        self._write_since(time - begin)
 
     def components(self, sea: int) -> np.ndarray:
         """Waves of one sea: a (m), kx, ky (rad/m), ω (rad/s), φ (rad), (N, 5)."""

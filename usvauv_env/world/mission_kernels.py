@@ -18,7 +18,7 @@ from usvauv.env.world.state import ALIGNMENT, Memory, padded_length
 from usvauv.kernels import random, runtime
 from usvauv.kernels.errors import blaming
 from usvauv.kernels.flow import vortex_motion
-from usvauv.kernels.functions import DeviceFlag, Launch
+from usvauv.kernels.functions import DeviceFlag, Launch, copy_finite
 from usvauv.kernels.mission.belief_planner import OTHER_GOALS
 from usvauv.kernels.mission.columns import Phase, ReceptionColumn
 from usvauv.kernels.mission.rollouts import STEPS, WAY
@@ -83,7 +83,9 @@ class MissionKernels:
         # Flags that kernels set; on a CPU NumPy's views of them are faster to read.
         self._outside = torch.zeros(1, dtype=torch.int32, device=self._device)
         self._due = torch.ones(1, dtype=torch.int32, device=self._device)
-        self._seen_outside, self._seen_due = (flag.numpy(force=True) for flag in (self._outside, self._due))
+        self._not_finite = torch.zeros(1, dtype=torch.int32, device=self._device)
+        flags = self._outside, self._due, self._not_finite
+        self._seen_outside, self._seen_due, self._seen_not_finite = (flag.numpy(force=True) for flag in flags)
         self.use(site)
         self._evolve_vortices = self._evolution()
         self._flag = None if self.tables["program"].checks else DeviceFlag(memory.numbers, LARGEST)
@@ -170,6 +172,9 @@ class MissionKernels:
         }
         self._due.fill_(1)
         self._bound_in = runtime.start()
+        self._copy = None
+        if self._on_cpu and self._on_host:
+            self._copy = Launch(copy_finite, self.action.view(-1), self.action.view(-1), self._not_finite)
         for registry, name in self._parts():
             registry.check_fields(name)
         plugins = self.plugins()  # whose Taichi functions may not compile
@@ -222,10 +227,19 @@ class MissionKernels:
         self._reset()
         self._due.fill_(1)
 
+    def take(self, action: torch.Tensor) -> bool:
+        """Copy actions (W, K, A) into `action`; whether they are finite, which nobody looks at on a device."""
+        if self._copy and action.dtype == torch.float32 and action.is_cpu and action.is_contiguous():
+            self._copy.take(0, action)
+            self._copy()
+            return not self._seen_not_finite[0]
+        self.action.copy_(action)
+        return not self._on_host or bool(self.action.isfinite().all())
+
     def advance(self) -> None:
         """Advance all worlds by a mission step under `action`; their water has been before."""
         if self._evolve_vortices and (self._seen_due[0] or not self._on_cpu):
-            self._due.zero_()
+            self._seen_due[0] = 0
             self._evolve_vortices()
         if self._sail:
             self._sail()

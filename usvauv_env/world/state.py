@@ -223,7 +223,7 @@ def numbers_of(name: str, given: object, shape: Sequence[int]) -> torch.Tensor:
         raise ScenarioError(f"{name}: is complex: must be real numbers of shape {tuple(shape)}")
     if given.shape != shape:
         raise ScenarioError(f"{name} has shape {tuple(given.shape)}: must be {tuple(shape)}")
-    return given.detach()
+    return given.detach() if given.requires_grad else given
 
 
 def mask_of(given: object, num_worlds: int, begun: bool) -> torch.Tensor:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import reprlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -180,7 +179,7 @@ class World:
         self.observation_size = self.observation_layout.size
         self.action_size = scenario.auv.action_size
         running = runtime.start(arch)
-        self.device, self._on_host = running.device, running.torch_on_host
+        self.device = running.device
         self._made_with = num_worlds, seed, usv, first_world, batch, fine_sea, arch
         self._first_world = first_world
         self._area = torch.tensor([scenario.area.width, scenario.area.length], dtype=torch.float32, device=self.device)
@@ -310,8 +309,7 @@ class World:
         if not self._begun:
             raise ScenarioError(NOT_BEGUN)
         self._kernels.follow_taichi()
-        self._action.copy_(numbers_of("action", action, self._action.shape))
-        if self._on_host and not math.isfinite(self._action.sum().item()):
+        if not self._kernels.take(numbers_of("action", action, self._action.shape)):
             raise ScenarioError("action: all numbers must be finite")
         if (boat_action is None) == (self.strategy.name == AGENT):
             needs = "missing" if boat_action is None else "given"
