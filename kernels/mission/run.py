@@ -14,7 +14,7 @@ from usvauv.kernels import random
 from usvauv.kernels.flow import airy, vortex_motion
 from usvauv.kernels.flow.current import Water
 from usvauv.kernels.flow.vortex import Pattern, Vortex
-from usvauv.kernels.functions import LANES, func, kernel
+from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.mission import (
     boat_motion,
     fixes,
@@ -234,7 +234,8 @@ def move_vortices(worlds: ti.template(), n):
         first, last = count * n, ti.min(count * (n + 1), worlds.clock.shape[0])
         if ti.static(worlds.program.in_lanes):
             each = 4 * worlds.vortex.shape[1]
-            for row in range(first * each // LANES, (last * each + LANES - 1) // LANES):
+            lanes = ti.static(airy.LANES)
+            for row in range(first * each // lanes, (last * each + lanes - 1) // lanes):
                 vortex_motion.move_side_by_side(worlds.vortex_rows, worlds.drift_rows, row, step, repeats)
         else:
             for v in range(worlds.vortex.shape[1]):
