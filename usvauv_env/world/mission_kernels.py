@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from typing import Any
 
@@ -148,7 +148,7 @@ class MissionKernels:
         """Whether vortices move or spread."""
         return self._site.scenario.current.viscosity > 0 or self._site.scenario.current.mutual
 
-    def _evolution(self) -> Any:
+    def _evolution(self) -> Callable[[], None] | None:
         """What comes before the mission's kernel where vortices move; on a CPU only where their motion is renewed."""
         current, eddies = self._site.scenario.current, self._site.eddies
         vortex, drift = (self._memory.arrays[name] for name in ("vortex", "drift"))
