@@ -37,7 +37,7 @@ import torch
 
 from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.trigonometry import half_cosine, half_sine, narrowed
-from usvauv.kernels.types import array1, vec4
+from usvauv.kernels.types import array1, double1, vec4
 
 LANES = 16
 TURNS_X, TURNS_Y, PHASE, FREQUENCY, AMPLITUDE, LEVEL = range(6)
@@ -48,7 +48,6 @@ STILL = 1e-5  # m/s, which is not felt
 vec8 = ti.types.vector(8, ti.f32)
 lanes = ti.types.vector(LANES, ti.f32)
 waves = ti.types.ndarray(dtype=lanes, ndim=3)
-double1 = ti.types.ndarray(dtype=ti.f64, ndim=1)
 double_lanes = ti.types.ndarray(dtype=ti.types.vector(LANES, ti.f64), ndim=2)
 
 

@@ -23,9 +23,9 @@ from usvauv.kernels.shallow_water.discretisation import (
     Packing,
     vectors,
 )
-from usvauv.kernels.shallow_water.forcing import Forcing, Waves, double1, double_vectors, tabulate
+from usvauv.kernels.shallow_water.forcing import Forcing, Waves, double_vectors, tabulate
 from usvauv.kernels.shallow_water.wavefront import LinearBasin, Options, elevation_outside
-from usvauv.kernels.types import array1, index1, vec4
+from usvauv.kernels.types import array1, double1, index1, vec4
 
 
 @kernel

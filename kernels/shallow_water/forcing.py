@@ -12,7 +12,6 @@ from usvauv.kernels.functions import func
 from usvauv.kernels.shallow_water.discretisation import LANES, Packing, vector
 from usvauv.kernels.trigonometry import half_sine, narrowed
 
-double1 = ti.types.ndarray(dtype=ti.f64, ndim=1)
 double_vectors = ti.types.ndarray(dtype=ti.types.vector(LANES, ti.f64), ndim=1)
 # Longest time, s, and most intervals for which phases are those of the beginning and what they have gained since.
 PERIOD, MOST_INTERVALS = 16.0, 16

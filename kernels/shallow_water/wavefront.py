@@ -28,12 +28,11 @@ from usvauv.kernels.shallow_water.discretisation import (
 from usvauv.kernels.shallow_water.forcing import (
     Forcing,
     Waves,
-    double1,
     double_vectors,
     intervals_of_period,
     tabulate,
 )
-from usvauv.kernels.types import columns, index1, index3, select, vec4
+from usvauv.kernels.types import columns, double1, index1, index3, select, vec4
 
 # Compile-time options: whether lanes are strips of one sea, any boundary radiates, any sponge damps, the calling thread
 # marches all bands, and whether it makes all copies.
