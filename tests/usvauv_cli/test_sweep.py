@@ -19,6 +19,7 @@ from usvauv import policies
 from usvauv.cli.sweep import perform, run
 from usvauv.cli.sweep.run import Piece, key_of
 from usvauv.cli.sweep.study import Evaluation, Resources, StudyRun, define, read
+from usvauv.env.scenario import Scenario
 from usvauv.env.storage.tables import read_rows
 from usvauv.kernels.errors import UserError
 from usvauv.policies import checkpoint
@@ -139,6 +140,32 @@ class TestFile:
     def test_of_the_examples_is_a_study(self):
         names = Counter((piece.method, piece.task) for piece in read(ROOT / "examples" / "study.toml").runs)
         assert names == {(m, t): 2 for m in ("clear", "sac") for t in ("ideal", "extreme")}
+
+    def test_names_what_differs_differently(self, tmp_path, monkeypatch):
+        """A copy of a scenario keeps its name; runs of one name have other policies, settings or seeds."""
+        monkeypatch.chdir(tmp_path)
+        Path("mine.toml").write_text(Scenario.load("ideal", ["boat.top_speed=3"]).to_toml(), encoding="utf-8")
+        Path("copy.toml").write_text(Scenario.load("ideal").to_toml(), encoding="utf-8")
+        text = """
+            [common]
+            scenario = ["ideal", "mine.toml", "copy.toml"]
+            [[runs]]
+            policy = "clear"
+            [[runs]]
+            policy = ["pace:100", "pace:50"]
+            name = "tuned"
+            targets = "sectors"
+            [[runs]]
+            algorithm = "sac"
+            learn = [["tau=0.1", "updates=2"], ["tau=0.2", "updates=2"]]
+            seed = [0, 1]
+            name = "clear"
+        """
+        runs = read(written(tmp_path, text)).runs
+        methods = {"clear": 1, "tuned · pace:100": 1, "tuned · pace:50": 1}
+        methods |= {"clear · sac · tau=0.1 · updates=2": 2, "clear · sac · tau=0.2 · updates=2": 2}
+        expected = {(m, t): count for m, count in methods.items() for t in ("ideal", "ideal · mine.toml")}
+        assert Counter((piece.method, piece.task) for piece in runs) == expected
 
     def test_of_powershell_is_a_study(self, tmp_path):
         text = "[[runs]]\npolicy = 'clear'\nname = 'Größe'\n"

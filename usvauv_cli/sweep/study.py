@@ -6,6 +6,7 @@ all of them.
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -28,6 +29,7 @@ from usvauv.kernels.errors import UserError
 OF_TRAINING = ("steps", "worlds", "shared", "learn")
 LISTS = ("set", "learn")  # fields that are lists themselves; several of these are a list of lists
 MOST_RUNS = 10_000
+SEPARATOR = " · "  # between parts of a name
 
 
 class StudyRun(Section):
@@ -175,22 +177,52 @@ def define(run: StudyRun, evaluation: Evaluation, source: str) -> dict[str, Any]
 
 
 def _named(runs: Sequence[tuple[StudyRun, dict[str, Any]]]) -> Iterator[Piece]:
-    """Runs with their method and task in words: what acts, and in which scenario; of settings and changes those that
-    are not the same in all runs.
+    """Runs with their method and task in words, each of which stands for one content in the whole study: what acts, and
+    in which scenario; of settings and changes those that are not the same in all runs.
     """
     settings = [
-        [f"{name}={getattr(run, name)}" for name in OF_TRAINING[:-1] if name in run.model_fields_set] + list(run.learn)
+        [f"{name}={getattr(run, name)}" for name in OF_TRAINING[:-1] if name in run.model_fields_set] + _last(run.learn)
         for run, _ in runs
     ]
     same = _in_all([of for of, (run, _) in zip(settings, runs, strict=True) if run.algorithm])
     changes = _in_all([run.set for run, _ in runs])
     boats = len({definition["usv"] for _, definition in runs}) > 1
+    methods, tasks, scenarios = [], [], dict[str, tuple[str, list[str]]]()
     for of, (run, definition) in zip(settings, runs, strict=True):
         varying = [text for text in of if text not in same]
         parts = [run.policy or run.algorithm, *varying, definition["usv"] if boats else "", run.targets]
+        whole = [run.policy or run.algorithm, *of, run.usv, run.targets]
+        methods.append((run.name or SEPARATOR.join(filter(None, parts)), whole))
         task = [definition["scenario"]["name"], *(change for change in run.set if change not in changes)]
-        method = run.name or " · ".join(filter(None, parts))
-        yield Piece(definition=definition, method=method, task=" ".join(task))
+        content = json.dumps(_without_targets(run, definition), sort_keys=True)
+        tasks.append(scenarios.setdefault(content, (" ".join(task), [run.scenario, *_last(run.set)])))
+    for (_, definition), method, task in zip(runs, _told_apart(methods), _told_apart(tasks), strict=True):
+        yield Piece(definition=definition, method=method, task=task)
+
+
+def _without_targets(run: StudyRun, definition: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The content of a run's scenario, with the target rule only where it is not part of the method."""
+    scenario = definition["scenario"]
+    return {**scenario, "nodes": {**scenario["nodes"], "target_rule": ""}} if run.targets else scenario
+
+
+def _told_apart(named: Sequence[tuple[str, Sequence[str]]]) -> list[str]:
+    """Names, given with all that makes up what each stands for; one that stands for several things is followed by what
+    these do not have in common.
+    """
+    found: dict[str, list[Sequence[str]]] = {}
+    for name, parts in named:
+        found.setdefault(name, []).append(parts)
+    common = {name: _in_all(of) for name, of in found.items()}
+    return [
+        SEPARATOR.join([name, *(part for part in parts if part and part != name and part not in common[name])])
+        for name, parts in named
+    ]
+
+
+def _last(assignments: Sequence[str]) -> list[str]:
+    """Assignments NAME=VALUE that have an effect: the last one of each name."""
+    return list({text.partition("=")[0]: text for text in assignments}.values())
 
 
 def _in_all(lists: Sequence[Sequence[str]]) -> set[str]:
