@@ -80,6 +80,12 @@ def load_installed() -> None:
             raise PluginError(f"plugin {entry.value}: {_reason(error)}") from error
 
 
+def files() -> list[Path]:
+    """Files of all plugins: those loaded by path, and the modules of installed distributions."""
+    modules = [sys.modules.get(entry.module) for entry in entry_points(group=GROUP)]
+    return [*_paths, *(Path(module.__file__) for module in modules if module and module.__file__)]
+
+
 def loaded() -> list[Path]:
     """Files of the plugins loaded by path, in order."""
     return list(_paths)

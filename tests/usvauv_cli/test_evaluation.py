@@ -21,6 +21,7 @@ from usvauv.cli.evaluation.comparison import (
     t_quantile,
     words,
 )
+from usvauv.cli.evaluation.run import combinations, definition, first_difference
 from usvauv.cli.evaluation.tables import dependence, labels, sentence, sentences
 from usvauv.env import Scenario, World, evaluate
 from usvauv.env.record import evaluation
@@ -302,6 +303,18 @@ def test_only_the_same_command_goes_on(tmp_path, run_usvauv, refused, stopping):
         assert said == f"m.csv.partial: is of another command: {told}\n"
     assert "take it up with --resume, or remove it" in refused(*EVAL, "--out", "m.csv")
     assert {path: path.read_bytes() for path in partial.iterdir()} == kept
+
+
+def test_files_that_the_scenario_names_are_part_of_the_command(tmp_path):
+    """Their content, not their place; `eval --resume` refuses another definition."""
+    data = tmp_path / "currents.nc"
+    scenario = Scenario.load("ideal", [f"water.currents={data}"])
+    (which,) = combinations(scenario, ["keep"], [None], [None])
+    definitions = []
+    for content in ("one", "another"):
+        data.write_text(content)
+        definitions.append(definition(scenario, [which], 0, "cpu"))
+    assert first_difference(*definitions).startswith(f"files.{data} = ")
 
 
 def test_it_ends_when_differences_are_known_well_enough(tmp_path, run_usvauv, stopping, monkeypatch):

@@ -9,6 +9,7 @@ import sys
 import time
 from collections import Counter
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -199,6 +200,32 @@ class TestKey:
         checkpoint.write(best, {checkpoint.POLICY: (about, {name: 1.01 * value for name, value in tensors.items()})})
         (tmp_path / "mine_here.py").write_text("class Best: ...\nclass Other: pass\n")
         assert not before & keys(*names)
+
+    @pytest.mark.parametrize("field", ["bathymetry", "currents", "waves"])
+    def test_is_another_when_data_of_the_scenario_change(self, tmp_path, field):
+        data = tmp_path / "data.nc"
+        changed = StudyRun(policy="clear", set=(f"water.{field}={data}",))
+        keys = set()
+        for content in ("one", "another", "one"):
+            data.write_text(content)
+            keys.add(key_of(define(changed, Evaluation(), "here")))
+        assert len(keys) == 2
+
+
+def test_a_file_that_changes_during_a_run_fails_it(tmp_path, monkeypatch):
+    """A result is of the files that its key has; a second attempt has the new ones."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    Path("touched.py").write_text(
+        "class Best:\n    def __init__(self, world): ...\n    def act(self, o): return 0 * o[..., :2]\n"
+    )
+    settings = StudyRun(scenario="ideal", set=("mission.duration=12",), policy="touched:Best")
+    piece = Piece(definition=define(settings, Evaluation(episodes=1), "here"), method="", task="")
+    signs = SimpleNamespace(advance=lambda units: None, stopping=lambda: False)
+    Path("touched.py").write_text("")
+    with pytest.raises(UserError, match="a file that enters the result has changed"):
+        run.perform(piece.definition, piece.evaluate, piece.place(tmp_path), signs)
+    assert not piece.finished(tmp_path)
 
 
 def counted(folder: Path) -> Counter:

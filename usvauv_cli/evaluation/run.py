@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -16,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 from usvauv import policies as by_name
 from usvauv.cli.evaluation.comparison import Comparison
 from usvauv.cli.evaluation.tables import headline, sentences
-from usvauv.env import plugins
 from usvauv.env.record import evaluation
 from usvauv.env.record.evaluation import MakePolicy, evaluate_batch
 from usvauv.env.record.metrics import FIGURES
@@ -27,8 +25,7 @@ from usvauv.env.storage.tables import Combination, GrowingTable
 from usvauv.env.world.boat_strategies import StrategyChoice
 from usvauv.env.world.world import World
 from usvauv.kernels import runtime
-from usvauv.policies.loading import source
-from usvauv.policies.policy import PolicyError
+from usvauv.policies.inputs import digests
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -56,24 +53,11 @@ def definition(scenario: Scenario, combinations: Iterable[Combination], seed: in
         "boats": boats,
         "targets": [readable(name) for name in rules],
         "seed": seed,
-        "files": {readable(str(path)): digest for path, digest in digests(policies, (*boats, *rules))},
+        "files": digests([scenario.with_targets(rule or None) for rule in rules], policies),
         "kernels on": runtime.start(arch).arch,
         "version": metadata.version("usvauv"),
     }
     return json.loads(json.dumps(decides))
-
-
-def digests(policies: Iterable[str], others: Iterable[str]) -> list[tuple[Path, str]]:
-    """Files on which results depend apart from the scenario, with hashes of their content: plugins, learned rules,
-    weights, files of MODULE:CLASS; from names of policies, and of boat strategies and target rules.
-    """
-    learned = [Path(name.partition(":")[2]) for name in others if name.startswith("learned:")]
-    of_policies = [path for policy in filter(None, policies) if (path := source(policy))]
-    try:
-        files = (*plugins.loaded(), *learned, *of_policies)
-        return [(path, hashlib.sha256(path.read_bytes()).hexdigest()) for path in files]
-    except OSError as error:
-        raise PolicyError(f"{error.filename}: cannot be read: {error.strerror}") from None
 
 
 def first_difference(one: Any, other: Any, name: str = "") -> str:

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from usvauv import policies
-from usvauv.cli.evaluation.run import digests
 from usvauv.cli.sweep.run import Evaluate, Piece
 from usvauv.env import Scenario, World
 from usvauv.env.planning.fix_errors import best_variance, median_of_normals
@@ -26,6 +25,7 @@ from usvauv.env.render.style import Figure, Ground
 from usvauv.env.storage.tables import write_rows
 from usvauv.env.world.boat_strategies import StrategyChoice
 from usvauv.policies import TrainingConfig, checkpoint
+from usvauv.policies.inputs import digests
 
 FIGURES = ("sdr", "ec", "arps")  # sum data rate, energy consumption, average reward per time step
 CONDITIONS = {"ISC": "paper-ideal", "ESC": "paper-extreme"}  # ideal and extreme sea, and our scenarios for them
@@ -266,7 +266,7 @@ def _piece(
     seed: int = 0,
 ) -> Piece:
     definition = {"scenario": scenario.to_dict(), "policy": policy, "training": training, "usv": usv, "seed": seed}
-    definition |= {"evaluation": evaluation, "files": [digest for _, digest in digests([], ())]}
+    definition |= {"evaluation": evaluation, "files": [*digests([scenario], [policy]).values()]}
     return Piece(definition=definition, method=policy, task=task, evaluate=evaluate)
 
 

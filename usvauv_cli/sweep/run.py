@@ -26,8 +26,10 @@ from usvauv.cli.sweep.engine import Signs, Stopped
 from usvauv.env import Scenario, World
 from usvauv.env.storage.files import OutputError, atomic_write, inside, locked, read_text, writing
 from usvauv.env.storage.tables import read_rows, write_rows
+from usvauv.kernels.errors import UserError
 from usvauv.policies import checkpoint
 from usvauv.policies.checkpoint import provenance
+from usvauv.policies.inputs import digests
 from usvauv.policies.training.figures import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
 from usvauv.policies.training.trainer import EVALUATIONS
 
@@ -65,7 +67,8 @@ class Piece:
 
     Its definition is the JSON that decides the results: "scenario", "policy" or "training" (a `TrainingConfig`, "total"
     world-steps, and if they are not the default "evaluations" and "judged" episodes in each), "usv", "seed", and
-    "evaluation" with its number of "episodes" and what `evaluate` needs.
+    "evaluation" with its number of "episodes" and what `evaluate` needs, and "files", the digests of
+    `usvauv.policies.inputs`.
     """
 
     definition: Mapping[str, Any]
@@ -131,8 +134,16 @@ def perform(definition: Mapping[str, Any], evaluate: Evaluate, place: Path, sign
             if definition["training"]:
                 _train(definition, place, signs)
             rows = evaluate(definition, place, step)
+            if _files(definition) != definition["files"]:
+                raise UserError("a file that enters the result has changed since: give the command again")
             (place / FAILURE).unlink(missing_ok=True)
             write_rows(place / RESULT, list(rows[0]), rows)
+
+
+def _files(definition: Mapping[str, Any]) -> list[str]:
+    """Digests of the files that enter the result of a run."""
+    scenario = Scenario.from_dict(definition["scenario"])
+    return [*digests([scenario], [definition["policy"]]).values()]
 
 
 def _train(definition: Mapping[str, Any], place: Path, signs: Signs) -> None:

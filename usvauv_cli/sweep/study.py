@@ -17,7 +17,6 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import Field, ValidationError, model_validator
 
 from usvauv import policies
-from usvauv.cli.evaluation.run import digests
 from usvauv.cli.sweep.run import Piece, key_of
 from usvauv.env.record.metrics import FIGURES, task_metrics
 from usvauv.env.scenario import Scenario
@@ -25,6 +24,7 @@ from usvauv.env.scenario.fields import Section, one_line, one_of
 from usvauv.env.storage.files import TextFileError, decoded, read_text
 from usvauv.env.world.boat_strategies import StrategyChoice
 from usvauv.kernels.errors import UserError
+from usvauv.policies.inputs import digests
 
 OF_TRAINING = ("steps", "worlds", "shared", "learn")
 LISTS = ("set", "learn")  # fields that are lists themselves; several of these are a list of lists
@@ -172,7 +172,7 @@ def define(run: StudyRun, evaluation: Evaluation, source: str) -> dict[str, Any]
         "usv": usv,
         "seed": run.seed,
         "evaluation": {"episodes": evaluation.episodes, "seed": evaluation.seed},
-        "files": [digest for _, digest in digests([run.policy], (run.usv, run.targets))],
+        "files": [*digests([scenario], [run.policy]).values()],
     }
 
 

@@ -34,6 +34,8 @@ Price = Annotated[float, Field(ge=0, le=LARGEST)]
 Place = Annotated[float, Field(ge=-FARTHEST, le=FARTHEST)]
 Distance = Annotated[float, Field(ge=0, le=20000)]  # the longest side of an area
 Carrier = Annotated[float, Field(ge=LOWEST_TONE, le=HIGHEST_TONE)]
+FILE = "file"  # mark of a field with the name of a file of data
+FileName = Annotated[str, FILE]
 Bandwidth = Annotated[float, Field(ge=1, le=1e6)]
 # Retired fields, and values that earlier versions wrote into every file. A file may have these values, which now change
 # nothing; a stored scenario may have any.

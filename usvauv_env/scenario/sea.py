@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
-from usvauv.env.scenario.fields import Bandwidth, Carrier, Number, Place, Section, one_of
+from usvauv.env.scenario.fields import Bandwidth, Carrier, FileName, Number, Place, Section, one_of
 from usvauv.kernels.planning.information import MAX_AUVS
 from usvauv.kernels.positioning.reflections import SEDIMENTS
 from usvauv.kernels.positioning.sonar import absorption_laws, ambient_noise_laws
@@ -185,9 +185,9 @@ class Storm(Section):
 class Water(Section):
     """The real bed, currents and waves, read from NetCDF files (`usvauv.env.site`)."""
 
-    bathymetry: str = Field("", description="file with the depth of the bed; empty: flat at area.depth")
-    currents: str = Field("", description="file with currents, added to the vortices; empty: none")
-    waves: str = Field(
+    bathymetry: FileName = Field("", description="file with the depth of the bed; empty: flat at area.depth")
+    currents: FileName = Field("", description="file with currents, added to the vortices; empty: none")
+    waves: FileName = Field(
         "", description="file with wave spectra or partitions, in place of the storm's systems; empty: none"
     )
     longitude: float = Field(
