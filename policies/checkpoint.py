@@ -26,6 +26,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any
 
 import torch
@@ -97,6 +98,7 @@ class Resumption(Checked, extra="allow"):
     __pydantic_extra__: dict[str, str]
     steps: Count
     plugins: list[str] = []
+    files: dict[str, str] = {}
 
 
 class Made(Checked):
@@ -110,6 +112,7 @@ class Made(Checked):
     commit: str = ""
     torch: str = ""
     plugins: list[str] = []
+    files: dict[str, str] = {}
     seconds: Annotated[Figure, Field(ge=0)] = 0.0
     score: Figure | None = None
     evaluation: dict[str, Figure] = {}
@@ -220,11 +223,14 @@ def _read_folder(path: Path, part: str, device: torch.device) -> Part:
     return about, load_file(tensors, device=str(device)) if tensors.is_file() else {}
 
 
-def provenance(begun: Mapping[str, Any], start: Sequence[str] = ("usvauv",)) -> dict[str, Any]:
-    """Command, commit, version of torch and plugins, recorded in a checkpoint so that it can be reproduced.
+def provenance(
+    begun: Mapping[str, Any], start: Sequence[str] = ("usvauv",), files: Mapping[str, str] = MappingProxyType({})
+) -> dict[str, Any]:
+    """Command, commit, version of torch, plugins and files, recorded in a checkpoint so that it can be reproduced.
 
     A resumed run keeps those of its beginning, from the JSON `begun` of its checkpoint; "resumed" lists the world-steps
-    at which it was resumed, with the same items. `start` is the beginning of the command.
+    at which it was resumed, with the same items. `start` is the beginning of the command, `files` are those that enter
+    the result with their digests, see `usvauv.policies.inputs`.
     """
 
     def git(*arguments: str) -> str:
@@ -238,12 +244,17 @@ def provenance(begun: Mapping[str, Any], start: Sequence[str] = ("usvauv",)) -> 
     commit = git("rev-parse", "HEAD") or "unknown"
     dirty = "+changes" if git("status", "--porcelain", "--untracked-files=no") else ""
     command = readable(shlex.join([*start, *sys.argv[1:]]))
-    now = {"command": command, "commit": commit + dirty, "torch": torch.__version__}
-    if files := plugins.loaded():
-        now["plugins"] = [readable(str(file)) for file in files]
+    now: dict[str, Any] = {
+        "command": command,
+        "commit": commit + dirty,
+        "torch": torch.__version__,
+        "files": dict(files),
+    }
+    if loaded := plugins.loaded():
+        now["plugins"] = [readable(str(file)) for file in loaded]
     if not begun:
         return now
-    first = {key: begun[key] for key in ("command", "commit", "torch", "plugins") if key in begun}
+    first = {key: begun[key] for key in ("command", "commit", "torch", "plugins", "files") if key in begun}
     return first | {"resumed": [*begun.get("resumed", []), {"steps": begun.get("steps", 0), **now}]}
 
 

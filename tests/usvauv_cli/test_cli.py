@@ -239,9 +239,13 @@ def test_a_log_that_cannot_be_is_refused_in_one_line(tmp_path, refused, monkeypa
     assert not (tmp_path / "run").exists()
 
 
-def test_a_run_that_ends_before_it_learns_says_so(tmp_path, run_usvauv):
+def test_a_run_that_ends_before_it_learns_says_so(tmp_path, run_usvauv, monkeypatch):
+    """And one that is taken up with a plugin of another content."""
+    monkeypatch.setattr(plugins, "_paths", [])
+    (tmp_path / "a.py").write_text("")
+    own = ("--plugin", "a.py")
     begin = ["train", "extreme", "--worlds", 2, "--learn", "warmup=40", "--learn", "hidden=8", "--out", "run", *SHORT]
-    code, said, warned = run_usvauv(*begin, "--steps", 40)
+    code, said, warned = run_usvauv(*begin, *own, "--steps", 40)
     assert (code, warned) == (
         0,
         "warning: --steps 40: nothing will be learned: the first update comes after 40 world-steps\n",
@@ -255,8 +259,11 @@ def test_a_run_that_ends_before_it_learns_says_so(tmp_path, run_usvauv):
     assert "best policy, the untrained one: ARPS " in words
     assert words.endswith(" in run/best.safetensors")
     assert (tmp_path / "run" / "best.safetensors").exists()
-    assert run_usvauv("train", "--out", "run", "--resume", "--steps", 42)[::2] == (0, "")
-    nothing = "nothing is left to do: of 42 world-steps 42 are done; a larger --steps goes on\n"
+    (tmp_path / "a.py").write_text("# corrected\n")
+    for steps, changed in ((42, f"warning: {tmp_path}/a.py: changed since run was saved; the run goes on"), (44, "")):
+        code, _, warned = run_usvauv("train", "--out", "run", "--resume", *own, "--steps", steps)
+        assert (code, warned.count("\n"), warned[: len(changed)]) == (0, len(changed) > 0, changed)
+    nothing = "nothing is left to do: of 44 world-steps 44 are done; a larger --steps goes on\n"
     assert run_usvauv("train", "--out", "run", "--resume") == (0, nothing, "")
     code, said, complaint = run_usvauv(*begin, "--out", "fins", "--learn", "frame=fins")
     assert (code, said) == (2, "")  # before it evaluates anything

@@ -97,6 +97,7 @@ def train(
     from usvauv.env.world.boat_strategies import StrategyChoice
     from usvauv.kernels import runtime
     from usvauv.policies.checkpoint import LAST, clean, path_of, provenance
+    from usvauv.policies.inputs import changed, digests
     from usvauv.policies.training.figures import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET, check_log
     from usvauv.policies.training.ranks import joined
 
@@ -158,13 +159,20 @@ def train(
         if ranks.leads:
             options.preparing(next(iter(runs.values()))[0], arch)
         trainers: list[Trainer] = []
+        files = digests([next(iter(runs.values()))[0]])
         for folder, (setting, config, begun) in runs.items():
+            if ranks.leads and (different := changed(begun, files)):
+                typer.echo(
+                    f"warning: {', '.join(different)}: changed since {folder} was saved; the run goes on with what is"
+                    " there now, and its result is of both; another --out begins anew",
+                    err=True,
+                )
             mine = ranks.share(config.num_worlds)
             batch = config.num_worlds if ranks.count > 1 else None
             world = World(
                 setting, mine.stop - mine.start, config.seed, boats, first_world=mine.start, batch=batch, arch=arch
             )
-            about = provenance(begun, ranks.command) | {"usv": world.strategy.name, "total": total}
+            about = provenance(begun, ranks.command, files) | {"usv": world.strategy.name, "total": total}
             trainers.append(policies.Trainer(world, config, folder, provenance=about, ranks=ranks, log=log))
             if begun:
                 trainers[-1].resume()
