@@ -288,25 +288,62 @@ def load_policy(
     """
     device = device or CPU
     content, tensors = read(path, POLICY, device)
-    own, config = _scenario_and_config(content, path)
-    with FRAMES.calling(config.frame):
-        frame = FRAMES[config.frame](own)
-        sizes = Sizes(1 if config.shared else own.auv.count, frame.features, frame.actions)
+    own, config, sizes = _checked(content, tensors, path)
+    standardizer = Standardizer(tensors.pop("whitening.mean"), tensors.pop("whitening.deviation"))
     with ALGORITHMS.calling(config.algorithm):
         actor = ALGORITHMS[config.algorithm].make_actor(sizes, config, torch.Generator(device))
-    try:
-        if not all(value.isfinite().all() for value in tensors.values()):
-            raise RuntimeError("a value is not finite")
-        standardizer = Standardizer(tensors.pop("whitening.mean"), tensors.pop("whitening.deviation"))
         actor.load_state_dict({key.removeprefix("actor."): value for key, value in tensors.items()})
-    except (KeyError, RuntimeError) as error:
-        first = str(error).strip().splitlines()[-1].strip()
-        raise PolicyError(f"{path}: checkpoint is damaged: {first}") from None
-    shape = (sizes.observation,)
-    if standardizer.mean.shape != shape or standardizer.deviation.shape != shape:
-        raise PolicyError(f"{path}: checkpoint is damaged: whitening is not {shape[0]} numbers")
     policy = LearnedPolicy(name, own, config.frame, standardizer, actor.requires_grad_(False), config.shared, content)
     return policy if scenario is None else policy.for_scenario(scenario)
+
+
+class _Shapes(torch.Generator):
+    """A source of numbers on the device "meta", where tensors have shapes but take no memory."""
+
+    device = torch.device("meta")  # pyright: ignore[reportAssignmentType] - of the class it is an attribute
+
+
+def check_tensors(tensors: Mapping[str, Tensor], expected: Mapping[str, tuple[tuple[int, ...], torch.dtype]]) -> None:
+    """Refuse tensors other than those expected, by name with shape and type, and numbers out of range.
+
+    Raises:
+        PolicyError: one line with the tensor and what is wrong.
+    """
+    if different := sorted(tensors.keys() ^ expected.keys()):
+        raise PolicyError(f"{different[0]} is {'unknown' if different[0] in tensors else 'missing'}")
+    for name, (shape, kind) in expected.items():
+        value = tensors[name]
+        if tuple(value.shape) != shape or value.dtype != kind:
+            raise PolicyError(f"{name} is {value.dtype} {tuple(value.shape)}: must be {kind} {shape}")
+        if value.is_floating_point():
+            least = 0.0 if name.endswith((".exp_avg_sq", ".step")) else -LARGEST
+            if not ((value >= least) & (value <= LARGEST)).all():
+                raise PolicyError(f"{name}: numbers must be finite, from {least:g} to {LARGEST:g}")
+
+
+def _checked(
+    content: Mapping[str, Any], tensors: Mapping[str, Tensor], path: Path
+) -> tuple[Scenario, TrainingConfig, Sizes]:
+    """Scenario and settings of a policy's training, and sizes of its actors, from its checkpoint, all of which is
+    checked before networks of these sizes are built.
+    """
+    scenario, config = _scenario_and_config(content, path)
+    with FRAMES.calling(config.frame):
+        frame = FRAMES[config.frame](scenario)
+        sizes = Sizes(1 if config.shared else scenario.auv.count, frame.features, frame.actions)
+    learner = ALGORITHMS[config.algorithm]
+    try:
+        actor = learner.make_actor(sizes, config, _Shapes())
+    except Exception:  # a plugin's that needs numbers
+        with ALGORITHMS.calling(config.algorithm):
+            actor = learner.make_actor(sizes, config, torch.Generator())
+    expected = {f"actor.{name}": (tuple(value.shape), value.dtype) for name, value in actor.state_dict().items()}
+    expected |= {f"whitening.{name}": ((sizes.observation,), torch.float32) for name in ("mean", "deviation")}
+    try:
+        check_tensors(tensors, expected)
+    except PolicyError as error:
+        raise PolicyError(f"{path}: checkpoint is damaged: {error}") from None
+    return scenario, config, sizes
 
 
 def _scenario_and_config(content: Mapping[str, Any], path: Path) -> tuple[Scenario, TrainingConfig]:
@@ -337,8 +374,9 @@ def read_run(run: Path) -> tuple[Scenario, TrainingConfig, dict[str, Any]]:
         PolicyError: no such run, or it is damaged.
     """
     path = path_of(Path(run), LAST)
-    content, _ = read(path, POLICY)
-    return *_scenario_and_config(content, path), content
+    content, tensors = read(path, POLICY)
+    scenario, config, _ = _checked(content, tensors, path)
+    return scenario, config, content
 
 
 def read_history(run: Path) -> list[dict[str, float]]:

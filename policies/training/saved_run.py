@@ -17,7 +17,7 @@ from usvauv.env.storage.memory import require
 from usvauv.kernels.errors import DivergenceError
 from usvauv.policies import checkpoint
 from usvauv.policies.algorithms import ALGORITHMS, Learner, Sizes
-from usvauv.policies.checkpoint import ENDING, FORMAT, LARGEST, LAST, POLICY, TRAINING, Checked, Count, Figure
+from usvauv.policies.checkpoint import ENDING, FORMAT, LAST, POLICY, TRAINING, Checked, Count, Figure
 from usvauv.policies.config import TrainingConfig
 from usvauv.policies.frames import FRAMES
 from usvauv.policies.learned import LearnedPolicy, Standardizer
@@ -166,7 +166,7 @@ class SavedRun:
             generators = tensors.get("generator", rest["generator"])
             if generators.dim() == 2:  # one of each rank
                 rest["generator"] = rest["generator"].expand(len(generators), -1)
-            check_tensors(tensors, self.learner, self.replay, size, worlds, rest)
+            check_run(tensors, self.learner, self.replay, size, worlds, rest)
         except PolicyError as error:
             raise PolicyError(f"{last}: cannot be resumed: {error}") from None
         groups: dict[str, dict[str, Tensor]] = {"learner": {}, "replay": {}, "world": {}}
@@ -250,7 +250,7 @@ class Counters(Checked):
     history: list[dict[str, Figure]]
 
 
-def check_tensors(
+def check_run(
     tensors: Mapping[str, Tensor], learner: Learner, replay: Replay, size: int, worlds: int, rest: Mapping[str, Tensor]
 ) -> None:
     """Refuse tensors of learner and replay that a run cannot have; those of the world its own `load_state` checks.
@@ -275,17 +275,9 @@ def check_tensors(
     if any(f"learner.{name}" in tensors for name in moments):  # earlier versions had none before the first update
         own |= moments
     expected |= {f"learner.{name}": (tuple(value.shape), value.dtype) for name, value in own.items()}
-    given = {name for name in tensors if not name.startswith("world.")}
-    if different := sorted(given ^ expected.keys()):
-        raise PolicyError(f"{different[0]} is {'unknown' if different[0] in given else 'missing'}")
-    for name, (shape, kind) in expected.items():
-        value = tensors[name]
-        if tuple(value.shape) != shape or value.dtype != kind:
-            raise PolicyError(f"{name} is {value.dtype} {tuple(value.shape)}: must be {kind} {shape}")
-        if value.is_floating_point():
-            least = 0.0 if name.endswith((".exp_avg_sq", ".step")) else -LARGEST
-            if not ((value >= least) & (value <= LARGEST)).all():
-                raise PolicyError(f"{name}: numbers must be finite, from {least:g} to {LARGEST:g}")
+    checkpoint.check_tensors(
+        {name: value for name, value in tensors.items() if not name.startswith("world.")}, expected
+    )
 
 
 def first_not_finite(learner: Learner) -> str | None:

@@ -6,6 +6,7 @@ import dataclasses
 import json
 import math
 import os
+import resource
 import shutil
 
 import pytest
@@ -150,7 +151,22 @@ class TestRefusal:
         tensors = checkpoint.read(saved[1], POLICY)[1]
         first = next(name for name in tensors if name.startswith("actor."))
         edit(saved[1], POLICY, tensors={first: torch.full_like(tensors[first], torch.nan)})
-        self.refused(saved[1], "not finite")
+        self.refused(saved[1], "numbers must be finite")
+
+    @pytest.mark.parametrize("kind", [torch.float64, torch.float16, torch.int64, torch.bool, torch.complex64])
+    @pytest.mark.parametrize("name", ["whitening.mean", "actor.weights.0"])
+    def test_numbers_of_another_type(self, saved, name, kind):
+        edit(saved[1], POLICY, tensors={name: checkpoint.read(saved[1], POLICY)[1][name].to(kind)})
+        self.refused(saved[1], f"damaged: {name} is {kind} ")
+
+    def test_networks_larger_than_the_file_take_no_memory(self, saved):
+        training = checkpoint.read(saved[1], POLICY)[0]["training"]
+        edit(saved[1], POLICY, {"training": {**training, "hidden": [8192] * 5}})
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        self.refused(saved[1], "damaged: actor.biases.3 is missing")
+        with pytest.raises(PolicyError, match=r"damaged: actor\.biases\.3 is missing"):
+            policies.read_run(saved[1].parent)  # before it is resumed
+        assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss < before + 200_000  # kB; the networks take 1 GB
 
     @pytest.mark.parametrize(
         ("field", "value", "part"),
