@@ -23,7 +23,7 @@ from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site
 from usvauv.env.storage import netcdf
 from usvauv.env.storage.files import TextFileError, hdf5_file, parse_text
-from usvauv.env.storage.memory import RowsOnDisk
+from usvauv.env.storage.memory import RowsOnDisk, require, words
 from usvauv.env.storage.netcdf import OceanError
 from usvauv.kernels.errors import UserError
 from usvauv.kernels.interruption import deferred
@@ -72,6 +72,7 @@ INTEGERS = (
     *("packets_created", "packets_lost", "packets_delivered", "auv_touched"),
 )
 LARGEST = 1e12  # of any number in a trace
+DENSEST = 1032  # bytes that one of a file compressed by DEFLATE can stand for
 # For `turned`; conventions of this model, not measurements of a boat: at 4 m/s the turn has a radius of 11 m.
 TURN_RATE = math.radians(20)  # rad/s
 SLOWEST = 0.1  # m/s
@@ -223,35 +224,28 @@ class Trace:
         """
         try:
             with netcdf.open_plain(path) as file:
+                about = _about(dict(file.attrs))
+                scenario = about["scenario"]
                 stored = [name for name in VARIABLES if name in file.variables or name not in (*OPTIONAL, DERIVED)]
-                arrays = {name: _read(file, name, path) for name in stored}
-                attributes = dict(file.attrs)
+                variables = {name: _variable(file, name) for name in stored}
+                _check_sizes({name: each.shape for name, each in variables.items()}, scenario, about["reward_names"])
+                _check_room(variables, Path(path))
+                arrays = {name: _read(each, name, path) for name, each in variables.items()}
                 units = str(file.variables["time"].attrs.get("units", ""))
+            _check_indices(arrays, scenario)
             start = units.partition(" since ")[2].replace(" ", "T")  # as given to `place.time_attributes`
             if start:
                 parse_time(start)
             for name in OPTIONAL:
                 arrays.setdefault(name, _empty(VARIABLES[name].dimensions))
-            about: dict[str, Any] = {
-                name: attributes.get(name) for name in ("scenario", "policy", "usv", "reward_names")
-            }
-            for name, text in about.items():
-                if not isinstance(text, str):
-                    raise TraceError(f"its attribute {name} is not text")
-            scenario = Scenario.from_dict(parse_text(about["scenario"], "JSON"), "its scenario", stored=True)
             if DERIVED not in arrays:
                 way = np.diff(arrays["boat_position"], axis=0, prepend=arrays["boat_position"][:1])
                 arrays[DERIVED] = headings(way / scenario.mission.step, scenario.mission.step)
-            about |= {"scenario": scenario, "reward_names": tuple(about["reward_names"].split(",")), **arrays}
-            _check_sizes(arrays, scenario, about["reward_names"])
-            seed = attributes.get("seed")
-            if not isinstance(seed, int | np.integer):
-                raise TraceError("its attribute seed is not a whole number")
         except netcdf.NetcdfError as error:
             raise TraceError(str(error)) from None
-        except (TraceError, ScenarioError, OceanError, TextFileError) as error:
+        except (TraceError, ScenarioError, OceanError) as error:
             raise TraceError(f"{path}: not a usvauv trace: {error}") from None
-        return cls(**about, seed=int(seed), start=start)
+        return cls(**about, **arrays, start=start)
 
     def _has(self, name: str) -> bool:
         return name not in OPTIONAL or getattr(self, name).size > 0
@@ -364,8 +358,24 @@ VARIABLES: dict[str, Variable] = {
 }
 
 
-def _read(file: h5netcdf.File, name: str, path: str | Path) -> np.ndarray:
-    """A field of a trace's file, its values checked."""
+def _about(attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """Fields of a trace that are no arrays, from the attributes of its file."""
+    about: dict[str, Any] = {name: attributes.get(name) for name in ("scenario", "policy", "usv", "reward_names")}
+    for name, text in about.items():
+        if not isinstance(text, str):
+            raise TraceError(f"its attribute {name} is not text")
+    seed = attributes.get("seed")
+    if not isinstance(seed, int | np.integer):
+        raise TraceError("its attribute seed is not a whole number")
+    try:
+        scenario = Scenario.from_dict(parse_text(about["scenario"], "JSON"), "its scenario", stored=True)
+    except TextFileError as error:
+        raise TraceError(str(error)) from None
+    return about | {"scenario": scenario, "reward_names": tuple(about["reward_names"].split(",")), "seed": int(seed)}
+
+
+def _variable(file: h5netcdf.File, name: str) -> h5netcdf.Variable:
+    """A field of a trace's file, of which nothing but its values is unchecked."""
     if name not in file.variables:
         raise TraceError(f"has no {name}")
     variable = file.variables[name]
@@ -375,6 +385,23 @@ def _read(file: h5netcdf.File, name: str, path: str | Path) -> np.ndarray:
     kinds = "iu" if name in INTEGERS else "f"
     if variable.dtype.kind not in kinds:
         raise TraceError(f"{name} is of type {variable.dtype}; expected {'whole' if kinds == 'iu' else 'real'} numbers")
+    return variable
+
+
+def _check_room(variables: Mapping[str, h5netcdf.Variable], path: Path) -> None:
+    """Refuse arrays that the file cannot hold, or that do not fit into memory together; the surface goes to the disk.
+
+    Raises:
+        MemoryNeeded: they do not fit.
+    """
+    sizes = {name: each.dtype.itemsize * math.prod(each.shape) for name, each in variables.items()}
+    if (total := sum(sizes.values())) > DENSEST * (there := path.stat().st_size):
+        raise TraceError(f"its arrays take {words(total)}, which a file of {words(there)} cannot hold")
+    require(total - sizes.get("surface", 0), str(path))
+
+
+def _read(variable: h5netcdf.Variable, name: str, path: str | Path) -> np.ndarray:
+    """The values of a field, checked."""
     if name == "surface":  # most of a trace
         return _surface(variable, f"{path}: {name}")
     values = netcdf.values(variable, f"{path}: {name}")
@@ -404,8 +431,8 @@ def _check_numbers(values: np.ndarray, name: str) -> None:
             raise TraceError(f"{name} holds {row[~within][0]}; expected finite numbers up to {LARGEST:g}")
 
 
-def _check_sizes(arrays: Mapping[str, np.ndarray], scenario: Scenario, reward_names: Sequence[str]) -> None:
-    """Refuse sizes that differ from the scenario's, and indices beyond them."""
+def _check_sizes(shapes: Mapping[str, tuple[int, ...]], scenario: Scenario, reward_names: Sequence[str]) -> None:
+    """Refuse sizes that differ from the scenario's or from one another."""
     expected = {name: len(parts) for name, parts in PARTS.items()} | {
         "auv": scenario.auv.count,
         "boat": scenario.boat.count,
@@ -413,15 +440,19 @@ def _check_sizes(arrays: Mapping[str, np.ndarray], scenario: Scenario, reward_na
         "vortex": scenario.current.vortices,
         "reward_term": len(reward_names),
     }
-    for name, values in arrays.items():
-        if name in OPTIONAL and values.size == 0:
+    for name, shape in shapes.items():
+        if name in OPTIONAL and 0 in shape:
             continue
-        for dimension, size in zip(VARIABLES[name].dimensions, values.shape, strict=True):
-            if size != expected.get(dimension, size) or (size == 0 and dimension in ("time", "world")):
-                wanted = expected.get(dimension, "at least 1")
-                raise TraceError(f"{name} has {size} along {dimension}; expected {wanted}")
-    if len(arrays["stream"]) != len(arrays["stream_time"]):
+        for dimension, size in zip(VARIABLES[name].dimensions, shape, strict=True):
+            wanted = expected.setdefault(dimension, size)
+            if size != wanted or (size == 0 and dimension in ("time", "world")):
+                raise TraceError(f"{name} has {size} along {dimension}; expected {wanted or 'at least 1'}")
+    if shapes.get("stream", (0,))[0] != shapes.get("stream_time", (0,))[0]:
         raise TraceError("stream and stream_time differ in length")
+
+
+def _check_indices(arrays: Mapping[str, np.ndarray], scenario: Scenario) -> None:
+    """Refuse indices beyond the scenario's numbers of things."""
     boats = scenario.boat.count
     for name, count in (("target", scenario.targets), ("fix_boat", boats), ("served_by", boats)):
         index = arrays[name]
