@@ -47,13 +47,25 @@ def choices(value: object, names: Iterable[str], others: str = "") -> str:
     return f"allowed are {', '.join(names)}{others}{guess}"
 
 
+def text_of(value: object, form: Callable[[object], str] = str) -> str | None:
+    """The text of an object from outside the packages by its own method; None: the method fails."""
+    try:
+        return form(value)
+    except KeyboardInterrupt:
+        raise
+    except BaseException:
+        return None
+
+
 def in_words(error: BaseException) -> str:
     """Kind and message of an exception of any kind, in one line.
 
     Taichi's messages name the functions that were being compiled, the outermost first, and quote all their arguments:
     kept are the last place and the start of the reason.
     """
-    lines = str(error).split("\n")
+    if (message := text_of(error)) is None:
+        return f"{type(error).__name__}, whose text cannot be made"
+    lines = message.split("\n")
     places = [i for i, line in enumerate(lines) if line.startswith('File "')]
     if places:
         reasons = [line for line in lines[places[-1] + 1 :] if line.strip(" ^~\t")]
@@ -86,12 +98,15 @@ def blaming(item: str, error: Callable[[str], UserError], allowed: tuple[type[Ex
     """
     try:
         yield
-    except (UserError, KeyboardInterrupt, *allowed):
+    except KeyboardInterrupt:
         raise
     except BaseException as problem:
+        if isinstance(problem, (UserError, *allowed)) and text_of(problem) is not None:
+            raise
         raise error(f"{item}: raised {with_place(problem, item)}") from problem
 
 
 def wrong_return(item: str, returned: object, allowed: str) -> str:
     """The message about code from outside the packages that returned something that is not allowed."""
-    return f"{item}: returned {' '.join(repr(returned).split())[:200]}: must be {allowed}"
+    shown = text_of(returned, repr) or f"a {type(returned).__name__}"
+    return f"{item}: returned {' '.join(shown.split())[:200]}: must be {allowed}"

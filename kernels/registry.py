@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from typing import Any, Generic, TypeVar
 
-from usvauv.kernels.errors import UserError, blaming, choices, wrong_return
+from usvauv.kernels.errors import UserError, blaming, choices, text_of, wrong_return
 
 T = TypeVar("T")
 
@@ -52,7 +52,7 @@ class Registry(Mapping[str, T], Generic[T]):
         if not isinstance(name, str) or not name:
             raise self._error(f"{self.kind} {name!r}: the name must be text")
         if not (issubclass(item, self._form) if isinstance(item, type) else isinstance(item, self._form)):
-            raise self._error(f"{self.kind} {name!r}: is {item!r}: must be a {self._form.__name__}")
+            raise self._error(f"{self.kind} {name!r}: is {text_of(item, repr)}: must be a {self._form.__name__}")
         self._items[name] = item
         caller = sys._getframe(1)
         if caller.f_globals["__name__"].partition(".")[0] != "usvauv":

@@ -60,7 +60,7 @@ def load(path: str | Path) -> None:
         del sys.modules[name]
         if isinstance(error, KeyboardInterrupt):
             raise
-        reason = error if isinstance(error, errors.UserError) else _reason(error)
+        reason = (errors.text_of(error) if isinstance(error, errors.UserError) else None) or _reason(error)
         raise PluginError(f"plugin {path}: {reason}") from error
     _paths.append(file)
 

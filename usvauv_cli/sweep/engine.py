@@ -26,7 +26,7 @@ from typing import Literal, NamedTuple, Protocol
 from uuid import uuid4
 
 from usvauv.env.storage.files import inside, writing
-from usvauv.kernels.errors import UserError, in_words
+from usvauv.kernels.errors import UserError, in_words, text_of
 from usvauv.kernels.interruption import SIGNALS, deferred, in_thread
 
 SIGNS = ".signs"
@@ -119,7 +119,7 @@ class Task:
             return Ended(self.name, "stopped")
         except UserError as error:
             details = traceback.format_exc() if error.__cause__ else ""  # of what a plugin raised
-            return Ended(self.name, "failed", str(error), details)
+            return Ended(self.name, "failed", text_of(error) or in_words(error), details)
         except (Exception, SystemExit) as error:
             return Ended(self.name, "failed", in_words(error), traceback.format_exc())
         return Ended(self.name, "done")
