@@ -21,7 +21,7 @@ import threading
 import unicodedata
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from usvauv.kernels.errors import TRACEBACK, UserError
+from usvauv.kernels.errors import TRACEBACK, UserError, in_words, text_of
 from usvauv.kernels.interruption import PATIENCE, SIGNALS, SIGPIPE, Interrupted, Interruption, in_thread
 
 if TYPE_CHECKING:
@@ -181,17 +181,16 @@ def _signal(error: BaseException, interruption: Interruption | None) -> int | No
     """The signal that ended a command; libraries convert a signal's exception into their own errors."""
     if isinstance(error, Interrupted):
         return error.signum
+    received = interruption.received if interruption else None
     if isinstance(error, KeyboardInterrupt):
-        return signal.SIGINT
-    if isinstance(error, UserError) or interruption is None:
-        return None
-    return interruption.received
+        return received or signal.SIGINT
+    return None if isinstance(error, UserError) else received
 
 
 def _message(error: BaseException) -> str:
     """An error in one line."""
     if isinstance(error, UserError):
-        return str(error)
+        return text_of(error) or in_words(error)
     # Usage errors of the command-line library, whichever copy of it typer includes.
     explain = getattr(error, "format_message", None)
     if explain is not None:
@@ -201,8 +200,7 @@ def _message(error: BaseException) -> str:
         refusal = refusal.__cause__  # a library may have converted it into its own error
     if refusal is not None:
         return ": ".join(str(part) for part in (refusal.filename, refusal.strerror or refusal) if part)
-    kind, text = type(error).__name__, " ".join(str(error).split())
-    return f"unexpected {kind}: {text} (set {TRACEBACK}=1 to see where)"
+    return f"unexpected {in_words(error)} (set {TRACEBACK}=1 to see where)"
 
 
 def _say(line: str) -> None:

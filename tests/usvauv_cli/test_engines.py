@@ -14,6 +14,7 @@ from types import SimpleNamespace
 import pytest
 
 from tests.usvauv_cli import slurm_here, work
+from usvauv.cli import app
 from usvauv.cli.sweep import perform
 from usvauv.cli.sweep.engine import Ended, Engine, Local, Task, conduct, signs_in
 from usvauv.cli.sweep.perform import OnRay, OnSlurm
@@ -21,6 +22,7 @@ from usvauv.cli.sweep.study import Resources
 from usvauv.kernels.errors import UserError
 from usvauv.kernels.interruption import SIGNALS, Interrupted, Interruption
 
+ROOT = Path(__file__).parents[2]
 SMALL = Resources(memory=0.5, hours=0.1)
 
 
@@ -164,6 +166,33 @@ class TestSlurmEngine:
             self.engine(tmp_path)
 
 
+def below(process: int) -> list[int]:
+    """Descendants of a process."""
+    children = Path(f"/proc/{process}/task/{process}/children").read_text().split()
+    return [found for child in map(int, children) for found in (child, *below(child))]
+
+
+def running(process: int) -> bool:
+    try:
+        return "State:\tZ" not in Path(f"/proc/{process}/status").read_text()
+    except OSError:
+        return False
+
+
+@pytest.mark.parametrize("signum", SIGNALS)
+def test_a_command_that_a_library_ends_with_ctrl_c_reports_the_signal(monkeypatch, signum):
+    """Ray raises its own KeyboardInterrupt, whichever signal came."""
+    interruption = Interruption()
+
+    def command() -> int:
+        with pytest.raises(Interrupted):
+            interruption(signum)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(app, "_command", command)
+    assert app.run(interruption) == 128 + signum
+
+
 @pytest.mark.parametrize("signum", SIGNALS)
 def test_a_signal_while_ray_starts_leaves_nothing_of_it(monkeypatch, signum):
     """A stand-in for Ray: what it starts is known to it at the end of `init` alone."""
@@ -234,6 +263,29 @@ class TestRayEngine:
         results = conducted(OnRay("local", 1, SMALL), tmp_path, **pieces)
         assert results == {"fails": Ended("fails", "failed", "the last line"), "once": Ended("once", "done")}
         assert (tmp_path / "once").read_text() == "2"
+
+    @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc to find processes")
+    @pytest.mark.parametrize(
+        ("signum", "code"),
+        [
+            (signal.SIGKILL, -signal.SIGKILL),
+            *(pytest.param(signum, 128 + signum, marks=pytest.mark.slow) for signum in SIGNALS),
+        ],
+    )
+    def test_leaves_no_process_however_its_command_ends(self, tmp_path, signum, code):
+        pytest.importorskip("ray", reason="needs the extra scale")
+        command = subprocess.Popen([sys.executable, "-m", "tests.usvauv_cli.work", tmp_path], cwd=ROOT)
+        while not (tmp_path / "begun").exists():
+            assert command.poll() is None
+            time.sleep(0.1)
+        begun = below(command.pid)
+        assert len(begun) > 4  # of Ray
+        command.send_signal(signum)
+        assert command.wait(60) == code
+        until = time.monotonic() + 20  # of themselves two of them stay for a minute
+        while left := [process for process in begun if running(process)]:
+            assert time.monotonic() < until, left
+            time.sleep(0.1)
 
     def test_says_that_there_is_no_cluster(self):
         pytest.importorskip("ray", reason="needs the extra scale")

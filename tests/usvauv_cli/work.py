@@ -3,11 +3,13 @@
 import json
 import os
 import signal
+import sys
 import time
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
-from usvauv.cli.sweep.engine import Ended, Signs, Stopped, Task
+from usvauv.cli.sweep.engine import Ended, Signs, Stopped, Task, conduct, signs_in
 from usvauv.kernels.errors import UserError
 
 
@@ -79,3 +81,21 @@ def on_node(folder: Path, name: str, signs: Signs) -> None:
         time.sleep(0.05)
     with (folder / "ended").open("a") as file:
         print(name, file=file)
+
+
+def on_ray(folder: Path) -> int:
+    """A command that has a task on Ray until it is stopped."""
+    from usvauv.cli.sweep.perform import OnRay
+    from usvauv.cli.sweep.study import Resources
+
+    with signs_in(folder) as signs:
+        task = Task("a", partial(until_stopped, folder / "begun"), signs, 1, "cpu")
+        conduct(OnRay("local", 1, Resources(memory=0.5)), [task], signs, print)
+    return 0
+
+
+if __name__ == "__main__":
+    from usvauv.cli import app
+
+    app._command = partial(on_ray, Path(sys.argv[1]))
+    app.main()

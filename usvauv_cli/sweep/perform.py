@@ -71,6 +71,7 @@ class OnRay:
             for signum, handler in handlers.items():  # Ray takes SIGTERM for itself
                 signal.signal(signum, handler)
         self._ray, self._error = ray, RayError
+        self._reaper = _reaper() if address == "local" else None
         needed = {"CPU": needs.cores, "GPU": needs.gpu, "memory": needs.memory * 1e9}
         nodes = [node["Resources"] for node in ray.nodes() if node["Alive"]]
         if not any(all(node.get(name, 0) >= number for name, number in needed.items()) for node in nodes):
@@ -106,6 +107,23 @@ class OnRay:
     def close(self) -> None:
         with suppress(Exception):
             self._ray.shutdown()
+        if self._reaper:
+            self._reaper.kill()
+            self._reaper.communicate()
+
+
+def _reaper() -> subprocess.Popen[bytes]:
+    """A process that kills the present descendants of this one as soon as this one has ended, however it ends.
+
+    Ray's agents would stay for a minute, in which they report the end to a process that is gone too.
+    """
+    import psutil  # pyright: ignore[reportMissingModuleSource] - of Ray
+
+    ray = [str(process.pid) for process in psutil.Process().children(recursive=True)]
+    command = ["sh", "-c", 'read -r _; kill -9 "$@"', "sh", *ray]
+    return subprocess.Popen(
+        command, stdin=subprocess.PIPE, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL, start_new_session=True
+    )
 
 
 class OnSlurm:
