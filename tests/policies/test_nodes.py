@@ -247,8 +247,11 @@ class TestCommand:
         assert "stopped after 1 of 3 iterations; the same command with --resume goes on\n" in stdout
         monkeypatch.setattr(DecisionTrainer, "iterate", iterate)
         for arguments, said in (
-            (["rule.json"], "rule.json.partial: is of an earlier run; take it up with --resume, or remove it"),
-            (["rule.json", "--resume", "--seed", "1"], "rule.json.partial: is of another command: seed = 0, here 1"),
+            (["rule.json"], "rule.json.partial: is of an earlier run; --resume goes on with it, --force begins anew"),
+            (
+                ["rule.json", "--resume", "--seed", "1"],
+                "rule.json.partial: is of another command: seed = 0, here 1; --force",
+            ),
             (["none.json", "--resume"], "none.json.partial: is not there; without it there is nothing to resume"),
         ):
             assert run_usvauv(*command, *arguments)[::2] == (2, f"error: {said}\n")

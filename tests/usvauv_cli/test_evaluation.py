@@ -300,8 +300,8 @@ def test_only_the_same_command_goes_on(tmp_path, run_usvauv, refused, stopping):
         (("--set", "auv.count=1"), "scenario.auv.count = 2, here 1"),
     ):
         said = refused(*EVAL, *more, "--out", "m.csv", "--resume")
-        assert said == f"m.csv.partial: is of another command: {told}\n"
-    assert "take it up with --resume, or remove it" in refused(*EVAL, "--out", "m.csv")
+        assert said == f"m.csv.partial: is of another command: {told}; --force without --resume begins anew\n"
+    assert "--resume goes on with it, --force begins anew" in refused(*EVAL, "--out", "m.csv")
     assert {path: path.read_bytes() for path in partial.iterdir()} == kept
 
 

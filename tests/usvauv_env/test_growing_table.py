@@ -102,8 +102,19 @@ def test_only_what_is_there_is_resumed(tmp_path):
             pass
     assert list(tmp_path.iterdir()) == []
     fill(out, resume=False, finish=False)
-    with pytest.raises(UserError, match=r"m\.csv\.partial: holds episodes .* --resume"), growing_table(out, False):
+    with pytest.raises(UserError, match=r"m\.csv\.partial: holds .* --resume .*, --force "), growing_table(out, False):
         pass
     (tmp_path / "m.csv.partial" / DEFINITION).write_text("{")
     with pytest.raises(OutputError, match=r"evaluation\.json: not valid JSON.*; remove"), growing_table(out, True):
         pass
+    with growing_table(out, False, force=True) as table:
+        assert table.about is None
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_a_killed_process_left_before_its_first_batch_is_in_nobodys_way(tmp_path):
+    (tmp_path / "m.csv.partial").mkdir()
+    for left in (".lock", "evaluation.json.there-1.partial", "0-0-2.csv.there-1.partial"):
+        (tmp_path / "m.csv.partial" / left).touch()
+    fill(tmp_path / "m.csv", resume=False)
+    assert [path.name for path in tmp_path.iterdir()] == ["m.csv"]

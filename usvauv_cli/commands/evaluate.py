@@ -126,7 +126,7 @@ def evaluate(
     recordings = Recordings(len(scenarios))
     kept = front_episodes(len(scenarios)) if report_folder else 0
     comparison = Comparison(list(scenarios), reference, kept, setting.random_seas)
-    with growing_table(out, resume) as table:
+    with growing_table(out, resume, force) as table:
         decides = definition(setting, scenarios, seed, arch)
         about = table.about
         if about is None:
@@ -137,7 +137,7 @@ def evaluate(
             about = {"definition": decides, "batch": size}
             table.begin(about)
         elif difference := first_difference(about["definition"], decides):
-            raise UserError(f"{table.path}: is of another command: {difference}")
+            raise UserError(f"{table.path}: is of another command: {difference}; --force without --resume begins anew")
         try:
             with terminal.progress("evaluating", len(scenarios) * episodes * setting.mission.steps) as advance:
                 makers = policies.named(*names)

@@ -66,8 +66,8 @@ def train_targets(
     last = out.with_name(f"{out.name}.partial")
     if resume and not last.exists():
         raise UserError(f"{last}: is not there; without it there is nothing to resume")
-    if last.exists() and not resume:
-        raise UserError(f"{last}: is of an earlier run; take it up with --resume, or remove it")
+    if last.exists() and not (resume or force):
+        raise UserError(f"{last}: is of an earlier run; --resume goes on with it, --force begins anew")
     setting = Scenario.load(scenario, overrides or ())
     options.check_regime(setting)
     steering = policy or policies.default(setting)
@@ -78,7 +78,7 @@ def train_targets(
     if resume:
         kept = read(last, TRAINING)[0]
         if difference := first_difference(kept.get("definition"), decides):
-            raise UserError(f"{last}: is of another command: {difference}")
+            raise UserError(f"{last}: is of another command: {difference}; --force without --resume begins anew")
         begun = {**kept["about"], "steps": kept["iteration"]}
     options.preparing(setting, arch)
     trainer = DecisionTrainer(setting, steering, config, usv, arch=arch)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import csv
 import json
-import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -95,9 +94,7 @@ class GrowingTable:
         """
         files = [path for own in self._files.values() for path in own]
         write_rows(self._out, list(read_rows(files[0])[0]), (row for path in files for row in read_rows(path)))
-        with writing(self.path):
-            for path in (*self.path.glob("*-*-*.csv*"), self.path / ABOUT):
-                path.unlink()
+        _remove(self.path)
 
     def _place(self, combination: Combination, first: int, count: int) -> Path:
         self._files.setdefault(combination, [])
@@ -109,29 +106,53 @@ class GrowingTable:
         return rows
 
 
+def _own(path: Path) -> list[Path]:
+    """Files of a growing table in its folder, also those that a killed process left incomplete."""
+    return [*path.glob("*-*-*.csv*"), *path.glob(f"{ABOUT}*")]
+
+
+def _remove(path: Path) -> None:
+    with writing(path):
+        for file in _own(path):
+            file.unlink()
+
+
 @contextmanager
-def growing_table(out: Path, resume: bool) -> Iterator[GrowingTable]:
+def growing_table(out: Path, resume: bool, force: bool = False) -> Iterator[GrowingTable]:
     """The growing table of a CSV, which this process has for itself; nothing is left of one without batches.
 
+    Args:
+        out: the CSV.
+        resume: go on with the one that is there.
+        force: else remove it and begin anew.
+
     Raises:
-        UserError: there is none to `resume`, or one that is not to be resumed.
+        UserError: there is none to `resume`, or one that is neither to be resumed nor removed.
         OutputError: its folder cannot be written, another process has it, or what it says of itself is damaged.
     """
     path = out.with_name(f"{out.name}.partial")
     inside(out.parent, path)
     if resume and not path.exists():
         raise UserError(f"{path}: is not there; without it there is nothing to resume")
+    if path.exists() and not path.is_dir():
+        raise OutputError(f"{path}: is no folder; remove it or take another --out")
     with writing(path):
         path.mkdir(exist_ok=True)
     try:
         with locked(path):
             about = None
-            if (path / ABOUT).exists():
+            if not (path / ABOUT).exists():
+                if others := {*path.iterdir()} - {path / LOCK, *_own(path)}:
+                    held = f"holds {min(others).name}, which is of no evaluation"
+                    raise OutputError(f"{path}: {held}; remove the folder or take another --out")
+            elif resume:
                 about = read_text(inside(path, path / ABOUT), "JSON")
-            elif os.listdir(path) != [LOCK]:
-                raise OutputError(f"{path}: is not of an evaluation that was stopped; remove it or take another --out")
-            if about is not None and not resume:
-                raise UserError(f"{path}: holds episodes of an earlier run; take it up with --resume, or remove it")
+            elif force:
+                _remove(path)
+            else:
+                raise UserError(
+                    f"{path}: holds episodes of an earlier run; --resume goes on with it, --force begins anew"
+                )
             yield GrowingTable(out, path, about)
     except TextFileError as error:
         raise OutputError(f"{path / ABOUT}: {error}; remove {path} or take another --out") from None
