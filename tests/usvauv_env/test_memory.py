@@ -159,6 +159,6 @@ def test_a_disk_without_room_is_refused_before(monkeypatch, tmp_path):
 def test_a_disk_that_fills_up_is_one_line(monkeypatch, size_limit, tmp_path, side):
     """Here the limit of a file's size."""
     monkeypatch.setenv("TMPDIR", str(tmp_path))
-    refused = pytest.raises(OutputError, match=f"^{tmp_path}: cannot be written: File too large")
+    refused = pytest.raises(OutputError, match=f"^rows: cannot be kept in {tmp_path} meanwhile: File too large")
     with RowsOnDisk(1, (side, side), "rows") as rows, size_limit(), refused:
         (rows.append(np.zeros((1, side, side), np.float32)), rows.array())

@@ -3,6 +3,7 @@
 import resource
 import shutil
 from dataclasses import fields, replace
+from types import SimpleNamespace
 
 import h5netcdf
 import h5py
@@ -18,6 +19,7 @@ from usvauv.env.record.trace import INTEGERS, LARGEST, SLOWEST, TURN_RATE, VARIA
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site
 from usvauv.env.storage import memory
+from usvauv.env.storage.files import OutputError
 from usvauv.kernels.mission.columns import BoatColumn
 from usvauv.kernels.positioning import usbl
 
@@ -225,6 +227,13 @@ def test_arrays_that_the_file_cannot_hold_take_no_memory(trace, tmp_path):
 def test_arrays_that_do_not_fit_into_memory_together_are_refused(saved, monkeypatch):
     monkeypatch.setattr(memory, "available", lambda device=None: 20_000)
     with pytest.raises(memory.MemoryNeeded, match=r"t.nc: takes about"):
+        Trace.load(saved)
+
+
+def test_a_disk_without_room_for_the_surface_is_told_with_the_file(saved, tmp_path, monkeypatch):
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr(memory.shutil, "disk_usage", lambda folder: SimpleNamespace(free=0))
+    with pytest.raises(OutputError, match=rf"t\.nc: surface: takes .* of disk; .* are free in {tmp_path} \(TMPDIR"):
         Trace.load(saved)
 
 

@@ -107,7 +107,7 @@ def simulate(
     options.preparing(setting, arch)
     recorded, problem = [], None
     for run in runs:
-        shown, problem = simulated(run, setting, seed, steps, arch)
+        shown, problem = simulated(run, setting, seed, steps, arch, out)
         recorded.append(shown)
         if problem:
             break
@@ -126,11 +126,14 @@ def simulate(
         raise problem  # what was written shows the steps before
 
 
-def simulated(run: Run, scenario: Scenario, seed: int, steps: int, arch: str) -> tuple[Trace, Diverged | None]:
-    """The record of a mission on a finely resolved sea, and what ended it before its time."""
+def simulated(
+    run: Run, scenario: Scenario, seed: int, steps: int, arch: str, out: Path
+) -> tuple[Trace, Diverged | None]:
+    """The record of a mission on a finely resolved sea, for the file `out`, and what ended it before its time."""
     from usvauv import policies
     from usvauv.env import World
     from usvauv.env.record.recorder import Diverged, record
+    from usvauv.env.storage.files import OutputError
     from usvauv.env.storage.memory import give_back
 
     policy, usv, targets = run
@@ -141,6 +144,8 @@ def simulated(run: Run, scenario: Scenario, seed: int, steps: int, arch: str) ->
             return record(world, act, policy, steps=steps, surface=True, on_step=lambda _: advance(1)), None
         except Diverged as error:
             return error.trace, error
+        except OutputError as error:  # of what is kept on the disk until the file is written
+            raise OutputError(f"{out}: {error}") from None
         finally:
             give_back()  # drawing takes more than simulating
 

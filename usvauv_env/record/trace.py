@@ -414,7 +414,7 @@ def _read(variable: h5netcdf.Variable, name: str, path: str | Path) -> np.ndarra
 def _surface(variable: h5netcdf.Variable, where: str) -> np.ndarray:
     """The surface, read a few steps at a time into a file on the disk."""
     count, *shape = variable.shape
-    with RowsOnDisk(count, tuple(shape), "its surface") as rows:
+    with RowsOnDisk(count, tuple(shape), where) as rows:
         for first in range(0, count, TOGETHER):
             some = netcdf.values(variable, where, slice(first, first + TOGETHER))
             _check_numbers(some, "surface")

@@ -9,18 +9,20 @@ import os
 import resource
 import shutil
 import tempfile
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
 
-from usvauv.env.storage.files import OutputError, writing
+from usvauv.env.storage.files import OutputError
 from usvauv.kernels.errors import UserError
 
 SHARE = 0.8  # of the free memory that one request may take
 CGROUP = Path("/sys/fs/cgroup")
+ANOTHER = "(TMPDIR names another folder)"
 PLACE = "/var/tmp"  # of rows on the disk; unlike /tmp never in memory
 
 
@@ -114,7 +116,7 @@ class RowsOnDisk:
     `PLACE`.
 
     Args:
-        rows: how many are expected. shape: of a row. what: they are, for the message.
+        rows: how many are expected. shape: of a row. what: they are, with the user's file, for the message.
 
     Raises:
         OutputError: the file cannot be made, or the disk lacks the room.
@@ -122,13 +124,13 @@ class RowsOnDisk:
 
     def __init__(self, rows: int, shape: tuple[int, ...], what: str) -> None:
         folder = os.environ.get("TMPDIR") or (PLACE if os.access(PLACE, os.W_OK) else tempfile.gettempdir())
-        self._shape, self._count, self._folder = shape, 0, Path(folder)
+        self._shape, self._count, self._folder, self._what = shape, 0, folder, what
         needed = 4.0 * rows * math.prod(shape)
-        with writing(self._folder):
+        with self._writing():
             free = shutil.disk_usage(folder).free
             if needed > free:
                 raise OutputError(
-                    f"{what}: takes {words(needed)} of disk; {words(free)} are free in {folder} (TMPDIR names another)"
+                    f"{what}: takes {words(needed)} of disk; {words(free)} are free in {folder} {ANOTHER}"
                 )
             self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 (closed with the context)
 
@@ -139,19 +141,27 @@ class RowsOnDisk:
         with suppress(OSError):  # of a full disk, which `append` has reported
             self._file.close()
 
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            reason = error.strerror or error
+            raise OutputError(f"{self._what}: cannot be kept in {self._folder} meanwhile: {reason} {ANOTHER}") from None
+
     def append(self, rows: np.ndarray) -> None:
         """Append rows (N, …).
 
         Raises:
             OutputError: the disk is full.
         """
-        with writing(self._folder):
+        with self._writing():
             self._file.write(np.ascontiguousarray(rows, np.float32).data)
         self._count += len(rows)
 
     def array(self) -> np.ndarray:
         """All rows so far, (T, …), not to be written to."""
-        with writing(self._folder):
+        with self._writing():
             self._file.flush()
         shape = self._count, *self._shape
         if 0 in shape:  # nothing can be mapped
