@@ -245,7 +245,8 @@ class Trace:
             raise TraceError(str(error)) from None
         except (TraceError, ScenarioError, OceanError) as error:
             raise TraceError(f"{path}: not a usvauv trace: {error}") from None
-        return cls(**(about | arrays), start=start)
+        about |= arrays
+        return cls(**about, start=start)
 
     def _has(self, name: str) -> bool:
         return name not in OPTIONAL or getattr(self, name).size > 0
