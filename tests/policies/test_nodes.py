@@ -250,7 +250,7 @@ class TestCommand:
             (["rule.json"], "rule.json.partial: is of an earlier run; --resume goes on with it, --force begins anew"),
             (
                 ["rule.json", "--resume", "--seed", "1"],
-                "rule.json.partial: is of another command: seed = 0, here 1; --force",
+                "rule.json.partial: is of another command: seed = 0, here 1; --force without --resume begins anew",
             ),
             (["none.json", "--resume"], "none.json.partial: is not there; without it there is nothing to resume"),
         ):
