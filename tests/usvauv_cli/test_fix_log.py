@@ -142,13 +142,21 @@ class TestReading:
     @pytest.mark.parametrize(
         ("text", "message"),
         [
-            ("", "no fix in it: expected CSV with a header (time, auv, depth and x, y or latitude, longitude, in s, m"),
+            ("", "no fix in it: expected CSV with a header (time, auv, depth and x, y or latitude, longitude, in s or"),
             ("time,auv,x,y\n1,a,2,3\n", "no column depth; it needs time, auv, depth and x, y or latitude, longitude"),
             ("time,auv,x,y,Depth (ft)\n1,a,2,3,90\n", "no column depth; it needs time, auv, depth and x, y"),
             ("time,auv,x,X,y,depth\n", "column x is there twice"),
             ("time,world,auv,x,y,depth\n1,0,a,2,3,9\n1,1,a,2,3,9\n", "several episodes"),
             ("time;auv;x;y;depth\n1;a;2;3,5;9\n", "line 2: y '3,5' has a decimal comma; numbers have a decimal point"),
             ("time,auv,x,y,depth\n1,a,2,0,3,9\n", "line left out: 2: 6 fields, the header has 5"),
+            (
+                "time,auv,x,y,depth\n2026-05-01T12:00:00Z,a,2,3,9\n5.5,a,2,3,9\n",
+                "line 3: time '5.5' is a number, those before are a date with an offset from UTC",
+            ),
+            (
+                "time,auv,x,y,depth\n2026-05-01T12:00Z,a,2,3,9\n2026-05-01T12:01,a,2,3,9\n",
+                "line 3: time '2026-05-01T12:01' is a date without an offset from UTC, those before are a date with an",
+            ),
             (hipap("000001", 3, 4, 9), "1: a fix relative to the boat, and no $--GGA"),
             (
                 "\n".join([gga("000000"), hipap("000001", 3, 4, 9, up="H")]),
@@ -198,6 +206,21 @@ class TestTables:
         (fixes,) = log.fixes
         assert (fixes.name, fixes.time.tolist(), log.warnings) == ("a", [1, 2, 3, 4, 5], [])
         assert fixes.places.tolist() == [[50 + i / 2, 60] for i in range(1, 6)]
+
+    @pytest.mark.parametrize(
+        "times",
+        [
+            ("2026-05-01T23:59:59Z", "2026-05-02T00:00:00.5Z", "2026-05-02T02:00:02+02:00"),
+            ("2026-05-01 23:59:59.000000000", "2026-05-02 00:00:00.500000000", "2026-05-02 00:00:02.000000000"),
+            ("20260501T235959Z", "20260502T000000.5Z", "20260502T000002Z"),
+            ("23:59:59", "00:00:00.5", "00:00:02"),
+            ("01:59:59+02:00", "02:00:00.5+02:00", "02:00:02+02:00"),
+        ],
+    )
+    def test_times_are_dates_or_of_the_day(self, read, times):
+        log = read(["Time (UTC);auv;x;y;depth", *(f"{time};a;50;60;40" for time in times), "2026-05-01;a;50;60;40"])
+        assert np.diff(log.fixes[0].time) == pytest.approx([1.5, 1.5], abs=1e-6)
+        assert log.warnings == ["1 bad line left out: 5: time '2026-05-01' is neither s nor like 2026-05-01T12:00:00Z"]
 
     def test_a_name_has_any_length_and_script(self, read):
         names = ["Ω水中ロボット", "😀👨‍👩‍👧", "n" * 5000, 'a "b", $x_1$', "\x1b[31mred"]

@@ -7,7 +7,9 @@ import math
 import re
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from typing import NamedTuple
 
 from usvauv.kernels.errors import UserError
@@ -22,7 +24,7 @@ LONGEST = 12  # characters of a reason that a log gives
 METRES, DEGREES = ("x", "y"), ("latitude", "longitude")
 COLUMNS = ("time", "auv", *METRES, *DEGREES, "depth", "flags", "world")
 SHORT = {"lat": "latitude", "lon": "longitude", "long": "longitude", "lng": "longitude"}
-NEEDED = "time, auv, depth and x, y or latitude, longitude, in s, m and degrees"
+NEEDED = "time, auv, depth and x, y or latitude, longitude, in s or ISO 8601, m and degrees"
 SEPARATORS = ",;\t "
 PREAMBLE = 20  # lines among which the header is
 FEWEST = 3  # columns by which a line is known as a header
@@ -133,7 +135,8 @@ def read_table(lines: Sequence[str]) -> Contents | None:
     by commas, semicolons, tabs or spaces. A first column without a heading, as of R's row names, is passed over.
 
     Raises:
-        UserError: a column is missing or there twice, a number has a decimal comma, or the fixes are of several worlds.
+        UserError: a column is missing or there twice, a number has a decimal comma, times are written in several ways,
+            or the fixes are of several worlds.
     """
     headers = (
         (start, separator, _header(line, separator))
@@ -151,7 +154,7 @@ def read_table(lines: Sequence[str]) -> Contents | None:
     twice = [name for name, count in Counter(header).items() if count > 1 and name in COLUMNS]
     if twice:
         raise UserError(f"column {twice[0]} is there twice")
-    contents, worlds = Contents(), set[str]()
+    contents, worlds, ways = Contents(), set[str](), set[str]()
     for k, line in enumerate(lines[start + 1 :], start + 2):
         if not line.strip(SEPARATORS):
             continue
@@ -165,7 +168,11 @@ def read_table(lines: Sequence[str]) -> Contents | None:
                 raise BadLine(f"{len(cells)} fields, the header has {len(header)}")
             row = dict(zip(header, cells, strict=True))
             worlds.add(row.get("world", ""))
-            contents.fixes.append(_fix(row, where))
+            time, way = _time(row["time"])
+            ways.add(way)
+            if len(ways) > 1:
+                raise UserError(f"time {_shown(row['time'])} is {way}, those before are {(ways - {way}).pop()}")
+            contents.fixes.append(_fix(row, where, time))
         except BadLine as error:
             contents.bad.append(f"{k}: {error}")
         except NoFix as error:
@@ -206,8 +213,8 @@ def _plain(name: str) -> str:
     return name if unit and (unit[1] or unit[2]) not in UNITS.get(plain, {unit[1]}) else plain
 
 
-def _fix(row: dict[str, str], where: tuple[str, str]) -> Fix:
-    first, second, time, depth = (_number(name, row[name]) for name in (*where, "time", "depth"))
+def _fix(row: dict[str, str], where: tuple[str, str], time: float) -> Fix:
+    first, second, depth = (_number(name, row[name]) for name in (*where, "depth"))
     if int(_number("flags", row.get("flags") or "0")) & UNUSABLE:
         raise NoFix("not usable by its flags")
     if not row["auv"]:
@@ -217,11 +224,30 @@ def _fix(row: dict[str, str], where: tuple[str, str]) -> Fix:
     return Fix(row["auv"], time, depth, (0.0, 0.0), geographic(first, second))
 
 
+def _time(text: str) -> tuple[float, str]:
+    """Seconds of a number, of a time of the day or, from 1970 on, of a date with one (ISO 8601), and which it is."""
+    with suppress(BadLine):
+        return _number("time", text), "a number"
+    for what, day in ("a date", ""), ("a time of the day", "1970-01-01T"):
+        with suppress(ValueError):
+            if ":" not in text and "T" not in text:
+                break  # a date alone
+            moment = datetime.fromisoformat(day + text)
+            seconds = moment.replace(tzinfo=moment.tzinfo or UTC).timestamp()
+            zone = "with" if moment.tzinfo else "without"
+            return seconds % DAY if day else seconds, f"{what} {zone} an offset from UTC"
+    raise BadLine(f"time {_shown(text)} is neither s nor like 2026-05-01T12:00:00Z")
+
+
 def _number(name: str, text: str) -> float:
     try:
         return number(text)
     except ValueError:
-        value = repr(text if len(text) <= SHOWN else text[:SHOWN] + "…")
+        value = _shown(text)
     if COMMA.fullmatch(text):
         raise UserError(f"{name} {value} has a decimal comma; numbers have a decimal point")
     raise BadLine(f"{name} {value} is no number of at most {LARGEST:g}")
+
+
+def _shown(text: str) -> str:
+    return repr(text if len(text) <= SHOWN else text[:SHOWN] + "…")
