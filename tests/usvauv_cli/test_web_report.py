@@ -13,7 +13,7 @@ import pytest
 from pyproj import CRS, Transformer
 from scipy import stats
 
-from tests.usvauv_cli.pages import CHROMIUM, Elements, check_alone, check_figures, in_browser
+from tests.usvauv_cli.pages import CHROMIUM, NODE, Elements, check_alone, check_figures, drawn_by_node, in_browser
 from usvauv import play, policies
 from usvauv.cli.evaluation.comparison import Comparison
 from usvauv.cli.evaluation.tables import column_tables, sentences
@@ -265,6 +265,16 @@ def test_in_a_browser(made, tmp_path, width):
     assert (across, unlike) == (own, True)
     assert (answer["same"], answer["alone"]) == (True, 0)
     assert answer["scrolls"] == 0
+
+
+@pytest.mark.skipif(NODE is None, reason="needs Node.js")
+@pytest.mark.parametrize("across", [1, 20, 51, 360])
+def test_the_map_fits_a_canvas_of_any_width(made, across):
+    draws = drawn_by_node(document.text("web_report/player.js"), embedded(made.text), across)
+    ((left, _, wide, tall), *_) = ([*each[1:]] for each in draws if each[0] == "rect")  # the area
+    shift = next(each[5] for each in draws if each[0] == "setTransform") / 1.5
+    assert 0 <= left + shift < left + shift + wide <= across
+    assert tall == pytest.approx(wide)  # extreme is a square
 
 
 def in_cell(*traces) -> str:

@@ -65,7 +65,7 @@
 
   function resize() {
     const ratio = window.devicePixelRatio || 1, across = views[0].canvas.clientWidth;
-    margin = 34;
+    margin = Math.min(34, across / 3);
     const most = Math.min(across - margin * 3 / 2, 0.8 * Math.max(window.innerHeight, 480) * width / length);
     perMetre = most / width;
     const tall = length * perMetre + margin * 3 / 2;
