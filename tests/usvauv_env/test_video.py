@@ -48,6 +48,18 @@ def decoded(path) -> list[np.ndarray]:
         return [frame.to_ndarray(format="bgr24") for frame in file.decode(video=0)]
 
 
+def shown_for(path) -> list[float]:
+    """How long each picture of a file is shown, s."""
+    if path.suffix in (".gif", ".webp"):
+        from PIL import Image, ImageSequence
+
+        with Image.open(path) as file:
+            return [each.convert("RGB") and each.info["duration"] / 1000 for each in ImageSequence.Iterator(file)]
+    with av.open(str(path)) as file:
+        starts = [float(packet.pts * packet.time_base) for packet in file.demux(video=0) if packet.pts is not None]
+        return [*np.diff(starts), 1.0]
+
+
 class TestContent:
     @pytest.mark.parametrize("ending", CODECS)
     def test_each_ending_has_its_format_and_shows_the_frames_in_their_order(self, tmp_path, trace, ending):
@@ -158,7 +170,9 @@ class TestFile:
             ("x.png", {"at": float("nan")}, "at nan: must be at least 0.0, and finite"),
             ("x.mp4", {"view": "front"}, "view 'front': allowed are map, sea, both"),
             ("x.mp4", {"theme": "pink"}, "theme 'pink': allowed are dark, light"),
-            ("x.mp4", {"fps": 0}, "fps 0: must be at least 1"),
+            ("x.mp4", {"fps": 0}, "fps 0: must be from 1 to 1000 in x.mp4"),
+            ("x.gif", {"fps": 51}, "fps 51: must be from 1 to 50 in x.gif"),
+            ("x.webp", {"fps": 91}, "fps 91: must be from 1 to 90 in x.webp"),
             ("x.mp4", {"size": (200, 360)}, "x.mp4: size 200x360: each side must be from 240 to 7680"),
         ],
     )
@@ -168,6 +182,16 @@ class TestFile:
             write_video(trace, out, **options)
         assert str(caught.value).startswith(message)
         assert list(tmp_path.iterdir()) == []
+
+    @pytest.mark.parametrize(("ending", "fps"), [(".gif", 50), (".webp", 90), (".mp4", 1000), (".webm", 1000)])
+    def test_the_fastest_video_plays_at_its_speed(self, tmp_path, trace, ending, fps):
+        """Browsers show a picture of a GIF or WebP for 0.1 s if its own time is 10 ms or less."""
+        path = tmp_path / f"x{ending}"
+        write_video(trace, path, size=SMALL, fps=fps)
+        times = shown_for(path)
+        assert len(times) == 12
+        assert sum(times[:-1]) == pytest.approx(11 / fps, abs=1e-3)
+        assert min(times) > (0.01 if ending in (".gif", ".webp") else 0)
 
     def test_an_older_video_outlives_a_failure(self, tmp_path, trace, size_limit):
         path = tmp_path / "mission.mp4"

@@ -48,6 +48,8 @@ class Format:
         name: FFmpeg's name of the container. codec: FFmpeg's name of the encoder. options: of the encoder. container:
             options of the container. pixels: pixel format of the encoder. matrix: from colours to yuv420p.
         size, fps: default width and height in pixels and frames per second, at most.
+        fastest: most frames per second. Times are in 1/100 s in a GIF, else in ms, and browsers show a frame of a GIF
+            or WebP for 0.1 s if it has 10 ms or less.
     """
 
     name: str
@@ -58,6 +60,7 @@ class Format:
     matrix: Colorspace = Colorspace.ITU709
     size: tuple[int, int] = (1280, 720)
     fps: int = 30
+    fastest: int = 1000
 
 
 # The fastest preset of H.264, with entropy coding added, which makes files smaller for little time; crf is the constant
@@ -75,13 +78,14 @@ FORMATS = {
         {"deadline": "realtime", "cpu-used": "8", "crf": "32", "b": "0", "row-mt": "1", "threads": "2"},
         {"fflags": "bitexact"},  # no random identifiers
     ),
-    ".gif": Format("gif", "gif", {}, pixels="pal8", size=(640, 360), fps=12),
+    ".gif": Format("gif", "gif", {}, pixels="pal8", size=(640, 360), fps=12, fastest=50),
     ".webp": Format(
         "webp",
         "libwebp_anim",
         {"quality": "80", "compression_level": "2"},
         {"loop": "0"},
         matrix=Colorspace.ITU601,  # WebP has no other
+        fastest=90,
     ),
 }
 
@@ -122,13 +126,16 @@ class Video:
             if value not in allowed:
                 raise UserError(f"{name} {value!r}: {choices(value, allowed)}")
         begin, end = (self.at, None) if isinstance(self.at, float | int | None) else self.at
-        bounds = ("fps", self.fps, 1), ("speedup", self.speedup, 0.01), ("at", begin, 0.0), ("at", end, begin or 0.0)
+        bounds = ("speedup", self.speedup, 0.01), ("at", begin, 0.0), ("at", end, begin or 0.0)
         for name, value, least in bounds:
             if value is not None and not least <= value < math.inf:
                 raise UserError(f"{name} {value}: must be at least {least}, and finite")
         ending = self.path.suffix.lower()
         if ending not in ENDINGS:
             raise UserError(f"out {self.path}: must end in one of {', '.join(ENDINGS)}")
+        fastest = FORMATS[ending].fastest if ending in FORMATS else math.inf
+        if not 1 <= self.fps <= fastest:
+            raise UserError(f"fps {self.fps}: must be from 1 to {fastest} in {self.path}")
         if begin is not None and (end is None) != (ending == PICTURE):
             kind = (
                 "a picture, which shows one moment" if end is not None else "a video, which takes a stretch, BEGIN:END"
@@ -258,7 +265,7 @@ def write_video(
         theme: "dark" or "light".
         size: width and height, each from 240 to 7680 pixels; odd numbers are reduced by 1. Default (1280, 720), for a
             GIF (640, 360).
-        fps: frames per second; default 30, for a GIF 12.
+        fps: frames per second, from 1 to 1000, for a GIF to 50, for WebP to 90; default 30, for a GIF 12.
         speedup: seconds of mission per second of video; 1 is real time. Frames between mission steps are interpolated.
             None shows each mission step for one frame, or the sea in perspective at `SEA_SPEED` times real time, the
             first `SEA_LENGTH` s of video.
