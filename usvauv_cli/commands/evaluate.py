@@ -29,7 +29,7 @@ def evaluate(
         list[str] | None,
         typer.Option(help=f"{options.TARGETS}; may be repeated. Default: the scenario's."),
     ] = None,
-    episodes: Annotated[int, typer.Option(help="Episodes for each combination.")] = 20,
+    episodes: Annotated[int, typer.Option(callback=options.bounded(1), help="Episodes for each combination.")] = 20,
     seed: options.Seed = 0,
     out: Annotated[Path, typer.Option(help="CSV to write, one row an episode.")] = Path("metrics.csv"),
     resume: Annotated[
@@ -56,6 +56,7 @@ def evaluate(
         typer.Option(
             "--until-halfwidth",
             metavar="X",
+            callback=options.bounded(0),
             help="Stop before --episodes when the 95 % intervals of all differences in --score are at most ± X.",
         ),
     ] = None,
@@ -101,14 +102,11 @@ def evaluate(
     from usvauv.env.record.metrics import FIGURES, task_metrics
     from usvauv.env.storage.tables import growing_table
 
-    options.at_least("--episodes", episodes, 1)
-    options.at_least("--until-halfwidth", until, 0)
     setting = Scenario.load(scenario, overrides or ())
     options.writable(context, out, "--out", (".csv",))
     names = list(dict.fromkeys(policy or [policies.default(setting), "straight"]))
     for name in names:
-        policies.check(name, setting)
-        options.warn_team_size(name, setting)
+        options.check_policy(name, setting)
     scenarios = combinations(setting, names, usv or [None], targets or [None])
     figures = (*FIGURES, *(name for name, metric in task_metrics.items() if metric.task == setting.task))
     score = options.choice("--score", chosen_score or "arps", figures)

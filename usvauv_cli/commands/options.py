@@ -8,7 +8,7 @@ import math
 import os
 import re
 import sys
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -22,9 +22,33 @@ if TYPE_CHECKING:
     from usvauv.env import Scenario, Trace
     from usvauv.env.render.video import Video
 
+
+def bounded(least: float, most: float = math.inf) -> Callable[[typer.CallbackParam, float | None], float | None]:
+    """A callback of an option that refuses a number outside these bounds, or not finite, before the command begins."""
+
+    def check(parameter: typer.CallbackParam, value: float | None) -> float | None:
+        if value is not None and not (least <= value <= most and math.isfinite(value)):
+            allowed = f"from {least} to {most}" if math.isfinite(most) else f"at least {least}, and finite"
+            raise UserError(f"{parameter.opts[0]} {value}: must be {allowed}")
+        return value
+
+    return check
+
+
+def _known_arch(value: str) -> str:
+    from usvauv.kernels.runtime import ARCHITECTURES
+
+    return choice("--arch", value, ARCHITECTURES)
+
+
 ScenarioName = Annotated[str, typer.Argument(metavar="SCENARIO", help="Shipped name or path of a TOML file.")]
-Seed = Annotated[int, typer.Option(help="Random seed, 0 or more; the same seed gives the same result.")]
-Arch = Annotated[str, typer.Option(help="Device for the kernels: auto, cpu, cuda, vulkan (experimental).")]
+Seed = Annotated[
+    int,
+    typer.Option(callback=bounded(0, 2**64 - 1), help="Random seed, 0 or more; the same seed gives the same result."),
+]
+Arch = Annotated[
+    str, typer.Option(callback=_known_arch, help="Device for the kernels: auto, cpu, cuda, vulkan (experimental).")
+]
 Overrides = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="SECTION.FIELD=VALUE", help="Change one field of the scenario; may be repeated."),
@@ -123,10 +147,13 @@ Plugins = Annotated[
 ]
 
 
-def warn_team_size(name: str, scenario: Scenario) -> None:
-    """Say so where a trained policy that ships was trained with another number of AUVs than a scenario has."""
-    from usvauv.policies.loading import load_learned, shipped
+def check_policy(name: str, scenario: Scenario) -> None:
+    """Refuse a policy that cannot act in a scenario; say so where one that ships was trained with another number of
+    AUVs than the scenario has.
+    """
+    from usvauv.policies.loading import check, load_learned, shipped
 
+    check(name, scenario)
     if name in shipped():
         count, trained = scenario.auv.count, load_learned(name).scenario.auv.count
         if count != trained:
@@ -149,12 +176,6 @@ def check_regime(*scenarios: Scenario) -> None:
                 lines.append(f"warning: {finding}")
     for line in dict.fromkeys(lines):
         typer.echo(line, err=True)
-
-
-def at_least(option: str, value: float | None, least: float) -> None:
-    """Refuse a number given by an option that is below `least`, or not finite."""
-    if value is not None and not least <= value < math.inf:
-        raise UserError(f"{option} {value}: must be at least {least}, and finite")
 
 
 def choice(option: str, value: str, allowed: Collection[str]) -> str:

@@ -31,7 +31,7 @@ FIGURE_INTERVAL = 0.5  # s between records of a figure; the shortest waves of a 
 def sea(
     context: typer.Context,
     scenario: options.ScenarioName = "extreme",
-    duration: Annotated[float, typer.Option(help="Seconds of sea.")] = 60.0,
+    duration: Annotated[float, typer.Option(callback=options.bounded(0.1), help="Seconds of sea.")] = 60.0,
     resolution: Annotated[
         float | None, typer.Option(metavar="M", help="Grid spacing, m. Default: the scenario's sea.fine_cells.")
     ] = None,
@@ -43,11 +43,14 @@ def sea(
     interval: Annotated[
         float | None,
         typer.Option(
+            callback=options.bounded(1e-3),
             help="Seconds of sea from one frame or record to the next. Default: a video plays at twice the speed; data"
-            " come each sea.update_interval, for a figure each 0.5 s."
+            " come each sea.update_interval, for a figure each 0.5 s.",
         ),
     ] = None,
-    fps: Annotated[int | None, typer.Option(help="Frames a second of a video; default 30.")] = None,
+    fps: Annotated[
+        int | None, typer.Option(callback=options.bounded(1, 1000), help="Frames a second of a video; default 30.")
+    ] = None,
     size: Annotated[
         str | None, typer.Option(metavar="WxH", help="Frame size of a video in pixels; default 1280x720.")
     ] = None,
@@ -91,11 +94,8 @@ def sea(
         if value is not None and kind != ".mp4":
             raise UserError(f"{option} {value}: is for videos; --out {out} is not one")
     fps, pixels = 30 if fps is None else fps, options.parse_size(size or "1280x720")
-    options.at_least("--fps", fps, 1)
-    options.at_least("--duration", duration, 0.1)
     if interval is None:
         interval = {".mp4": SPEED / fps, ".nc": setting.sea.update_interval}.get(kind, FIGURE_INTERVAL)
-    options.at_least("--interval", interval, 1e-3)
     if interval > duration:
         raise UserError(f"--duration {duration:g}: must not be shorter than --interval, {interval:g} s")
     shape = cells(setting, resolution)

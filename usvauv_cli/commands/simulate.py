@@ -31,7 +31,10 @@ def simulate(
     targets: options.Targets = None,
     seed: options.Seed = 0,
     duration: Annotated[
-        float | None, typer.Option(help="Seconds to simulate, in whole mission steps; default an episode.")
+        float | None,
+        typer.Option(
+            callback=options.bounded(0.1), help="Seconds to simulate, in whole mission steps; default an episode."
+        ),
     ] = None,
     compare: Annotated[
         str | None,
@@ -85,7 +88,6 @@ def simulate(
     video = options.checked_video(context, out)
     if trace:
         options.writable(context, trace, "--trace", (".nc",))
-    options.at_least("--duration", duration, 0.1)
     step = setting.mission.step
     steps = max(1, round(duration / step)) if duration else setting.mission.steps
     options.check_shown(video, steps * step, setting)
@@ -98,8 +100,7 @@ def simulate(
     elif compare:
         runs.append((compare, usv, targets))
     for steered_by, boat, rule in runs:
-        policies.check(steered_by, setting.with_targets(rule))
-        options.warn_team_size(steered_by, setting)
+        options.check_policy(steered_by, setting.with_targets(rule))
         StrategyChoice.parse(boat, setting)
     options.check_regime(setting)
     if line := reflections_warning(Site(setting)):
@@ -241,16 +242,19 @@ def live(
 
     `usvauv live wide --policy sac-wide --open`
     """
+    from usvauv import policies
     from usvauv.cli.live.server import Show, listen, serve
     from usvauv.cli.live.session import Session
     from usvauv.env import Scenario
+    from usvauv.env.world.boat_strategies import StrategyChoice
 
     setting = Scenario.load(scenario, overrides or ()).with_targets(targets)
+    options.check_policy(policy or policies.default(setting), setting)
+    StrategyChoice.parse(usv, setting)
     options.check_regime(setting)
     with listen(port) as listening, serve(listening, f"usvauv {setting.name}") as (server, address):
         options.preparing(setting, arch)
         session = Session(setting, seed, usv, policy, arch)
-        options.warn_team_size(session.policy, setting)
         show = Show(server, session)
         typer.echo(f"live: {address} (Ctrl-C ends it)")
         if open_tab:

@@ -21,7 +21,11 @@ Slurm = Annotated[
     str | None, typer.Option(metavar="PARTITION", help="Run under Slurm, in that partition (or several: a,b).")
 ]
 Jobs = Annotated[
-    int | None, typer.Option(help="Runs at a time; default as many as there are cores and memory for (Slurm: 1000).")
+    int | None,
+    typer.Option(
+        callback=options.bounded(1),
+        help="Runs at a time; default as many as there are cores and memory for (Slurm: 1000).",
+    ),
 ]
 
 
@@ -53,7 +57,7 @@ def sweep(
     from usvauv.cli.sweep.study import read
     from usvauv.env import Scenario
 
-    _check(ray, slurm, jobs)
+    _check(ray, slurm)
     wanted = read(study)
     different = {json.dumps(run.definition["scenario"]): run.definition["scenario"] for run in wanted.runs}
     options.check_regime(*(Scenario.from_dict(scenario) for scenario in different.values()))
@@ -97,7 +101,7 @@ def reproduce(
     from usvauv.cli.sweep.study import Resources
     from usvauv.kernels import runtime
 
-    _check(ray, slurm, jobs)
+    _check(ray, slurm)
     if target is None:
         show("Targets of `usvauv reproduce TARGET --out FOLDER`:", listed())
         return
@@ -119,7 +123,6 @@ def reproduce(
     typer.echo(f"page: {page.resolve()}")
 
 
-def _check(ray: str | None, slurm: str | None, jobs: int | None) -> None:
-    options.at_least("--jobs", jobs, 1)
+def _check(ray: str | None, slurm: str | None) -> None:
     if ray is not None and slurm is not None:
         raise UserError("--ray, --slurm: must not both be given")

@@ -34,13 +34,21 @@ def train(
     steps: Annotated[
         int | None,
         typer.Option(
-            help="Steps of all worlds together: one step of W worlds is W. Default 2000000; with --resume, as begun."
+            callback=options.bounded(1),
+            help="Steps of all worlds together: one step of W worlds is W. Default 2000000; with --resume, as begun.",
         ),
     ] = None,
-    worlds: Annotated[int | None, typer.Option(help="Worlds simulated in parallel. Default 256; with ppo 128.")] = None,
+    worlds: Annotated[
+        int | None,
+        typer.Option(callback=options.bounded(1), help="Worlds simulated in parallel. Default 256; with ppo 128."),
+    ] = None,
     seed: options.Seed = 0,
     seeds: Annotated[
-        int, typer.Option(help="Runs trained together that differ only in the seed: --seed and the following ones.")
+        int,
+        typer.Option(
+            callback=options.bounded(1, MOST_SEEDS),
+            help="Runs trained together that differ only in the seed: --seed and the following ones.",
+        ),
     ] = 1,
     out: Annotated[
         Path | None,
@@ -105,11 +113,7 @@ def train(
 
         def begin() -> tuple[Path, dict[Path, Run], str | None, int]:
             """The folder, which is this process's from here on, the runs in it by folder, boat strategy and steps."""
-            options.at_least("--steps", steps, 1)
-            options.at_least("--worlds", worlds, 1)
             check_log(log)
-            if not 1 <= seeds <= MOST_SEEDS:
-                raise UserError(f"--seeds {seeds}: must be from 1 to {MOST_SEEDS}")
             if resume and seeds != 1:
                 raise UserError("--seeds: a resumed run keeps the seeds it was begun with")
             kept = {"--set": overrides, "--learn": learn, "--usv": usv, "--targets": targets}

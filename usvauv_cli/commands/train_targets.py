@@ -22,8 +22,10 @@ def train_targets(
     context: typer.Context,
     scenario: options.ScenarioName = "survey",
     out: Annotated[Path, typer.Option(help="File of the learned rule, JSON.")] = Path("targets.json"),
-    iterations: Annotated[int, typer.Option(help="Episodes of all worlds to learn from.")] = 100,
-    worlds: Annotated[int, typer.Option(help="Worlds simulated in parallel.")] = 128,
+    iterations: Annotated[
+        int, typer.Option(callback=options.bounded(1), help="Episodes of all worlds to learn from.")
+    ] = 100,
+    worlds: Annotated[int, typer.Option(callback=options.bounded(1), help="Worlds simulated in parallel.")] = 128,
     seed: options.Seed = 0,
     resume: Annotated[
         bool, typer.Option("--resume", help="Continue from OUT.json.partial, left by the same command when it stopped.")
@@ -56,11 +58,10 @@ def train_targets(
     from usvauv.env import Scenario
     from usvauv.env.storage.files import locked
     from usvauv.env.storage.tables import Combination
+    from usvauv.env.world.boat_strategies import StrategyChoice
     from usvauv.policies.checkpoint import TRAINING, provenance, read
     from usvauv.policies.decisions import DecisionConfig, DecisionTrainer
 
-    options.at_least("--iterations", iterations, 1)
-    options.at_least("--worlds", worlds, 1)
     options.writable(context, out, "--out", (".json",))
     context.with_resource(locked(out, out.with_name(f".{out.name}.lock")))
     last = out.with_name(f"{out.name}.partial")
@@ -72,7 +73,8 @@ def train_targets(
     options.check_regime(setting)
     steering = policy or policies.default(setting)
     config = DecisionConfig(iterations=iterations, worlds=worlds, seed=seed)
-    policies.check(steering, setting)
+    options.check_policy(steering, setting)
+    StrategyChoice.parse(usv, setting)
     decides = definition(setting, [Combination(steering, usv or "", "")], seed, arch) | {"training": asdict(config)}
     begun: dict[str, Any] = {}
     if resume:
