@@ -42,7 +42,9 @@ def choices(value: object, names: Iterable[str], others: str = "") -> str:
     names = list(names)
     bare = {re.split(r"[:\[]", name)[0]: name for name in reversed(names)}
     given = str(value).partition(":")[0].strip().lower()
-    close = difflib.get_close_matches(given, bare, 1, 0.5) or [name for name in bare if name.partition(".")[2] == given]
+    begin = [name for name in bare if given and name.startswith(given)]
+    close = difflib.get_close_matches(given, begin or bare, 1, 0.0 if begin else 0.5)
+    close = close or [name for name in bare if name.partition(".")[2] == given]
     guess = f"; did you mean {close[0]!r}?" if close else ""
     return f"allowed are {', '.join(names)}{others}{guess}"
 

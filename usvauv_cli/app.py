@@ -126,10 +126,18 @@ def run(interruption: Interruption | None = None) -> int:
 def _command() -> int:
     import typer
 
-    command = typer.main.get_command(parser())
+    from usvauv.cli.usage import check_command
+
+    app, given = parser(), sys.argv[1:]
+    if given[:1] == ["help"]:
+        given = [*given[1:], "--help"]
+    command = typer.main.get_command(app)
+    assert isinstance(command, typer.core.TyperGroup)
+    if given and not given[0].startswith("-"):
+        check_command(given[0], command.commands)
     try:
         # Not `app()`: it handles Ctrl-C and a closed pipe itself.
-        with command.make_context("usvauv", sys.argv[1:]) as context:
+        with command.make_context("usvauv", given) as context:
             return command.invoke(context) or 0
     except typer.Exit as done:
         return done.exit_code
@@ -143,6 +151,7 @@ def parser() -> typer.Typer:
     import typer
 
     from usvauv.cli.commands import evaluate, export, inspect, plan, sea, simulate, sweep, train, train_targets
+    from usvauv.cli.usage import Command
 
     app = typer.Typer(
         name="usvauv",
@@ -157,7 +166,7 @@ def parser() -> typer.Typer:
         *(evaluate.evaluate, export.export, sweep.sweep, sweep.reproduce, plan.plan, sea.sea),
         *(inspect.scenarios, inspect.policies, inspect.boats, inspect.targets, inspect.doctor),
     ):
-        app.command("eval" if command is evaluate.evaluate else None)(command)
+        app.command("eval" if command is evaluate.evaluate else None, cls=Command)(command)
 
     def print_version(wanted: bool) -> None:
         if wanted:

@@ -462,11 +462,66 @@ class TestResultsThatAreThere:
 
 
 @pytest.mark.parametrize(
+    ("command", "told"),
+    [
+        ("simulate mission.nc", "is a NetCDF file, not a scenario; usvauv replay mission.nc draws a trace"),
+        ("simulate mission.mp4", "is a picture, a video or an export, not a scenario; no command of usvauv reads it"),
+        ("eval fixes.csv", "is a CSV file, not a scenario; usvauv plan --log fixes.csv reads a log of fixes"),
+        ("sea run", "is a trained policy, not a scenario; usvauv simulate --policy run runs it"),
+        ("train study.toml", "is a study, not a scenario; usvauv sweep study.toml runs it"),
+        ("sweep mine.toml", "is a scenario, not a study; usvauv simulate mine.toml runs it"),
+        ("replay mine.toml", "is a scenario, not a trace; usvauv simulate mine.toml runs it"),
+        ("export mine.toml", "is a scenario, not a trained policy; usvauv simulate mine.toml runs it"),
+        ("export run --to csv", "is a trained policy, not a trace; usvauv simulate --policy run runs it"),
+        ("simulate --policy mission.nc", "is a NetCDF file, not a trained policy; usvauv replay mission.nc draws a"),
+        ("plan --log mission.nc", "is a NetCDF file, not a log of fixes; usvauv replay mission.nc draws a trace"),
+        ("plan mission.nc", "plan takes no argument 'mission.nc'; usvauv replay mission.nc draws a trace"),
+        ("plan fixes.csv", "plan takes no argument 'fixes.csv'; --log fixes.csv does"),
+        ("mine.toml", "command 'mine.toml': usvauv simulate mine.toml runs it"),
+    ],
+)
+def test_a_file_of_another_kind_is_refused_with_the_command_that_takes_it(tmp_path, refused, command, told):
+    (tmp_path / "run").mkdir()
+    for name in ("mission.nc", "mission.mp4", "fixes.csv", "run/best.safetensors"):
+        (tmp_path / name).touch()
+    (tmp_path / "mine.toml").write_text("name = 'mine'\n[auv]\ncount = 3\n")
+    (tmp_path / "study.toml").write_text("[[runs]]\nscenario = 'extreme'\n")
+    assert told in refused(*command.split())
+
+
+def test_a_folder_with_the_name_of_a_scenario_hides_nothing(tmp_path, run_usvauv):
+    (tmp_path / "extreme").mkdir()
+    (tmp_path / "extreme" / "best.safetensors").touch()
+    assert run_usvauv("scenarios", "extreme")[0] == 0
+
+
+@pytest.mark.parametrize(("command", "shown"), [("help", "train-targets"), ("help plan", "--beacon")])
+def test_help_is_also_a_command(run_usvauv, command, shown):
+    code, said, complaint = run_usvauv(*command.split())
+    assert (code, complaint) == (0, "")
+    assert shown in said
+
+
+@pytest.mark.parametrize(
     ("arguments", "parts"),
     [
         (["simulate", "--policy", "straight:9"], ["straight:9", "2.2"]),
         (["simulate", "--policy", "json:Best"], ["json:Best", "json/__init__.py", "no class or function 'Best'"]),
         (["simulate", "--policy", "hold:0,0"], ["hold:0,0", "MODULE:CLASS", "straight"]),
+        (["simulate", "--seed", "-1"], ["--seed -1: must be from 0 to"]),
+        (["simulate", "--duration", "inf"], ["--duration inf: must be at least 0.1, and finite"]),
+        (["simulate", "--out", "a.gif", "--fps", "60"], ["--fps 60: must be from 1 to 50 in a.gif"]),
+        (["sea", "--seed", "-1"], ["--seed -1: must be from 0 to"]),
+        (["sea", "--fps", "2000"], ["--fps 2000: must be from 1 to 1000"]),
+        (["live", "--usv", "fimm"], ["did you mean 'fim'?"]),
+        (["live", "--policy", "stright"], ["did you mean 'straight'?"]),
+        (["train-targets", "--usv", "fimm"], ["did you mean 'fim'?"]),
+        (["train", "--arch", "gpu"], ["--arch 'gpu': allowed are auto, cpu"]),
+        (["sim"], ["command 'sim'", "did you mean 'simulate'?"]),
+        (["help", "reply"], ["command 'reply'", "did you mean 'replay'?"]),
+        (["eval", "--until", "2"], ["eval has no option --until", "did you mean '--until-halfwidth'?"]),
+        (["simulate", "extreme", "straight"], ["simulate takes no argument 'straight'"]),
+        (["plan", "extreme"], ["plan takes no argument 'extreme'; --scenario extreme does"]),
         (["simulate", "--size", "³²⁰x³²⁰"], ["--size", "expected WIDTHxHEIGHT"]),
         (["simulate", "--size", f"{5000 * '9'}x480"], ["--size", "expected WIDTHxHEIGHT"]),
         (["simulate", "--out", "missing/a.mp4"], ["missing/a.mp4", "does not exist"]),
@@ -496,6 +551,7 @@ def test_bad_input_is_one_line_and_exit_code_2(tmp_path, run_usvauv, arguments, 
     """Through the installed command's own entry point, in this process; one of them also as a process below."""
     code, _, stderr = run_usvauv(*arguments)
     assert code == 2
+    assert "preparing" not in stderr, "kernels are compiled for nothing"
     for part in parts:
         assert part in stderr
     if stderr.startswith("error: "):

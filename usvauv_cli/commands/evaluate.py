@@ -19,7 +19,10 @@ def evaluate(
     scenario: options.ScenarioName = "extreme",
     policy: Annotated[
         list[str] | None,
-        typer.Option(help=f"{options.POLICIES}; may be repeated. Default: the one of simulate, and straight."),
+        typer.Option(
+            callback=options.of_kind("policy"),
+            help=f"{options.POLICIES}; may be repeated. Default: the one of simulate, and straight.",
+        ),
     ] = None,
     usv: Annotated[
         list[str] | None,

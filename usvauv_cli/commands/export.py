@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from usvauv.cli.commands import options
+from usvauv.cli.kinds import expect
 from usvauv.kernels.errors import UserError
 
 
@@ -23,6 +24,7 @@ def export(
         str | None,
         typer.Argument(
             metavar="[SCENARIO]",
+            callback=options.of_kind("scenario"),
             help="For a policy: shipped name or path of a TOML file. Default: the scenario of its training.",
         ),
     ] = None,
@@ -71,6 +73,7 @@ def export(
         for option, value in (("SCENARIO", scenario), ("--onnx", onnx), ("--set", (overrides or [None])[0])):
             if value is not None:
                 raise UserError(f"{option} {value}: is for a policy; --to writes a trace")
+        expect("trace", source)
         _export_trace(context, Path(source), to, out, episode or 0)
         return
     if source.endswith(".nc"):
@@ -82,6 +85,7 @@ def export(
     from usvauv.env.world.observation import ObservationLayout
     from usvauv.policies.export import export as write
 
+    expect("policy", source)
     for option, value in (("--out", out), ("--episode", episode)):
         if value is not None:
             raise UserError(f"{option} {value}: is for a trace, which needs --to; a policy is written by --onnx")

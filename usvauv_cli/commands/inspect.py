@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from usvauv.cli import terminal
-from usvauv.cli.commands.options import Overrides, Plugins
+from usvauv.cli.commands.options import Overrides, Plugins, of_kind
 from usvauv.cli.terminal import counted, duration
 from usvauv.kernels.errors import UserError
 
@@ -61,7 +61,10 @@ Item = tuple[str, str]  # as it is written, and what it is
 
 
 def scenarios(
-    scenario: Annotated[str | None, typer.Argument(metavar="[SCENARIO]", help="Name or path to print.")] = None,
+    scenario: Annotated[
+        str | None,
+        typer.Argument(metavar="[SCENARIO]", callback=of_kind("scenario"), help="Name or path to print."),
+    ] = None,
     check: Annotated[
         bool, typer.Option("--check", help="Check whether what it simulates can occur at sea, instead of printing it.")
     ] = False,

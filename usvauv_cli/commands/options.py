@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from usvauv.cli.kinds import expect
 from usvauv.cli.terminal import counted
 from usvauv.kernels.errors import UserError, choices
 
@@ -35,13 +36,30 @@ def bounded(least: float, most: float = math.inf) -> Callable[[typer.CallbackPar
     return check
 
 
+def of_kind(kind: str) -> Callable[[Any], Any]:
+    """A callback of an argument or option that refuses files of another kind; a shipped name is no file."""
+
+    def check(value: Any) -> Any:
+        from usvauv.env import Scenario
+
+        for name in value if isinstance(value, list) else [value]:
+            if name is not None and name not in Scenario.shipped():
+                expect(kind, name)
+        return value
+
+    return check
+
+
 def _known_arch(value: str) -> str:
     from usvauv.kernels.runtime import ARCHITECTURES
 
     return choice("--arch", value, ARCHITECTURES)
 
 
-ScenarioName = Annotated[str, typer.Argument(metavar="SCENARIO", help="Shipped name or path of a TOML file.")]
+ScenarioName = Annotated[
+    str,
+    typer.Argument(metavar="SCENARIO", callback=of_kind("scenario"), help="Shipped name or path of a TOML file."),
+]
 Seed = Annotated[
     int,
     typer.Option(callback=bounded(0, 2**64 - 1), help="Random seed, 0 or more; the same seed gives the same result."),
@@ -56,7 +74,10 @@ Overrides = Annotated[
 POLICIES = (
     "Policy of the AUVs: a name from `usvauv policies`, a checkpoint, the folder of a run, or your own MODULE:CLASS"
 )
-Policy = Annotated[str | None, typer.Option(help=f"{POLICIES}. Default: the one listed for the scenario.")]
+Policy = Annotated[
+    str | None,
+    typer.Option(callback=of_kind("policy"), help=f"{POLICIES}. Default: the one listed for the scenario."),
+]
 BOATS = "Boat strategy: a name from `usvauv boats`, such as fim or hold:X,Y"
 Usv = Annotated[str | None, typer.Option(help=f"{BOATS}. Default: the scenario's.")]
 

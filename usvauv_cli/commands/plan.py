@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from usvauv.cli import terminal
-from usvauv.cli.commands.options import Arch, Force, Overrides, Plugins, choice, writable
+from usvauv.cli.commands.options import Arch, Force, Overrides, Plugins, choice, of_kind, writable
 from usvauv.kernels.errors import UserError
 
 if TYPE_CHECKING:
@@ -35,6 +35,7 @@ def plan(
         Path | None,
         typer.Option(
             metavar="FILE",
+            callback=of_kind("log"),
             help="Fixes of a USBL instead of --auv: CSV with time, auv, depth and x, y or latitude, longitude; or its"
             " sentences $PSIMSSB, $PSONLLD, $PTSAG, USBLLONG, with $--GGA and $--HDT of the boat.",
         ),
@@ -44,7 +45,12 @@ def plan(
         typer.Option(metavar="NAME", help="A beacon of --log to plan for; may be repeated. Default: all under water."),
     ] = None,
     scenario: Annotated[
-        str, typer.Option(metavar="S", help="Array, sonar, noise and area: shipped name or path of a TOML file.")
+        str,
+        typer.Option(
+            metavar="S",
+            callback=of_kind("scenario"),
+            help="Array, sonar, noise and area: shipped name or path of a TOML file.",
+        ),
     ] = "extreme",
     objective: Annotated[
         str | None,

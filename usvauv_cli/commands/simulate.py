@@ -40,6 +40,7 @@ def simulate(
         str | None,
         typer.Option(
             metavar="POLICY|usv=BOAT|targets=RULE",
+            callback=options.of_kind("policy"),
             help="Show the same world with another policy, boat or target rule beside it.",
         ),
     ] = None,
@@ -155,7 +156,11 @@ def replay(
     context: typer.Context,
     traces: Annotated[
         list[Path],
-        typer.Argument(metavar="TRACE.nc [TRACE.nc]", help="Trace from simulate --trace; two are compared."),
+        typer.Argument(
+            metavar="TRACE.nc [TRACE.nc]",
+            callback=options.of_kind("trace"),
+            help="Trace from simulate --trace; two are compared.",
+        ),
     ],
     episode: Annotated[int, typer.Option(help="Episode to draw, if the trace has several, from 0.")] = 0,
     out: Annotated[

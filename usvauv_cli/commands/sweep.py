@@ -30,7 +30,10 @@ Jobs = Annotated[
 
 
 def sweep(
-    study: Annotated[Path, typer.Argument(metavar="STUDY.toml", help="File that names the runs.")],
+    study: Annotated[
+        Path,
+        typer.Argument(metavar="STUDY.toml", callback=options.of_kind("study"), help="File that names the runs."),
+    ],
     out: Annotated[Path | None, typer.Option(help="Folder of all results; default studies/STUDY.")] = None,
     ray: Ray = None,
     slurm: Slurm = None,

@@ -31,7 +31,10 @@ def train_targets(
         bool, typer.Option("--resume", help="Continue from OUT.json.partial, left by the same command when it stopped.")
     ] = False,
     policy: Annotated[
-        str | None, typer.Option(help="Policy of the AUVs; default: the scenario's best heuristic.")
+        str | None,
+        typer.Option(
+            callback=options.of_kind("policy"), help="Policy of the AUVs; default: the scenario's best heuristic."
+        ),
     ] = None,
     usv: options.Usv = "centroid",
     arch: options.Arch = "auto",
