@@ -125,14 +125,14 @@ def run(interruption: Interruption | None = None) -> int:
 
 def _command() -> int:
     import typer
+    from typer.core import TyperGroup
 
     from usvauv.cli.usage import check_command
 
-    app, given = parser(), sys.argv[1:]
+    command, given = typer.main.get_command(parser()), sys.argv[1:]
+    assert isinstance(command, TyperGroup)
     if given[:1] == ["help"]:
         given = [*given[1:], "--help"]
-    command = typer.main.get_command(app)
-    assert isinstance(command, typer.core.TyperGroup)
     if given and not given[0].startswith("-"):
         check_command(given[0], command.commands)
     try:
