@@ -511,7 +511,6 @@ def test_help_is_also_a_command(run_usvauv, command, shown):
         (["simulate", "--seed", "-1"], ["--seed -1: must be from 0 to"]),
         (["simulate", "--duration", "inf"], ["--duration inf: must be at least 0.1, and finite"]),
         (["simulate", "--out", "a.gif", "--fps", "60"], ["--fps 60: must be from 1 to 50 in a.gif"]),
-        (["sea", "--seed", "-1"], ["--seed -1: must be from 0 to"]),
         (["sea", "--fps", "2000"], ["--fps 2000: must be from 1 to 1000"]),
         (["live", "--usv", "fimm"], ["did you mean 'fim'?"]),
         (["live", "--policy", "stright"], ["did you mean 'straight'?"]),
