@@ -14,17 +14,19 @@ SEED = 0
 class Random(Heuristic):
     """Uniform actions, drawn anew in every step: the lower end of every comparison.
 
-    The n-th action is the same in every run. The draw is a hash of (seed, step, world, AUV, component), so it is the
-    same for any number of worlds.
+    The n-th action is the same in every run. The draw is a hash of (seed, step, index of the world, AUV, component), so
+    it is the same in any batch.
     """
 
     def __init__(self, name: str, world: World, argument: None = None) -> None:
         super().__init__(name, world, argument)
+        self.first = world.num_auvs * world.action_size * torch.from_numpy(world.seeds.index).to(world.device)
         self.step = 0
 
     def act(self, observation: Tensor) -> Tensor:
         worlds, auvs = observation.shape[:2]
-        index = torch.arange(worlds * auvs * self.world.action_size, device=observation.device) + (self.step << 32)
+        within = torch.arange(auvs * self.world.action_size, device=observation.device)
+        index = self.first[:, None] + within + (self.step << 32)
         self.step += 1
         bits = mix(mix(index) ^ mix(torch.full_like(index, SEED)))
         uniform = (bits >> 40 & 0xFFFFFF).float() / 2.0**24

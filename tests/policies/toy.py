@@ -7,6 +7,7 @@ from torch import Tensor
 
 from usvauv import policies
 from usvauv.env.scenario import Scenario
+from usvauv.env.sea.water import Seeds
 from usvauv.env.world.observation import ObservationLayout
 from usvauv.policies import TrainingConfig
 
@@ -61,7 +62,7 @@ class ToyWorld:
         self.observation_size = self.layout.size
         self.action_size = toy.auv.action_size
         self.steps = toy.mission.steps
-        self.device = torch.device("cpu")
+        self.device, self.seeds = torch.device("cpu"), Seeds.of(seed, num_worlds)
         self.terminates = terminates
         self.generator = torch.Generator().manual_seed(seed)
         self.drift = torch.tensor([0.3, -0.2])
