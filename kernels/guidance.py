@@ -22,9 +22,12 @@ from usvauv.kernels.network import (
     bounded,
     exponential,
     forward,
+    groups_of,
     hyperbolic_tangent,
     lanes,
     rooms,
+    rows_of,
+    standardised,
     tiles,
 )
 from usvauv.kernels.trigonometry import half_cosine, half_sine
@@ -35,9 +38,7 @@ TINY = 1e-9
 NEAREST = 1e-3  # m, smaller distances between AUVs repel like it
 LEAST_ADVANCE = 0.05  # m/s over ground, lower bound on headway
 HOPELESS = 1e6  # J/m, above every cost with headway
-CLIP = 8.0  # of standardised features
 FIRST = 9  # features of the target and the other AUVs, which come before those by `Rule`
-PARTS = 16  # of the AUVs for each thread
 
 
 class Rule(Columns):
@@ -125,14 +126,14 @@ def encode(
         closest,
     ]
     for f in ti.static(range(FIRST)):
-        room[part, to + f] = bounded((first[f] - mean[f]) * (1.0 / deviation[f]), -CLIP, CLIP)
+        room[part, to + f] = standardised(first[f], mean[f], deviation[f])
     for f in range(FIRST, mean.shape[0]):
         at, scale = f - FIRST, 1.0 / unit[f - FIRST]
         value = scale * room[part, rule[at, Rule.x]]
         if rule[at, Rule.turned] != 0:
             along, left = along_and_left(value, scale * room[part, rule[at, Rule.y]], ahead_x, ahead_y)
             value = along if rule[at, Rule.turned] == 1 else left
-        room[part, to + f] = bounded((value - mean[f]) * (1.0 / deviation[f]), -CLIP, CLIP)
+        room[part, to + f] = standardised(value, mean[f], deviation[f])
     for f in range(mean.shape[0], end - to):
         room[part, to + f] = lanes(0.0)
 
@@ -265,13 +266,11 @@ def act(
     ti.loop_config(serialize=serial, block_dim=1)
     for part in range(room.shape[0]):
         count = seen.shape[0] // networks
-        groups = (count + LANES - 1) // LANES
         first = seen.shape[1]
         second = (first + room.shape[1]) // 2
-        share = (groups * networks + room.shape[0] - 1) // room.shape[0]
-        for group in range(part * share, ti.min((part + 1) * share, groups * networks)):
-            network, begin = group // groups, LANES * (group % groups)
-            rows = [ti.min(begin + n, count - 1) * networks + network for n in ti.static(range(LANES))]
+        first_group, end_of_groups = groups_of(part, room.shape[0], count, networks)
+        for group in range(first_group, end_of_groups):
+            network, rows = rows_of(group, count, networks)
             for column in range(seen.shape[1]):
                 room[part, column] = ti.Vector([seen[rows[n], column] for n in ti.static(range(LANES))])
             end = first + TILE * layers[0, Layer.inputs]
@@ -329,17 +328,15 @@ class Acting:
         biases: Sequence[torch.Tensor],
     ) -> None:
         worlds, auvs, observed = size
-        count, networks = worlds * auvs, len(weights[0])
+        count = worlds * auvs
         alike: Any = {"dtype": torch.float32, "device": "cpu"}  # whatever a program has made torch's defaults
         self._seen, self._command = torch.zeros(size, **alike), torch.zeros(worlds, auvs, commands, **alike)
         self._packed = Packed(weights, biases)
-        alone = runtime.better_alone(count)
-        parts = 1 if alone else min(-(-count // LANES), PARTS * runtime.start().threads)
         self._act = Launch(
             act,
             self._seen.view(count, -1),
             self._command.view(count, -1),
-            torch.zeros(parts, observed + 2 * self._packed.width, LANES, **alike),
+            self._packed.room(count, observed),
             *(column or 0 for column in columns),
             torch.tensor([each[:3] for each in rules], dtype=torch.int32, device="cpu"),
             torch.tensor([each[3] for each in rules], **alike),
@@ -349,8 +346,8 @@ class Acting:
             torch.zeros(2, 1, **alike) if speeds is None else torch.stack(speeds).to(**alike),
             *self._packed.arguments,
             auvs,
-            networks,
-            *(speeds is not None, columns[3] is not None, polar, alone),
+            self._packed.networks,
+            *(speeds is not None, columns[3] is not None, polar, runtime.better_alone(count)),
             settings={**runtime.vectors_in_registers(), **runtime.quickly()},
         )
 

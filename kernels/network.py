@@ -1,4 +1,4 @@
-"""Multilayer perceptrons with ReLU on a CPU, for sixteen inputs side by side.
+"""Multilayer perceptrons with ReLU on a CPU, for sixteen inputs side by side, and learned actors of them.
 
 A vector holds one number of `LANES` rows, so that weights need no shuffling, a layer may have any width, and a row's
 result does not depend on the others. Weights are packed by `TILE` inputs and outputs: a tile's sums stay in registers,
@@ -14,10 +14,12 @@ import torch
 
 from usvauv.kernels import runtime
 from usvauv.kernels.functions import Launch, func, kernel
-from usvauv.kernels.types import Columns, array1, select, vec4
+from usvauv.kernels.types import Columns, array1, array2, index2, select, vec4
 
 LANES = 16
 TILE = 4
+PARTS = 16  # of the rows for each thread
+CLIP = 8.0  # of standardised features
 SHIFT = 12583039.0  # 1.5 · 2²³ + 127: the last bits of a number n plus this one are those of the exponent of 2ⁿ
 
 lanes = ti.types.vector(LANES, ti.f32)
@@ -39,6 +41,11 @@ class Layer(Columns):
 def bounded(x, low, high):
     """A vector within bounds; what is not a number stays so."""
     return select(x < low, lanes(low), select(x > high, lanes(high), x))
+
+
+@func
+def standardised(feature, mean, deviation):
+    return bounded((feature - mean) * (1.0 / deviation), -CLIP, CLIP)
 
 
 @func
@@ -85,6 +92,57 @@ def forward(
     return source
 
 
+@func
+def rows_of(group, count, networks):
+    """The network of a group of `LANES` rows, and the rows, of which each of several networks has every n-th.
+
+    A network's last group ends with copies of its last row.
+    """
+    groups = (count + LANES - 1) // LANES
+    network, begin = group // groups, LANES * (group % groups)
+    return network, [ti.min(begin + n, count - 1) * networks + network for n in ti.static(range(LANES))]
+
+
+@func
+def groups_of(part, parts, count, networks):
+    """First group of a part of the rows, and the end of its groups; `count` rows of each network."""
+    groups = (count + LANES - 1) // LANES * networks
+    share = (groups + parts - 1) // parts
+    return part * share, ti.min((part + 1) * share, groups)
+
+
+@kernel
+def infer(
+    features: array2,
+    actions: array2,
+    room: rooms,
+    mean: array1,
+    deviation: array1,
+    packed: tiles,
+    bias: array1,
+    layers: index2,
+    networks: ti.i32,
+    serial: ti.template(),
+):
+    """Actions (W K, A) in [−1, 1] of networks for features (W K, F); arguments as of `usvauv.kernels.guidance.act`."""
+    ti.loop_config(serialize=serial, block_dim=1)
+    for part in range(room.shape[0]):
+        count = features.shape[0] // networks
+        begin, end = groups_of(part, room.shape[0], count, networks)
+        for group in range(begin, end):
+            network, rows = rows_of(group, count, networks)
+            for f in range(features.shape[1]):
+                feature = ti.Vector([features[rows[n], f] for n in ti.static(range(LANES))])
+                room[part, f] = standardised(feature, mean[f], deviation[f])
+            for f in range(features.shape[1], TILE * layers[0, Layer.inputs]):
+                room[part, f] = lanes(0.0)
+            at = forward(packed, bias, layers, network, room, part, 0, room.shape[1] // 2)
+            for component in range(actions.shape[1]):
+                action = hyperbolic_tangent(room[part, at + component])
+                for n in ti.static(range(LANES)):
+                    actions[rows[n], component] = action[n]
+
+
 @kernel
 def pack(
     weight: array1,
@@ -120,7 +178,7 @@ class Packed:
 
     Attributes:
         arguments: the first ones of `forward`.
-        width: most numbers of a layer, whole tiles.
+        networks: S.
     """
 
     def __init__(self, weights: Sequence[torch.Tensor], biases: Sequence[torch.Tensor]) -> None:
@@ -132,7 +190,8 @@ class Packed:
         packed = torch.zeros(tiles_in_all, TILE * TILE, dtype=torch.float32, **here)
         bias = torch.zeros(biases_in_all, dtype=torch.float32, **here)
         self.arguments = packed, bias, layers.to(torch.int32)
-        self.width = TILE * int(tiled.max())
+        self.networks = len(weights[0])
+        self._width = TILE * int(tiled.max())  # most numbers of a layer, whole tiles
         self._launches = [
             Launch(
                 *(pack, weight.detach().view(-1), own.detach().view(-1)),
@@ -147,3 +206,52 @@ class Packed:
         """Take the present weights."""
         for launch in self._launches:
             launch()
+
+    def room(self, rows: int, more: int = 0) -> torch.Tensor:
+        """Memory of each part of the rows, with place for a layer twice, and `more` numbers of a row before these.
+
+        Few rows are one part, for the calling thread.
+        """
+        parts = 1 if runtime.better_alone(rows) else min(-(-rows // LANES), PARTS * runtime.start().threads)
+        return torch.zeros(parts, more + 2 * self._width, LANES, dtype=torch.float32, device="cpu")
+
+
+class Actors:
+    """Actions of networks for the features of one batch of worlds, with memory of its own.
+
+    Args:
+        size: of features, (W, K, F).
+        actions: A, the first outputs, which a tanh follows.
+        mean, deviation: standardise the features, (F,); may change in place.
+        weights, biases: of each layer of the actors, one for each AUV or a shared one, see `Packed`.
+    """
+
+    def __init__(
+        self,
+        size: tuple[int, int, int],
+        actions: int,
+        mean: torch.Tensor,
+        deviation: torch.Tensor,
+        weights: Sequence[torch.Tensor],
+        biases: Sequence[torch.Tensor],
+    ) -> None:
+        worlds, auvs, features = size
+        count = worlds * auvs
+        alike: Any = {"dtype": torch.float32, "device": "cpu"}  # whatever a program has made torch's defaults
+        self._features, self._actions = torch.zeros(size, **alike), torch.zeros(worlds, auvs, actions, **alike)
+        self._packed = Packed(weights, biases)
+        self._infer = Launch(
+            infer,
+            self._features.view(count, features),
+            self._actions.view(count, actions),
+            self._packed.room(count),
+            *(mean, deviation, *self._packed.arguments, self._packed.networks, runtime.better_alone(count)),
+            settings=runtime.vectors_in_registers(),
+        )
+
+    def __call__(self, features: torch.Tensor) -> torch.Tensor:
+        """Actions (W, K, A) for features (W, K, F)."""
+        self._features.copy_(features)
+        self._packed.refresh()
+        self._infer()
+        return self._actions.clone()

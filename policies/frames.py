@@ -80,6 +80,10 @@ class Frame:
         """
         return observation[..., self._places[name]]
 
+    def shared(self, observation: Tensor) -> tuple[Tensor, ...]:
+        """Tensors (W, K, ...) that `encode` and `decode` both need; both take them as further arguments."""
+        return ()
+
     def encode(self, observation: Tensor) -> Tensor:
         """Features (W, K, F) of observations (W, K, O)."""
         raise NotImplementedError
@@ -312,24 +316,24 @@ class PassingFrame(TargetFrame):
         self.seen = Observed(self)
         self.heuristic = Pass(self.start, cast(World, self.seen), PASS_PRICE)
 
-    def encode(self, observation: Tensor) -> Tensor:
-        heading, speed = self._steer(observation)
+    def shared(self, observation: Tensor) -> tuple[Tensor, ...]:
+        """Heading (unit vectors, (W, K, 2)) and speed (W, K), m/s, of the heuristic."""
+        self.seen.observation = observation
+        return self.heuristic.steer(observation)
+
+    def encode(self, observation: Tensor, *shared: Tensor) -> Tensor:
+        heading, speed = shared or self.shared(observation)
         velocity = heading * (speed / self.scenario.auv.speed_max).unsqueeze(-1)
         bearing = unit(self.term(observation, "target"))
         return torch.cat((super().encode(observation), unrotate(velocity, bearing)), -1)
 
-    def decode(self, observation: Tensor, action: Tensor) -> Tensor:
+    def decode(self, observation: Tensor, action: Tensor, *shared: Tensor) -> Tensor:
         auv = self.scenario.auv
-        heading, speed = self._steer(observation)
+        heading, speed = shared or self.shared(observation)
         speed = speed + action[..., 1] * (auv.speed_max - auv.speed_min)
         angle = TURN * action[..., 0]
         heading = turn(heading, torch.cos(angle), torch.sin(angle))
         return command(heading, speed.clamp(auv.speed_min, auv.speed_max), self.scenario)
-
-    def _steer(self, observation: Tensor) -> tuple[Tensor, Tensor]:
-        """Heading and speed of the heuristic."""
-        self.seen.observation = observation
-        return self.heuristic.steer(observation)
 
 
 class FinsFrame(TargetFrame):

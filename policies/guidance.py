@@ -39,6 +39,17 @@ def polar(vector: Tensor) -> tuple[Tensor, Tensor]:
     return components(x / size, y / size), size
 
 
+def angle(vector: Tensor) -> Tensor:
+    """Angle (...) of vectors (..., 2) from the x axis to the left, from −π to π; 0 of a zero vector.
+
+    Torch's `atan2` gives other bits in the last few numbers of a tensor than in those before.
+    """
+    x, y = vector.unbind(-1)
+    x = x + LEAST
+    half_plane = torch.atan(y / x)
+    return torch.where(x < 0.0, half_plane + torch.copysign(torch.full_like(y, math.pi), y), half_plane)
+
+
 def unit(vector: Tensor) -> Tensor:
     """Direction of vectors (..., 2); (1, 0) for a zero vector."""
     return polar(vector)[0]
@@ -101,8 +112,7 @@ def command(direction: Tensor, speed: Tensor | float, scenario: Scenario) -> Ten
         return torch.cat((velocity, torch.full_like(velocity[..., :1], cruise_depth(scenario))), -1)
     span = auv.speed_max - auv.speed_min
     throttle = 2.0 * (each - auv.speed_min) / span - 1.0 if span > 0 else torch.zeros_like(each)
-    x, y = direction.unbind(-1)
-    heading = torch.atan2(y, x) / math.pi
+    heading = angle(direction) / math.pi
     return components(heading, throttle.expand_as(heading)).clip(-1.0, 1.0)
 
 

@@ -12,7 +12,8 @@ import torch
 from torch import Tensor
 
 from usvauv.env.scenario import Scenario
-from usvauv.kernels.guidance import CLIP, Acting
+from usvauv.kernels import runtime
+from usvauv.kernels.network import CLIP, Actors
 from usvauv.policies.frames import FRAMES
 from usvauv.policies.networks import DeterministicActor, GaussianActor, StackedMLP, stack, unstack
 from usvauv.policies.policy import Policy, PolicyError, by_pieces
@@ -56,15 +57,15 @@ class Standardizer:
         return ((features - self.mean) / self.deviation).clamp(-CLIP, CLIP)
 
 
-class _Kernel(threading.local):
-    """A kernel that acts, with separate memory in each thread.
+class _Way(threading.local):
+    """How a policy acts, with separate memory in each thread.
 
     Attributes:
-        made: the kernel; None: there is none.
-        bound: shape of its observations, and the memory addresses of the actors' and the features' numbers.
+        act: actions (W, K, A) for observations (W, K, O).
+        bound: shape of the observations, and the memory addresses of the actors' and the features' numbers.
     """
 
-    made: Acting | None = None
+    act: Callable[[Tensor], Tensor]
     bound: tuple[torch.Size, list[int]] | None = None
 
 
@@ -98,7 +99,7 @@ class LearnedPolicy(Policy):
         self.shared = shared
         self.about = about
         self.any_team = shared and self.frame.any_team
-        self._kernel = _Kernel()
+        self._way = _Way()
 
     def __reduce__(self) -> tuple[Any, ...]:
         """A copy, also by `pickle` in another process, is made anew, as kernels and their memory cannot be copied."""
@@ -128,28 +129,50 @@ class LearnedPolicy(Policy):
         )
 
     def act(self, observation: Tensor) -> Tensor:
-        own, layers = self._kernel, self.actor.layers()
+        way, layers = self._way, self.actor.layers()
         # Torch moves tensors that it sends to another process.
         parts = self.standardizer.mean, self.standardizer.deviation, *layers[0], *layers[1]
         bound = observation.shape, [part.data_ptr() for part in parts]
-        if own.bound != bound:
-            own.made, own.bound = self._kernel_for(observation.shape), bound
-        return own.made(observation.detach()) if own.made else by_pieces(self.actions, observation)
+        if way.bound != bound:
+            way.act, way.bound = self._way_for(observation.shape), bound
+        with FRAMES.calling(self.frame_name):
+            return way.act(observation.detach())
 
-    def _kernel_for(self, shape: torch.Size) -> Acting | None:
-        """A kernel for observations of a shape; None: there is none, for example for a part of a team."""
-        plain = type(self.actor) in (DeterministicActor, GaussianActor) and not self.actor.layer_norm
-        if not plain or shape[1:] != (self.scenario.auv.count, self.frame.layout.size):
-            return None
+    def _way_for(self, shape: torch.Size) -> Callable[[Tensor], Tensor]:
+        """How it acts for observations of a shape: on a CPU by kernels, whose results for a world depend only on it.
+
+        A matrix product of torch gives other bits in batches of other sizes.
+        """
+        scenario, frame = self.scenario, self.frame
+        known = type(self.actor) in (DeterministicActor, GaussianActor) and not self.actor.layer_norm
+        fits = self.shared or shape[1] == scenario.auv.count
+        if not (known and fits and runtime.start().on_cpu):
+            return lambda observation: by_pieces(lambda seen: (self.actions(seen),), observation)[0]
+        parts = self.standardizer.mean, self.standardizer.deviation, *self.actor.layers()
         # Memory made in torch's inference mode could not be written outside it.
         with FRAMES.calling(self.frame_name), torch.inference_mode(False):
-            return self.frame.acting(
-                shape[0], self.standardizer.mean, self.standardizer.deviation, *self.actor.layers()
-            )
+            whole = shape[1:] == (scenario.auv.count, frame.layout.size)
+            if whole and (made := frame.acting(shape[0], *parts)):
+                return made
+            actors = Actors((shape[0], shape[1], frame.features), frame.actions, *parts)
+
+        def act(observation: Tensor) -> Tensor:
+            features, *shared = by_pieces(encode, observation)
+            return by_pieces(decode, observation, actors(features), *shared)[0]
+
+        def encode(observation: Tensor) -> tuple[Tensor, ...]:
+            shared = frame.shared(observation)
+            return frame.encode(observation, *shared), *shared
+
+        def decode(*given: Tensor) -> tuple[Tensor]:
+            return (frame.decode(*given),)
+
+        return act
 
     def actions(self, observation: Tensor) -> Tensor:
-        """The same for all worlds at once, with gradients."""
+        """The same for all worlds at once in torch, with gradients."""
         with FRAMES.calling(self.frame_name):
-            features = self.standardizer(self.frame.encode(observation))
+            shared = self.frame.shared(observation)
+            features = self.standardizer(self.frame.encode(observation, *shared))
             action = unstack(self.actor(stack(features, self.shared)), features.shape[1])
-            return self.frame.decode(observation, action)
+            return self.frame.decode(observation, action, *shared)

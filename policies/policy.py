@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 
@@ -53,20 +53,21 @@ def _threads(process: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(runtime.start().threads)
 
 
-def by_pieces(function: Callable[..., Tensor], *tensors: Tensor) -> Tensor:
-    """Evaluate, without gradients, a function of tensors (W, K, ...) whose result for a world depends only on it.
+def by_pieces(function: Callable[..., Sequence[Tensor]], *tensors: Tensor) -> list[Tensor]:
+    """Evaluate, without gradients, a function of tensors (W, K, ...) whose results for a world depend only on it.
 
     On a CPU many AUVs are divided among the cores, in pieces of `PIECE` to `LARGEST_PIECE` AUVs, each with one thread
     of torch. So a small batch wakes no thread, cores do not wait for each other after each operation, intermediate
     results stay in the core's cache, and the result is the same for any number of cores.
     """
 
-    def one(*piece: Tensor) -> Tensor:
+    def one(*piece: Tensor) -> list[Tensor]:
         with torch.no_grad():  # applies to one thread only
-            return function(*map(by_component, piece)).contiguous()
+            return [result.contiguous() for result in function(*map(by_component, piece))]
 
     auvs = tensors[0].shape[:2].numel()
     count = max(min(auvs // PIECE, runtime.start().threads), math.ceil(auvs / LARGEST_PIECE))
     if count < 2 or tensors[0].device.type != "cpu":
         return one(*tensors)
-    return torch.cat(list(_threads(os.getpid()).map(one, *(each.tensor_split(count) for each in tensors))))
+    pieces = _threads(os.getpid()).map(one, *(each.tensor_split(count) for each in tensors))
+    return [torch.cat(parts) for parts in zip(*pieces, strict=True)]

@@ -11,7 +11,7 @@ from torch import Tensor
 from usvauv.env.scenario import Scenario
 from usvauv.env.world.world import World
 from usvauv.kernels.mission.observation import DEPTH_UNIT
-from usvauv.policies.guidance import SpeedToFly, clear_of_others, command, crab, unit
+from usvauv.policies.guidance import SpeedToFly, angle, clear_of_others, command, components, crab, unit
 from usvauv.policies.heuristics.heuristic import Heuristic, number
 from usvauv.policies.policy import by_pieces
 
@@ -72,7 +72,7 @@ class Helm(ConstantSpeed):
         u, _, _, _, pitching, turning, *_ = observation[..., self.layout.slice("motion")].unbind(-1)
         if altitude := self.scenario.auv.altitude:
             below = altitude - above
-        off = torch.atan2(sin * x - cos * y, cos * x + sin * y)  # to starboard
+        off = angle(components(cos * x + sin * y, sin * x - cos * y))  # to starboard
         rudder = 0.5 * off - 0.5 * turning
         stern = pitch - (0.1 * below).clamp(-0.35, 0.35) + 0.5 * pitching
         propeller = 0.4 * self.argument + 0.3 * (self.argument - u)
@@ -118,13 +118,13 @@ class Pace(Heuristic):
         return unit(self.target(observation))
 
     def act(self, observation: Tensor) -> Tensor:
-        return by_pieces(self.actions, observation, self.world.current().to(observation))
+        return by_pieces(self._actions, observation, self.world.current().to(observation))[0]
 
-    def actions(self, observation: Tensor, current: Tensor) -> Tensor:
+    def _actions(self, observation: Tensor, current: Tensor) -> tuple[Tensor]:
         """Actions of all worlds in a current at the AUVs, (W, K, 2), m/s."""
         track = self.track(observation)
         price = torch.full_like(track[..., 0], self.argument)
-        return command(*self.speed_to_fly.steer(track, price, current), self.scenario)
+        return (command(*self.speed_to_fly.steer(track, price, current), self.scenario),)
 
 
 class Clear(Pace):

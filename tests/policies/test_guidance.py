@@ -276,10 +276,11 @@ class TestFrames:
             ("guided", False, {"count": 5, "model": "torpedo", "action": "vector-depth"}, {"current": "profile"}),
             ("guided", False, {"count": 1, "action": "polar"}, {"current": "speed"}),
             ("target", True, {"count": 3, "action": "polar"}, {"current": "none"}),
+            ("world", False, {"count": 3, "action": "polar"}, {"current": "none"}),
         ],
     )
     def test_a_policy_acts_as_its_frame_and_network_say(self, name, shared, auv, observed):
-        """On a CPU a kernel computes all: beside torch's results, for 2,000 observations within the area."""
+        """On a CPU kernels compute it: beside torch's results, for 2,000 observations within the area."""
         service = {"service": "passing"} if "model" in auv else {}
         toy = scenario(auv=auv, observation=observed | {"extra": ["next"]}, nodes=service)
         generator, frame = torch.Generator().manual_seed(5), FRAMES[name](toy)

@@ -13,15 +13,18 @@ import torch
 
 from tests.policies.toy import LEARNING, ToyWorld, observe, scenario, seeded
 from usvauv import policies
-from usvauv.env import Scenario, evaluate
+from usvauv.env import Scenario, World, evaluate
+from usvauv.env.scenario.fields import shipped
 from usvauv.policies import PolicyError, Trainer
 from usvauv.policies import policy as policy_base
 from usvauv.policies.guidance import unit, unrotate
 
 
-@pytest.mark.parametrize("name", ["clear", "sac-extreme"])
-def test_actions_of_many_worlds_are_those_of_each(name, monkeypatch):
-    world = ToyWorld(Scenario.load("extreme"), 2100)
+@pytest.mark.parametrize(
+    ("name", "where"), [("clear", "extreme"), ("sac-extreme", "extreme"), ("ppo-extreme-torpedo", "extreme-torpedo")]
+)
+def test_actions_of_many_worlds_are_those_of_each(name, where, monkeypatch):
+    world = ToyWorld(Scenario.load(where), 2100)
     policy, observation = policies.load(name, world), torch.rand((2100, 2, world.observation_size), generator=seeded())
     monkeypatch.setattr(policy_base, "LARGEST_PIECE", 700)
     divided = policy.act(observation)
@@ -29,6 +32,35 @@ def test_actions_of_many_worlds_are_those_of_each(name, monkeypatch):
     monkeypatch.setattr(policy_base, "LARGEST_PIECE", 1 << 30)
     torch.testing.assert_close(divided, policy.act(observation), rtol=0, atol=0)
     assert divided.shape == (2100, 2, 2)
+    if name != "clear":  # which reads the current of a whole world
+        assert torch.equal(policy.act(observation[7:12]), divided[7:12])
+
+
+BATCHES = ((0, 130), (0, 1), (0, 8), (90, 40), (123, 7))  # first world, number of worlds; the first has all
+ACTING = [
+    *((name, "", ()) for name in shipped()),
+    *((name, f"sac-{name}", ()) for name in ("extreme", "wide", "ideal")),
+    ("wide-torpedo", "", ("auv.action=fins",)),
+    ("extreme", "straight", ("auv.action=polar",)),
+    *(("wide-torpedo", name, ()) for name in ("pass", "loiter", "random")),
+    ("wide", "crab", ()),
+]
+
+
+@pytest.mark.parametrize(("name", "policy", "changes"), ACTING)
+def test_an_episode_is_the_same_in_any_batch(name, policy, changes):
+    """Bit for bit: actions of `policy` or the default one, and what comes of them."""
+    chosen = Scenario.load(name, [*changes, "sea.realisations=1"])
+    found = {}
+    for first, count in BATCHES:
+        world = World(chosen, count, 5, first_world=first)
+        act, seen, steps = policies.load(policy or policies.default(chosen), world).act, world.reset(), []
+        for _ in range(12):
+            action = act(seen)
+            seen, reward, *_ = world.step(action)
+            steps.append(torch.cat((seen.flatten(1), action.flatten(1), reward.flatten(1)), 1))
+        found[first, count] = torch.stack(steps, 1)
+        assert torch.equal(found[first, count], found[BATCHES[0]][first : first + count]), (first, count)
 
 
 class TestActing:
@@ -66,11 +98,6 @@ class TestActing:
         with torch.no_grad():
             policy.actor.weights[1][0, 3, 1] = torch.nan
         assert policy.act(observation)[:, 0].isnan().all()
-
-    def test_a_world_has_the_same_actions_in_any_batch(self):
-        policy, _ = self.policy()
-        observation = torch.rand((2100, 2, policy.frame.layout.size), generator=seeded())
-        assert torch.equal(policy.act(observation)[7:12], policy.act(observation[7:12]))
 
     def test_a_policy_of_the_passing_frame_can_be_copied(self):
         world = ToyWorld(Scenario.load("extreme-torpedo"), 3)
@@ -216,11 +243,3 @@ class TestRandom:
             assert abs(float(flat.var()) - 1 / 3) < 0.01
             assert abs(float((flat[1:] * flat[:-1]).mean())) < 0.01
         assert abs(float((first * second).mean())) < 0.01
-
-    def test_a_world_acts_the_same_in_any_batch(self):
-        toy = scenario()
-        few, many = (
-            policies.load("random", world).act(observation)
-            for observation, world in (observe(toy, worlds) for worlds in (3, 30))
-        )
-        assert torch.equal(many[:3], few)

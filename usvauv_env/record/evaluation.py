@@ -80,8 +80,7 @@ def evaluate(
 def batch_size(scenario: Scenario, episodes: int, usv: str | None = None, arch: str = "auto") -> int:
     """Number of worlds that are stepped together: `WORLDS_PER_BATCH`, halved until their records fit into memory, or 1.
 
-    The batch changes no world. Only a policy that draws numbers for all worlds together, such as `random`, and the last
-    bit of a network's actions depend on it.
+    The batch changes no episode, unless a policy of your own acts otherwise in another one, see `docs/extending.md`.
 
     Raises:
         UserError: as `World`.
