@@ -20,6 +20,12 @@ absorption; a constant σ gives 1 and 0. These constants are in `acoustic_link.l
 
 The attitude error is common to all fixes of one step; the resulting correlation between AUVs is neglected.
 
+A fix can fail (`log_good`): it is good with the probability p = Φ(√(a² + 7) − √T_0) Φ((κ'² − κ² ρ²/q) a/(2 √8 κ')),
+that its amplitude, √(a² + 7) with a² = 8/σ², exceeds the threshold √T_0 (`usvauv.kernels.positioning.usbl`), and that
+noise does not carry its phases beyond κ' = min(κ, π), where they wrap or have no real direction. a includes the loss in
+bubbles. Φ is taken as logistic, and the distance of the phases' length κ ρ/√q from κ' by its square. Objectives
+(`usvauv.kernels.planning.objectives`) weigh an AUV's information by p.
+
 A tilted array (`tilted_covariance`, `tilted_information`): pitch and roll follow from the surface's slope
 (`usbl.attitude`) and are measured with the error ε; systematic errors are included. FIX is `usbl.horizontal_covariance`
 plus `systematic_covariance`. For PHASE, with r the offset, q = |r|² and b = A r in the array's frame, the phases are
@@ -41,7 +47,23 @@ import torch
 
 from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.positioning import acoustic_link, usbl
-from usvauv.kernels.positioning.acoustic_link import ATTITUDE, DECAY, LEVEL, POWER, REFERENCE
+from usvauv.kernels.positioning.acoustic_link import (
+    ATTITUDE,
+    BUBBLES,
+    CERTAIN,
+    CERTAINTY,
+    DECAY,
+    HORIZON,
+    KAPPA,
+    LEVEL,
+    MOST_BUBBLES,
+    NOISE_EXPONENT,
+    PATHS,
+    POWER,
+    REFERENCE,
+    THRESHOLD,
+)
+from usvauv.kernels.positioning.sonar import LN10
 from usvauv.kernels.types import array2, array3, index1, mat2, vec2, vec3
 
 PHASE = 0
@@ -136,13 +158,69 @@ def log_signal(link: ti.template(), k, q) -> vec3:
 
 @func
 def log_strength(link: ti.template(), k, q, z2) -> vec3:
-    """ln T of AUV k, attitude error included, and its first two derivatives by q (m²) at constant z2 = z²."""
+    """ln p T of AUV k, attitude error included, and its first two derivatives by q (m²) at constant z2 = z²."""
     f = log_signal(link, k, q)
+    good = vec3(0.0)
+    if not is_certain(link, k, ti.exp(f[0]), q, z2):
+        good = log_good(link, k, f, q, z2)
     if link[k, ATTITUDE] > 0.0:
         u = link[k, ATTITUDE] * z2 * ti.exp(f[0])
         fraction = 1.0 / (1.0 + u)
         f = vec3(f[0] - ti.log(1.0 + u), f[1] * fraction, (f[2] - u * fraction * f[1] * f[1]) * fraction)
-    return f
+    return f + good
+
+
+LOGISTIC = 1.702  # 1/(1 + e^{−1.702 x}) is the normal distribution function within 0.01
+ROOT_8 = 2.8284271247461903
+
+
+@func
+def is_certain(link: ti.template(), k, T, q, z2) -> bool:
+    """Whether AUV k's fix is good but for one in a billion, at the squared slant range q and height z2 (m²).
+
+    Args:
+        T: exp of `log_T`.
+    """
+    kappa, horizon = link[k, KAPPA], link[k, HORIZON]
+    b = (horizon * horizon - kappa * kappa * (1.0 - z2 / q)) / (2.0 * horizon)
+    aligned = b > 0.0 and b * b * T * q >= CERTAINTY * CERTAINTY * kappa * kappa
+    return (T * q >= link[k, CERTAIN] and aligned) or link[k, CERTAIN] == 0.0
+
+
+@func
+def log_logistic(u: vec3) -> vec3:
+    """ln 1/(1 + e^{−1.702 u}) with its first two derivatives, from u and its own."""
+    m = LOGISTIC * u
+    off = 1.0 / (1.0 + ti.exp(ti.math.clamp(m[0], -80.0, 80.0)))
+    value = ti.min(m[0], 0.0) - ti.log(1.0 + ti.exp(-ti.abs(m[0])))
+    return vec3(value, off * m[1], off * (m[2] - (1.0 - off) * m[1] * m[1]))
+
+
+@func
+def log_good(link: ti.template(), k, f: vec3, q, z2) -> vec3:
+    """ln p, that a fix of AUV k is good, and its first two derivatives by q (m²) at constant z2 = z².
+
+    Args:
+        f: of `log_signal`.
+    """
+    i = 1.0 / q
+    kappa, horizon = link[k, KAPPA], link[k, HORIZON]
+    each_db = 0.1 * LN10 * link[k, NOISE_EXPONENT] * link[k, PATHS]
+    bubbles = each_db * link[k, BUBBLES] * ti.sqrt(q / z2)
+    E = vec3(f[0] - ti.log(0.125 * kappa * kappa * i), f[1] + i, f[2] - i * i)  # ln a²
+    if bubbles < each_db * MOST_BUBBLES:
+        E = E - bubbles * vec3(1.0, 0.5 * i, -0.25 * i * i)
+    else:
+        E[0] -= each_db * MOST_BUBBLES
+    A = ti.exp(ti.math.clamp(E[0], -80.0, 80.0)) * vec3(1.0, E[1], E[2] + E[1] * E[1])
+    root = 1.0 / ti.sqrt(A[0] + 7.0)
+    half = 0.5 * A[1] * root
+    above = vec3((A[0] + 7.0) * root - ti.sqrt(link[k, THRESHOLD]), half, 0.5 * A[2] * root - half * half * root)
+    a = ti.sqrt(A[0]) * vec3(1.0, 0.5 * E[1], 0.5 * E[2] + 0.25 * E[1] * E[1])
+    c = kappa * kappa * z2 * i
+    b = vec3(horizon * horizon - kappa * kappa + c, -c * i, 2.0 * c * i * i) / (2.0 * ROOT_8 * horizon)
+    within = vec3(b[0] * a[0], b[1] * a[0] + b[0] * a[1], b[2] * a[0] + 2.0 * b[1] * a[1] + b[0] * a[2])
+    return log_logistic(above) + log_logistic(within)
 
 
 @func
@@ -169,7 +247,7 @@ def coefficients(measurement: ti.template(), T: vec3, rho2, z2) -> mat2x3:
 
 @func
 def information(team: ti.template(), measurement: ti.template(), place: vec2) -> vec3:
-    """J = (J11, J12, J22) in 1/m², summed over the AUVs of a `Team`, for a boat at `place` (m); PHASE or FIX."""
+    """J = (J11, J12, J22) in 1/m² expected of a fix, summed over a `Team`, for a boat at `place` (m); PHASE or FIX."""
     J = vec3(0.0, 0.0, 0.0)
     for k in range(team.count):
         d = place - position(team, k)

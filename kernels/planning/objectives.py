@@ -7,6 +7,10 @@ K positions are estimated. Objectives are evaluated as logarithms, here with T_k
 - A: −ln tr J⁻¹, the sum of all variances.
 - SUM: ln det Σ_k J_k, the paper's Eq. 2. It treats the fixes as measurements of one offset common to all, so one very
   good fix makes up for a bad one and the boat parks above one AUV. It has neither of the systematic errors below.
+- In D and A an AUV whose fix is good with the probability p < 1 counts as expected: with a good fix J_k is that of the
+  fix, without one it is J_0 = I/σ_0², σ_0 the deviation of its position in the area. D is Σ_k p ln det J_k + (1 − p) ln
+  det J_0, A −ln Σ_k p tr J_k⁻¹ + (1 − p) tr J_0⁻¹, and a fix that says less than J_0 is worth nothing. In SUM J_k is
+  p J_k. So an AUV out of range moves the boat no more, and where all fixes are good these are the determinants.
 - PAPER: Eq. 3a as it is printed, (K/S0²)² [3m sin²γ0 + (sin⁴γ0 + 1)² χ], for unequal ranges taken as
   3 Σ T_k² s_k² + Σ_{i<j} T_i T_j (1 + s_i⁴)(1 + s_j⁴) sin²α_ij, without attitude error. It is the determinant of no
   information matrix. sin²α jumps beneath the boat; ρ² + (1 m)² in place of ρ² makes it smooth.
@@ -46,6 +50,8 @@ from usvauv.kernels.planning.information import (
     check_team,
     coefficients,
     each_auv,
+    is_certain,
+    log_good,
     log_signal,
     log_strength,
     member,
@@ -53,7 +59,7 @@ from usvauv.kernels.planning.information import (
     squared_separation,
     times_T,
 )
-from usvauv.kernels.positioning.acoustic_link import ALIGNMENT, ATTITUDE, HEADING, POSITION, SOUND_SPEED
+from usvauv.kernels.positioning.acoustic_link import ALIGNMENT, ATTITUDE, HEADING, POSITION, SOUND_SPEED, UNLOCATED
 from usvauv.kernels.types import array2, array3, mat3, vec2, vec3, vec6
 
 OBJECTIVES = ("d", "a", "sum", "paper")
@@ -97,16 +103,17 @@ def log_sum_of_variances(f: vec3, own, other: vec3) -> vec3:
 
 
 @func
-def log_variances(link: ti.template(), k, code: ti.template(), rho2, z2):
+def log_variances(link: ti.template(), k, code: ti.template(), f: vec3, own, rho2, z2):
     """ln of the variances (m²) of AUV k's fixes across and along the line of sight, for D and A.
 
     Each with its first two derivatives by q = rho2 + z2 (m²) at constant z2 = z².
+
+    Args:
+        f: of `log_signal`. own: e^−f.
     """
     q = rho2 + z2
-    f = log_signal(link, k, q)
     turning = (link[k, ATTITUDE] + link[k, ALIGNMENT]) * z2
     place, heading, speed = link[k, POSITION], link[k, HEADING], link[k, SOUND_SPEED]
-    own = ti.exp(ti.math.clamp(-f[0], -MOST_LOG, MOST_LOG))
     across = log_sum_of_variances(f, own, vec3(turning + place + heading * rho2, heading, 0.0))
     along = vec3(0.0)
     if ti.static(measurement_of(code) == FIX):
@@ -122,8 +129,34 @@ def log_variances(link: ti.template(), k, code: ti.template(), rho2, z2):
 
 
 @func
+def expected(code: ti.template(), g: vec3, good: vec3, unlocated) -> vec3:
+    """`log_variance` of a fix that may fail, from that of a good one and ln p, each with its first two derivatives.
+
+    Args:
+        unlocated: −ln det J_0.
+    """
+    p = ti.exp(good[0]) * vec3(1.0, good[1], good[2] + good[1] * good[1])
+    found = vec3(unlocated, 0.0, 0.0)
+    if ti.static(objective_of(code) == D):
+        gain = g[0] - unlocated
+        if gain < 0.0:
+            found = vec3(
+                unlocated + p[0] * gain, p[1] * gain + p[0] * g[1], p[2] * gain + 2.0 * p[1] * g[1] + p[0] * g[2]
+            )
+    else:
+        found[0] = 0.5 * unlocated + 0.6931471805599453  # ln tr J_0⁻¹
+        if g[0] < found[0]:
+            v = ti.exp(g[0] - found[0]) * vec3(1.0, g[1], g[2] + g[1] * g[1])
+            v[0] -= 1.0
+            t = vec3(1.0 + p[0] * v[0], p[1] * v[0] + p[0] * v[1], p[2] * v[0] + 2.0 * p[1] * v[1] + p[0] * v[2])
+            slope = t[1] / t[0]
+            found = vec3(found[0] + ti.log(t[0]), slope, t[2] / t[0] - slope * slope)
+    return found
+
+
+@func
 def log_variance(link: ti.template(), k, code: ti.template(), rho2, z2) -> vec3:
-    """ln det or ln tr of J_k⁻¹ for D, A, and −ln T_k for SUM of FIX.
+    """Expected ln det, or ln of the expected tr, of J_k⁻¹ for D, A, and −ln p T_k for SUM of FIX.
 
     The value and its first two derivatives by q = rho2 + z2 (m²).
     """
@@ -132,7 +165,10 @@ def log_variance(link: ti.template(), k, code: ti.template(), rho2, z2) -> vec3:
     if ti.static(objective == SUM):
         g = -1.0 * log_strength(link, k, rho2 + z2, z2)
     else:
-        across, along = log_variances(link, k, code, rho2, z2)
+        q = rho2 + z2
+        f = log_signal(link, k, q)
+        own = ti.exp(ti.math.clamp(-f[0], -MOST_LOG, MOST_LOG))
+        across, along = log_variances(link, k, code, f, own, rho2, z2)
         if ti.static(objective == D):
             g = across + along
         else:
@@ -143,6 +179,8 @@ def log_variance(link: ti.template(), k, code: ti.template(), rho2, z2) -> vec3:
             slope = a * across[1] + (1.0 - a) * along[1]
             bend = a * (across[2] + across[1] * across[1]) + (1.0 - a) * (along[2] + along[1] * along[1])
             g = vec3(larger + ti.log(total), slope, bend - slope * slope)
+        if not is_certain(link, k, 1.0 / own, q, z2):
+            g = expected(code, g, log_good(link, k, f, q, z2), -1.0 * link[k, UNLOCATED])
     return g
 
 

@@ -31,6 +31,7 @@ from usvauv.kernels.planning.information import (
     Team,
     check_team,
     each_auv,
+    is_certain,
     log_T,
     mat2x3,
     mean_position,
@@ -53,6 +54,7 @@ STEP = 0.5  # of the least slant range, longest step: longer ones skip from one 
 RING_STARTS = 8
 TWO_PI = 6.283185307179586
 ANYWHERE = 1e9  # m, unlimited reach
+LATTICE = 10  # places tried along each side of the AUVs' box
 BETWEEN = 5  # places tried between two AUVs
 PLATEAU = 10.0  # variance by the attitude error over that by noise, straight above
 CLOSE_BY = 0.5  # of the least depth: AUVs so near to one another share a maximum
@@ -276,6 +278,43 @@ def is_peaked(team: ti.template(), k) -> bool:
 
 
 @func
+def may_miss(team: ti.template()) -> bool:
+    """Whether from above one AUV of the team the fix of another may fail."""
+    low, high = vec2(1e9), vec2(-1e9)
+    for k in range(team.count):
+        low = ti.min(low, position(team, k))
+        high = ti.max(high, position(team, k))
+    missed = False
+    for k in range(team.count):
+        z2 = squared_separation(team, k)
+        q = (high - low).norm_sqr() + z2
+        if not is_certain(team.link, member(team, k), ti.exp(log_T(team.link, member(team, k), q)), q, z2):
+            missed = True
+    return missed
+
+
+@func
+def best_on_lattice(team: ti.template(), code: ti.template(), region: ti.template()) -> mat2x3:
+    """The best of LATTICE² places over the AUVs' box and the best one away from that, as of `best_between_auvs`."""
+    low, high = vec2(1e9), vec2(-1e9)
+    for k in range(team.count):
+        low = ti.min(low, position(team, k))
+        high = ti.max(high, position(team, k))
+    best = mat2x3([[0.0, 0.0, -1e30], [0.0, 0.0, -1e30]])
+    apart = 1.5 / LATTICE * (high - low)
+    for turn in ti.static(range(2)):
+        for n in range(LATTICE * LATTICE):
+            share = vec2(n // LATTICE + 0.5, n % LATTICE + 0.5) / LATTICE
+            point = clip(low + share * (high - low), region)
+            away = point - vec2(best[0, 0], best[0, 1])
+            if turn == 0 or ti.abs(away[0]) > apart[0] or ti.abs(away[1]) > apart[1]:
+                value = log_objective(team, code, point)[0]
+                if value > best[turn, 2]:
+                    best[turn, 0], best[turn, 1], best[turn, 2] = point[0], point[1], value
+    return best
+
+
+@func
 def best_between_auvs(team: ti.template(), code: ti.template(), region: ti.template()) -> mat2x3:
     """The two best of five places between each two AUVs, as rows (x, y, ln of the objective); −1e30 for none.
 
@@ -312,7 +351,10 @@ def multistart(team: ti.template(), code: ti.template(), start: vec2, everywhere
     if everywhere:
         starts = 2 + at_auvs
     hill = 0.0  # square of a radius, m²
-    if ti.static(objective_of(code) == D):
+    if everywhere and may_miss(team):
+        between = best_on_lattice(team, code, region)
+        starts += 2
+    elif ti.static(objective_of(code) == D):
         if everywhere:
             hill = SAME_HILL * SAME_HILL * nearest
             for k in range(team.count):
@@ -364,7 +406,10 @@ def search(team: ti.template(), code: ti.template(), start: vec2, everywhere, re
     if everywhere:
         small = SMALL_GAIN
     best = vec3(0.0, 0.0, 0.0)
+    single = False
     if ti.static(objective_of(code) == A):
+        single = not may_miss(team)
+    if single:
         best = ascend(team, code, clip(start, region), vec3(0.0, 0.0, -1e30), 0.0, small, False, region)
     else:
         best = multistart(team, code, start, everywhere, small, region)

@@ -105,9 +105,13 @@ POSITION = 19  # m² per axis
 WAVELENGTH = 20  # c/f, m
 OWN_NOISE = 21  # noise power of the boat at top speed over that of the sea
 BUBBLES = 22  # loss in the bubbles above the array of a path straight up, dB
-COLUMNS = 23
+UNLOCATED = 23  # ln det of the information on an AUV's position without a fix, 1/m⁴
+CERTAIN = 24  # least q T from which on a signal is certainly detected; 0: a planner takes all fixes as good
+HORIZON = 25  # length of the phase differences up to which a fix is good, rad
+COLUMNS = 26
 
 MOST_BUBBLES = 7.5  # dB one way: the handbook's bound of 15 dB there and back
+CERTAINTY = 6.0  # standard deviations beyond a limit from which on a planner takes a fix as good
 LARGEST_DEVIATION = 1e3  # rad; nothing is detected long before, and squares of lengths stay within single precision
 PERIOD_ENERGY = 25.0  # least energy of one carrier period on one hydrophone over the noise variance, 14 dB
 CODE_ENERGY = 8.0  # γ_min of a code, 9 dB; a wrong peak is then the highest once in 10⁴: `benchmarks.pulse`
@@ -174,6 +178,9 @@ class Sonar:
             slant range `reference_range` everywhere. The fixes themselves always have the real one.
         reference_range: m, at least 1; a slant range typical for the task, for example the AUVs' depth.
         accuracy: errors other than noise.
+        unlocated: standard deviation per axis of an AUV's position without a fix, m, by which planners weigh fixes that
+            may fail (`usvauv.kernels.planning.information`); 0: they take all fixes as good, as they do where planner
+            noise is constant.
 
     Raises:
         ValueError: unknown path, noise law, signal or planner noise.
@@ -202,6 +209,7 @@ class Sonar:
     planner_noise: str = "range"
     reference_range: float = 100.0
     accuracy: Accuracy = Accuracy()
+    unlocated: float = 0.0
 
     def __post_init__(self) -> None:
         for name, allowed in (
@@ -263,6 +271,11 @@ def link_table(carriers: Sequence[float], sonar: Sonar) -> np.ndarray:
         row[HEADING] = s.accuracy.heading**2
         row[SOUND_SPEED] = s.accuracy.sound_speed**2
         row[POSITION] = s.accuracy.position**2
+        row[HORIZON] = min(row[KAPPA], math.pi)
+        if s.unlocated > 0.0 and s.planner_noise == "range":
+            row[UNLOCATED] = -4.0 * math.log(s.unlocated)
+            dimmed = 10.0 ** (0.1 * exponent * paths * MOST_BUBBLES) if s.bubbles else 1.0
+            row[CERTAIN] = dimmed * row[KAPPA] ** 2 / 8.0 * (math.sqrt(row[THRESHOLD]) + CERTAINTY) ** 2
     return table.astype(np.float32)
 
 

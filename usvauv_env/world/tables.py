@@ -286,6 +286,7 @@ def link_table(site: Site) -> np.ndarray:
         "planner_noise": s.planner.noise,
         "reference_range": s.auv.depth,
         "own_noise": partial(own_noise, s),
+        "unlocated": s.area.diagonal / math.sqrt(24.0),  # uniform in the area, mean of both axes
         "accuracy": Accuracy(
             attitude=s.usbl.attitude_error,
             alignment=s.usbl.alignment_error,

@@ -42,6 +42,10 @@ def table(device, K, attitude_error=0.0, systematic=False, **link):
     return rows.to(device)
 
 
+# A transponder of which a third of the fixes from anywhere in 200 m are good, with bubbles.
+WEAK = {"path": "transponder", "source_level": 108.0, "wind": 12.0, "bubbles": True, "unlocated": 58.0}
+
+
 def random_layouts(kind, n, K, box, seed):
     """Layouts (n, K, 3) of AUVs about 100 m below a box [0, box]²."""
     g = torch.Generator().manual_seed(seed)
@@ -74,6 +78,18 @@ def sigma(K, S, source_level=162.0):
     return torch.tensor(out, dtype=torch.float64)
 
 
+def log_good(T, q, z2, link):
+    """ln of the probability of a good fix, by numbers of the link table: detected, and not beyond the horizon."""
+    column = acoustic_link
+    kappa, horizon = link[..., column.KAPPA], link[..., column.HORIZON]
+    per_db = 0.1 * math.log(10) * link[..., column.NOISE_EXPONENT] * link[..., column.PATHS]
+    bubbles = (link[..., column.BUBBLES] * (q / z2).sqrt()).clamp(max=column.MOST_BUBBLES)
+    energy = 8 * q * T / kappa**2 * torch.exp(-per_db * bubbles)
+    above = (energy + 7).sqrt() - link[..., column.THRESHOLD].sqrt()
+    within = (horizon**2 - kappa**2 * (1 - z2 / q)) * energy.sqrt() / (2 * math.sqrt(8) * horizon)
+    return sum(torch.nn.functional.logsigmoid(1.702 * u) for u in (above, within))
+
+
 def log_objective(boat, auvs, link, code):
     """ln of the objective in r̂, t̂ form and double precision: boat (..., 2), auvs (..., K, 3), link (..., K, :)."""
     d = auvs[..., :2] - boat[..., None, :]
@@ -87,12 +103,19 @@ def log_objective(boat, auvs, link, code):
         - link[..., acoustic_link.DECAY] * (q.sqrt() - S0)
     )
     T, s2 = log_T.exp(), z2 / q
+    uncertain = link[..., acoustic_link.CERTAIN] > 0
+    # Without a limit of certainty all fixes are good; `where` alone would spread what is not finite to derivatives.
+    usable = torch.where(uncertain[..., None], link, torch.ones_like(link))
+    good = torch.where(uncertain, log_good(T, q, z2, usable), 0.0)
     cross = d[..., :, None, 0] * d[..., None, :, 1] - d[..., :, None, 1] * d[..., None, :, 0]
     if code == CODES["paper phase"]:
         weight = T * (1 + s2**2) / (rho2 + 1)
         pairs = (weight[..., :, None] * weight[..., None, :] * cross.square()).sum((-1, -2)) / 2
         return (3 * (T.square() * s2).sum(-1) + pairs).log()
     v = 1 / T + link[..., acoustic_link.ATTITUDE] * z2
+    without = link[..., acoustic_link.UNLOCATED]  # ln det J_0
+    if code in (CODES["sum fix"], CODES["sum phase"]):
+        v = v / good.exp()
     if code == CODES["sum fix"]:
         return 2 * (1 / v).sum(-1).log()
     if code == CODES["sum phase"]:
@@ -106,9 +129,14 @@ def log_objective(boat, auvs, link, code):
     turned = v + alignment * z2
     across = turned + place + heading * rho2
     along = (turned + speed * rho2) / s2**2 + place if by_phases else turned + place + 4 * speed * rho2
+    p = good.exp()
     if code in (CODES["d phase"], CODES["d fix"]):
-        return -(across * along).log().sum(-1)
-    return -(across + along).sum(-1).log()
+        with_fix = -(across * along).log()
+        expected = p * torch.maximum(with_fix, without) + (1 - p) * without
+        return torch.where(uncertain, expected, with_fix).sum(-1)
+    none = 2 * torch.exp(-0.5 * without)  # tr J_0⁻¹
+    expected = p * torch.minimum(across + along, none) + (1 - p) * none
+    return -torch.where(uncertain, expected, across + along).sum(-1).log()
 
 
 def best_by_dense_search(points, link, code, box):

@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch.func import grad, jacrev, vmap
 
-from tests.kernels.planning.reference import CODES, KINDS, log_objective, random_layouts, table, unequal_links
+from tests.kernels.planning.reference import CODES, KINDS, WEAK, log_objective, random_layouts, table, unequal_links
 from usvauv.kernels.planning import objectives, search
 from usvauv.kernels.planning.information import FIX, MEASUREMENTS, information_batch, tilted_batch
 
@@ -60,10 +60,15 @@ def derivatives(boat, points, link, code):
     return f(boat, points), vmap(grad(f))(boat, points), second
 
 
-@pytest.mark.parametrize("errors", [{}, {"attitude_error": 0.003}, {"attitude_error": 0.003, "systematic": True}])
+@pytest.mark.parametrize(
+    "errors",
+    [{}, {"attitude_error": 0.003}, {"attitude_error": 0.003, "systematic": True}, {"attitude_error": 0.003, **WEAK}],
+)
 @pytest.mark.parametrize("code", CODES.values(), ids=CODES)
 def test_gradient_and_hessian(device, rounding, code, errors):
     """Where AUVs are nearly in a line the determinant of the paper's sum is a small difference of large numbers."""
+    if code == CODES["paper phase"] and "unlocated" in errors:
+        pytest.skip("as printed, without the probability of a fix")
     n, K = 400, 4
     points = random_layouts("depths", n, K, 200.0, 5)
     boat = random_boats(n, 6)

@@ -8,6 +8,7 @@ import torch
 from tests.kernels.planning.reference import (
     CODES,
     KINDS,
+    WEAK,
     best_by_dense_search,
     log_objective,
     random_layouts,
@@ -41,6 +42,17 @@ class TestPlan:
         assert gap.max() < GAP * rounding
         # The value can be a sum of 2K logarithms in single precision.
         assert ((out[:, 2] - reached).abs() / (5 + reached.abs())).max() < 2e-6 * rounding
+
+    @pytest.mark.parametrize("name", ["d fix", "a fix", "sum fix"])
+    def test_finds_the_best_place_where_fixes_fail(self, device, name):
+        """Areas of 600 m, of which a boat hears a part: no layout is missed by more than a tenth of an AUV's fix."""
+        link = table(device, 6, attitude_error=0.0017, systematic=True, **{**WEAK, "unlocated": 170.0})
+        points = random_layouts("uniform", 100, 6, 600.0, 17)
+        out = search.plan_batch(link, points.to(device), code=CODES[name], width=600.0, length=600.0).double().cpu()
+        reached = log_objective(out[:, :2], points.double(), link.double().cpu(), CODES[name])
+        gap = best_by_dense_search(points, link.cpu(), CODES[name], 600.0) - reached
+        assert gap.max() < 1.0
+        assert gap.mean() < 0.02
 
     @pytest.mark.parametrize(
         ("K", "seed", "tables", "layouts", "some"),
