@@ -99,21 +99,24 @@ def plan(
     """Where should the boat be? Find the place from which a USBL locates its AUVs best, and the errors to expect.
 
     Nothing is learned or simulated: the place maximises `--objective` of the fixes' Fisher information (in metres) over
-    the whole area. The table gives the error of one good fix of each AUV from this place, from the AUVs' centroid and
-    from every `--compare`: standard deviations along the axes of its horizontal error ellipse, and their
-    geometric mean and rms over the located AUVs. They include all causes in the tables except reflections. The array is
-    level; `--slope` tilts it for the errors. Objective d minimises the mean, a the rms; figures show the minimised one.
-    "detected" is the probability that the tone of a fix is detected, "good" that in addition the fix is unambiguous (no
-    phase has wrapped) and has a real depth. An AUV is located if at least 90 % of its fixes are good; a line on
-    standard error lists the AUVs not located from the optimum, with the reason and a remedy.
+    the whole area, each AUV's weighted by the probability of a good fix. The table gives the error of one good fix of
+    each AUV from this place, from the AUVs' centroid and from every `--compare`: standard deviations along the axes of
+    its horizontal error ellipse, and their geometric mean and rms over the located AUVs. They include all causes in the
+    tables except reflections. The array is level; `--slope` tilts it for the errors. Objective d minimises the mean, a
+    the rms; figures show the minimised one. "detected" is the probability that the tone of a fix is detected, "good"
+    that in addition the fix is unambiguous (no phase has wrapped) and has a real depth. An AUV is located if at least
+    90 % of its fixes are good; a line on standard error lists the AUVs not located from the optimum, with the reason
+    and a remedy.
 
     Numbers are metres from the area's south-west corner. A scenario has a place on Earth where `water.latitude` and
     `water.longitude` of that corner are set or `water` names a file; then positions can be latitudes and longitudes
     with N, S, E or W, and results have both.
 
     With `--log` the position of each AUV is estimated from its last seven fixes; a table has it with the scatter of the
-    fixes. Fixes that the system marks as bad, the ship itself and beacons at the surface are left out; a line on
-    standard error counts them. If the scenario has no place on Earth, a log in degrees becomes the centre of the area.
+    fixes, the age of the last one at the end of the log, and the uncertainty of the place since then, over which
+    probabilities are averaged; an AUV that can be anywhere by now is left out. Fixes that the system marks as bad, the
+    ship itself and beacons at the surface are left out; a line on standard error counts them. If the scenario has no
+    place on Earth, a log in degrees becomes the centre of the area.
 
     **Examples:**
 
@@ -130,21 +133,20 @@ def plan(
 
     For a script: `usvauv plan --auv 60,80,100 --auv 150,120,90 --json - | jq .optimum`
 
-    **JSON:** *scenario*, *objective*, *measurement*, *slope* (x, y); *area*: *width*, *length*,
-    *depth* (m); *auvs*: *x*, *y*, *depth* (m), *latitude*, *longitude* (degrees), *carrier* (Hz); *optimum*, *centroid*
-    and the list *compare*: *x*, *y* (m), *latitude*, *longitude*, *log_objective*, *rms*, *mean* (m, of the AUVs
-    located), *located* (how many), *budget* (rms errors of the AUVs' fixes by cause, m) and one of *errors* per AUV:
-    *range* (slant, m), *major*, *minor* (1-σ, m), *angle* of the
-    major axis (rad, anticlockwise from east), *good* (probability, the product of *detected* and *good_if_detected*),
+    **JSON:** *scenario*, *verdict* (the optimum against the centroid, a sentence), *objective*, *measurement*, *slope*
+    (x, y); *area*: *width*, *length*, *depth* (m); *auvs*: *x*, *y*, *depth* (m), *latitude*, *longitude* (degrees),
+    *carrier* (Hz); *optimum*, *centroid* and the list *compare*: *x*, *y* (m), *latitude*, *longitude*,
+    *log_objective*, *rms*, *mean* (m, of the AUVs located), *located* (how many), *budget* (rms errors of the AUVs'
+    fixes by cause, m) and one of *errors* per AUV: *range* (slant, m), *major*, *minor* (1-σ, m), *angle* of the major
+    axis (rad, anticlockwise from east), *good* (probability, the product of *detected* and *good_if_detected*),
     *wrapped* (probability, of fixes detected), *direct_ray* (false: the sound speed profile bends it away),
-    *signal_excess* (over the detection threshold, dB); *warnings*: the lines on standard error; with
-    `--log` *log*, for each AUV *name*, *fixes*, *used*, *x*, *y*, *depth*, *noise* and *accuracy* (m), and *left_out*,
-    the number of fixes, positions and lines not used by reason. *log_objective*,
-    lengths in m, J the information on all positions: d ln det J; a −ln tr J⁻¹; sum ln det
-    of the sum of all AUVs' information; paper ln of what Eq. 3 prints. null: *major*, *minor*, *angle*,
-    *rms*, *mean* where an axis is unbounded, as for phases alone where the AUV lies in the array's plane; *rms*, *mean*
-    where no AUV is located; *log_objective* where there is no information; *latitude*, *longitude* without a place on
-    Earth.
+    *signal_excess* (over the detection threshold, dB); *warnings*: the lines on standard error; with `--log` *log*, for
+    each AUV *name*, *fixes*, *used*, *x*, *y*, *depth*, *noise* and *accuracy* (m), *age* (s) and *uncertainty* (m),
+    and *left_out*, the number of fixes, positions and lines not used by reason. *log_objective*, lengths in m, J the
+    information on all positions: d ln det J; a −ln tr J⁻¹; sum ln det of the sum of all AUVs' information; paper ln of
+    what Eq. 3 prints. null: *major*, *minor*, *angle*, *rms*, *mean* where an axis is unbounded, as for phases alone
+    where the AUV lies in the array's plane; *rms*, *mean* where no AUV is located; *log_objective* where there is no
+    information; *latitude*, *longitude* without a place on Earth.
     """
     import json
     from dataclasses import asdict, replace
@@ -193,7 +195,8 @@ def plan(
     if json_file and not to_stdout:
         writable(context, Path(json_file), "--json", (".json",))
 
-    result, landscape = solve(setting, auvs, others, objective, measurement, gradient, arch)
+    uncertainty = [found.uncertainty for found in estimates]
+    result, landscape = solve(setting, auvs, others, objective, measurement, gradient, arch, uncertainty)
     first = read.warnings if read else [f"--auv: {hint}"] if hint else []
     result = replace(result, warnings=[*first, *result.warnings])
     for warning in result.warnings:
@@ -270,10 +273,11 @@ def print_estimates(estimates: list[PositionEstimate]) -> None:
     short = terminal.shortened(names, LONGEST_NAME)
     rows = [
         (str(k), short[name], str(found.fixes), f"{found.x:.1f}", f"{found.y:.1f}", f"{found.depth:.1f}",
-         metres(found.noise), metres(found.accuracy))
+         metres(found.noise), f"{found.age:.0f}", metres(found.uncertainty))
         for k, (found, name) in enumerate(zip(estimates, names, strict=True), 1)
     ]  # fmt: skip
-    terminal.print_table(("AUV", "in the log", "fixes", "x m", "y m", "depth m", "noise rms m", "place ± m"), rows)
+    headings = ("AUV", "in the log", "fixes", "x m", "y m", "depth m", "noise rms m", "age s", "now ± m")
+    terminal.print_table(headings, rows)
     typer.echo()
 
 
@@ -309,6 +313,7 @@ def print_table(result: Plan) -> None:
         where += f" ({on_earth[0][1]})"
     value = f"{OBJECTIVE_NAMES[result.objective]} = {number(best.log_objective, 3)}"
     typer.echo(terminal.wrapped(f"Boat at {where}: {value}, {expectation(best)}", 2))
+    typer.echo(terminal.wrapped(f"Against the centroid: {result.verdict}", 2))
     array = "level array" if result.slope == (0, 0) else f"array on a slope of {', '.join(map(str, result.slope))}"
     about = (
         f"{result.scenario}, objective {result.objective}, measurement {result.measurement}, {array}; errors are 1 σ;"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -31,6 +32,7 @@ HUBER = 1.345  # standard deviations from which a fix pulls no more: 95 % effici
 LIGHTEST = 1e-9  # weight of a fix, that the line through all stays defined
 INSTANT = 1e-6  # between fixes that are of one time, s
 ROUNDS = 30
+TURNING_TIME = 60.0  # s, correlation time of an AUV's velocity: some minutes are from node to node, or along a line
 
 
 class Fixes(NamedTuple):
@@ -46,6 +48,7 @@ class Log(NamedTuple):
     """A log that was read."""
 
     fixes: list[Fixes]
+    end: float  # time of the last fix in the log, of any beacon, s: the present
     scenario: Scenario  # with a place on Earth where the log has one
     left_out: dict[str, int]  # how many fixes and positions for which reason
     warnings: list[str]  # about bad lines, what is left out, and ages
@@ -62,12 +65,31 @@ class PositionEstimate(NamedTuple):
     depth: float
     noise: float | None  # rms of a fix about the AUV's way, horizontally, m, of all fixes; None of fewer than four
     accuracy: float | None  # of the place by this scatter, rms, m; None as `noise`
+    age: float  # of the last fix at the end of the log, s
+    uncertainty: float  # horizontal rms of the error of the place as the AUV's present one, m
 
 
 def auvs_of_log(path: Path, scenario: Scenario, beacons: Sequence[str] = ()) -> tuple[list[PositionEstimate], Log]:
-    """The AUVs in a log, which must be in the scenario's water, and the log, see `read_log`."""
+    """The AUVs in a log, which must be in the scenario's water, and the log, see `read_log`.
+
+    An AUV that can have gone so far since its last fix that nothing is known but that it is in the area is left out.
+
+    Raises:
+        UserError: an AUV is outside the water, all are left out, or as `read_log`.
+    """
     log = read_log(path, scenario, beacons)
-    found, area = [estimate(each) for each in log.fixes], scenario.area
+    area = scenario.area
+    found = [estimate(each, log.end, scenario.auv.speed_max) for each in log.fixes]
+    unknown = area.diagonal / math.sqrt(12)  # rms of a place uniform in the area
+    lost = [auv for auv in found if auv.uncertainty > unknown]
+    found = [auv for auv in found if auv.uncertainty <= unknown]
+    if lost:
+        names = ", ".join(f"{auv.name[:20]!r} ({auv.age:.0f} s)" for auv in lost)
+        speed = f"at up to {scenario.auv.speed_max:g} m/s (auv.speed_max)"
+        why = f"last heard so long before the end of the log that {speed} they can be anywhere in the area"
+        if not found:
+            raise UserError(f"--log {path}: no AUV is left: {names} {why}")
+        log.warnings.append(f"--log {path}: left out {names}, {why}")
     for auv in found:
         if not (0 <= auv.x <= area.width and 0 <= auv.y <= area.length and 0 < auv.depth <= area.depth):
             raise UserError(
@@ -99,13 +121,17 @@ def read_log(path: Path, scenario: Scenario, beacons: Sequence[str] = ()) -> Log
         frame = Site(scenario).frame
     except UserError as error:
         raise UserError(f"--log {path}: {error}") from None
+    named: dict[str, list[float]] = {}
+    for fix in contents.fixes:
+        named.setdefault(fix.name, []).append(fix.time)
+    end = max(float(_unwrapped(np.array(times)).max()) for times in named.values())
     fixes = []
     for name, own in by_name.items():
         times, places, depths = zip(*((fix.time, _place(fix, frame), fix.depth) for fix in own), strict=True)
         fixes.append(Fixes(name, _unwrapped(np.array(times)), np.array(places), np.array(depths)))
     bad = {"bad line": len(contents.bad)} if contents.bad else {}
     warnings = [f"--log {path}: {line}" for line in contents.warnings()]
-    return Log(fixes, scenario, {**contents.left_out, **bad}, warnings)
+    return Log(fixes, end, scenario, {**contents.left_out, **bad}, warnings)
 
 
 def _lines(path: Path) -> list[str]:
@@ -208,7 +234,18 @@ def _unwrapped(time: np.ndarray) -> np.ndarray:
     return time + DAY * np.cumsum((step < -DAY / 2).astype(int) - (step > DAY - LATE))
 
 
-def estimate(fixes: Fixes) -> PositionEstimate:
+def growth(age: float, speed: float) -> float:
+    """Horizontal rms of the way that an AUV of some speed (m/s) can have gone in some time (s), m.
+
+    Its velocity is a Gauss–Markov process of the correlation time τ = `TURNING_TIME`, so that it goes straight at first
+    and then as in a random walk: v √(2τ (t − τ (1 − e^{−t/τ}))) (Uhlenbeck and Ornstein, Phys. Rev. 36, 1930, doi
+    10.1103/PhysRev.36.823).
+    """
+    tau = TURNING_TIME
+    return speed * math.sqrt(2 * tau * max(age + tau * math.expm1(-age / tau), 0.0))
+
+
+def estimate(fixes: Fixes, now: float | None = None, speed: float = 0.0) -> PositionEstimate:
     """Place and scatter of an AUV that runs straight between one fix and the one after the next.
 
     Of a fix and its two neighbours, the middle one less the line through the others has the variance σ² (1 + a² + b²),
@@ -216,6 +253,10 @@ def estimate(fixes: Fixes) -> PositionEstimate:
     the last seven fixes at the time of the last one, by Huber's M-estimator (Ann. Math. Statist. 35, 1964, doi
     10.1214/aoms/1177703732), which begins with the line of the median slope (P. K. Sen, J. Am. Stat. Assoc. 63, 1968,
     doi 10.1080/01621459.1968.10480934).
+
+    Args:
+        now: the present, s; default the time of the last fix.
+        speed: of the AUV at most, m/s, by which its uncertainty grows since then (`growth`).
     """
     order = np.argsort(fixes.time, kind="stable")
     time, places, depth = fixes.time[order], fixes.places[order], fixes.depth[order]
@@ -224,6 +265,8 @@ def estimate(fixes: Fixes) -> PositionEstimate:
     for axis in (0, 1):
         if sigma is not None and age[0] < -INSTANT:
             place[axis], variance[axis] = _line_now(age, near[:, axis], sigma[axis])
+    accuracy = float(np.sqrt(variance.sum())) if sigma is not None else None
+    since = 0.0 if now is None else max(now - float(time[-1]), 0.0)
     return PositionEstimate(
         name=fixes.name,
         fixes=len(time),
@@ -232,7 +275,9 @@ def estimate(fixes: Fixes) -> PositionEstimate:
         y=float(place[1]),
         depth=float(np.median(depth[-LAST:])),
         noise=float(np.hypot(*sigma)) if sigma is not None else None,
-        accuracy=float(np.sqrt(variance.sum())) if sigma is not None else None,
+        accuracy=accuracy,
+        age=since,
+        uncertainty=math.hypot(accuracy or 0.0, growth(since, speed)),
     )
 
 

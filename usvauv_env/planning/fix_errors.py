@@ -109,7 +109,7 @@ def predict(
     sigma, excess, detected, good = reception(link, index, offset, slopes)
     rayed = np.ones(count, bool) if layers is None else direct_rays(layers, offset)
     detected = np.where(rayed, detected, 0.0)
-    wrapped = np.nan_to_num(wrap_probability(link[:, KAPPA, None].double().cpu().numpy() * cosines, sigma))
+    wrapped = np.nan_to_num(wrap_probability(link[index.long(), KAPPA, None].double().cpu().numpy() * cosines, sigma))
     return [
         FixError(
             offset[k].double().norm().item(),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -27,6 +27,8 @@ LARGEST_RAISE = 30  # dB, a thousand times the power; no source louder than that
 LOUDEST = 230.0  # dB re 1 µPa at 1 m
 NOTHING = f"neither {LARGEST_RAISE} dB more nor a nearer boat alone"
 DISTANCES = 101  # at which a nearer boat is tried
+HARDLY = 0.02  # share of an error, a smaller difference of which hardly matters
+RINGS, SPOKES = 4, 8  # places that stand for those where an AUV of uncertain position may be
 
 Expect = Callable[[torch.Tensor, Sequence[Position], tuple[float, float]], list[FixError]]
 
@@ -76,6 +78,7 @@ class Plan:
 
     Attributes:
         scenario: name of the scenario.
+        verdict: how much better the optimum is than the centroid, a sentence.
         objective, measurement: as in its section `planner`.
         slope: ∂η/∂x and ∂η/∂y of the surface that the array lies on.
         area: width, length and depth, m.
@@ -87,6 +90,7 @@ class Plan:
     """
 
     scenario: str
+    verdict: str
     objective: str
     measurement: str
     slope: tuple[float, float]
@@ -114,6 +118,7 @@ def solve(
     measurement: str,
     slope: tuple[float, float] = (0.0, 0.0),
     arch: str = "auto",
+    uncertainty: Sequence[float] = (),
 ) -> tuple[Plan, Landscape]:
     """Find the best place of the boat for a layout of AUVs, and predict their fixes from there and elsewhere.
 
@@ -124,6 +129,8 @@ def solve(
         slope: ∂η/∂x and ∂η/∂y of the surface that the array lies on, for the errors predicted. The best place is that
             of a level array.
         arch: architecture of the kernels, see `usvauv.kernels.runtime.start`.
+        uncertainty: horizontal rms of the error of each position, m; probabilities of fixes are means over it. Default:
+            the positions are exact.
     """
     device = runtime.start(arch).device
     site = Site(scenario)
@@ -132,8 +139,6 @@ def solve(
     code = objectives.objective_code(measurement, objective)
     width, length = scenario.area.width, scenario.area.length
     points = torch.tensor(auvs, dtype=torch.float32, device=device)[None]
-    best = search.plan_batch(link, points, code=code, width=width, length=length)[0, :2].tolist()
-    optimum = [min(x, side) for x, side in zip(best, (width, length), strict=True)]  # single precision rounds sides up
     centroid = np.mean(auvs, axis=0)[:2].tolist()
 
     def log_objective(places: Sequence[Sequence[float]] | np.ndarray) -> np.ndarray:
@@ -143,8 +148,27 @@ def solve(
         values[values < NO_INFORMATION] = -math.inf
         return values
 
+    x, y = np.linspace(0, width, 201), np.linspace(0, length, 201)
+    grid = np.stack(np.meshgrid(x, y), axis=-1)
+    landscape = Landscape(x, y, log_objective(grid.reshape(-1, 2)).reshape(len(y), len(x)))
+    start = grid.reshape(-1, 2)[landscape.log_objective.argmax()]
+    best = search.plan_batch(link, points, code=code, width=width, length=length, start=points.new_tensor(start[None]))[
+        0, :2
+    ].tolist()
+    optimum = [min(x, side) for x, side in zip(best, (width, length), strict=True)]  # single precision rounds sides up
+    spread = np.asarray(uncertainty or [0.0])
+
     def expect(link: torch.Tensor, auvs: Sequence[Position], boat: tuple[float, float]) -> list[FixError]:
-        return fix_errors.predict(link, layers, auvs, boat, measurement, slope)
+        exact = fix_errors.predict(link, layers, auvs, boat, measurement, slope)
+        if not spread.any() or len(auvs) != len(spread):
+            return exact
+        around = [
+            (px + away * math.cos(angle), py + away * math.sin(angle), depth)
+            for radius, angle in rings()
+            for (px, py, depth), away in zip(auvs, radius * spread / math.sqrt(2), strict=True)
+        ]
+        likely = fix_errors.predict(link, layers, around, boat, measurement, slope)
+        return [averaged(error, likely[k :: len(auvs)]) for k, error in enumerate(exact)]
 
     def geographic(x: float, y: float) -> tuple[float, float] | tuple[None, None]:
         if site.frame is None:
@@ -185,6 +209,7 @@ def solve(
         )
     plan = Plan(
         scenario=scenario.name,
+        verdict=verdict(places[0], places[1], objective),
         objective=objective,
         measurement=measurement,
         slope=slope,
@@ -201,9 +226,39 @@ def solve(
             *fix_errors.omitted_reflections(site, link, auvs, (optimum[0], optimum[1])),
         ],
     )
-    x, y = np.linspace(0, width, 201), np.linspace(0, length, 201)
-    grid = np.stack(np.meshgrid(x, y), axis=-1)
-    return plan, Landscape(x, y, log_objective(grid.reshape(-1, 2)).reshape(len(y), len(x)))
+    return plan, landscape
+
+
+def rings() -> list[tuple[float, float]]:
+    """Places of equal probability of a plane normal vector of unit variance per axis: radius, and angle in rad."""
+    radii = np.sqrt(-2 * np.log1p(-(np.arange(RINGS) + 0.5) / RINGS))
+    return [(float(radius), 2 * math.pi * spoke / SPOKES) for radius in radii for spoke in range(SPOKES)]
+
+
+def averaged(error: FixError, likely: Sequence[FixError]) -> FixError:
+    """A predicted error with the mean probabilities of those at the places where its AUV may be."""
+    detected = float(np.mean([each.detected for each in likely]))
+    good = float(np.mean([each.good for each in likely]))
+    heard = [each for each in likely if each.detected]
+    wrapped = sum(each.detected * each.wrapped for each in heard) / sum(each.detected for each in heard) if heard else 0
+    return replace(error, detected=detected, good=good, good_if_detected=good / max(detected, 1e-300), wrapped=wrapped)
+
+
+def verdict(best: BoatPlace, centroid: BoatPlace, objective: str) -> str:
+    """How much better the optimum is than the centroid: located AUVs, or the error that the objective makes least."""
+    if best.located != centroid.located:
+        words = f"{best.located} of {len(best.errors)} AUVs are located instead of {centroid.located}"
+        if best.located < centroid.located:
+            here, there = (sum(error.good for error in place.errors) for place in (best, centroid))
+            words += f"; {here:.1f} of a fix of each are expected to be good instead of {there:.1f}"
+        return words
+    here, there = ((place.rms if objective == "a" else place.mean) for place in (best, centroid))
+    if not here or not there:
+        return "no difference, errors are unbounded" if best.located else "no difference, no AUV is located"
+    gain = 1 - here / there
+    if abs(gain) < HARDLY:
+        return f"errors are within {HARDLY:.0%}, the place hardly matters"
+    return f"errors are {abs(gain):.0%} {'smaller' if gain > 0 else 'larger'}"
 
 
 def deviations(errors: Sequence[FixError]) -> list[float] | None:
