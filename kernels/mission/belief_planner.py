@@ -5,7 +5,8 @@ present goal. The loss of a goal is the mean of a², over the horizon and all AU
 position (`usvauv.kernels.mission.rollouts`): the square, so that one AUV alone for long counts more than several for a
 short time. The boat goes to the least certain AUV unless another goal's loss is less by a margin, because rollouts have
 errors. It keeps the goal until it has received a reply of the AUV that it visits, has arrived, or has searched for too
-long: with a new plan in each step, a far AUV would always come second.
+long: with a new plan in each step, a far AUV would always come second. It gives up a goal that it cannot approach
+against wind and water (`boat_motion.can_approach`).
 
 Source: a rollout of a base policy is no worse than the base policy where its model holds (Bertsekas, "Rollout, Policy
 Iteration, and Distributed Reinforcement Learning" (2020), §2.3).
@@ -21,6 +22,7 @@ from usvauv.kernels.mission.rollouts import INTERVAL, NO_AUV
 from usvauv.kernels.types import vec2
 
 PATIENCE = 150.0  # s that the boat looks for an AUV before it plans anew
+GIVE_UP = 30.0  # s, after which it gives up a goal that it cannot approach
 MARGIN = 0.03  # share by which another goal's loss must be below that of going to the least certain AUV
 NO_LIMIT = 3e38  # m⁴
 OTHER_GOALS = 2  # of a boat besides the AUVs, see `goal_of`
@@ -86,11 +88,11 @@ def just_heard(worlds: ti.template(), w, k):
 def is_due(worlds: ti.template(), w, b):
     """Whether a plan is due: boat b has a reply of the AUV that it visits, serves it no longer, or has arrived.
 
-    Two plans are from `INTERVAL` to `PATIENCE` apart.
+    Or it gives up. Two plans are from `INTERVAL` to `PATIENCE` apart.
     """
     visited = ti.cast(worlds.boat[w, b, BoatColumn.visits], ti.i32)
     over = ti.cast(worlds.clock[w, 1], ti.f32) * worlds.p[Parameter.step] - worlds.boat[w, b, BoatColumn.planned]
-    due = over >= PATIENCE
+    due = over >= PATIENCE or (over >= GIVE_UP and not boat_motion.can_approach(worlds, w, b, aim(worlds, w, b)))
     if visited != NO_AUV:
         due = due or just_heard(worlds, w, visited) or not boat_motion.serves(worlds, w, b, visited)
     away = aim(worlds, w, b) - boat_motion.boat_place(worlds, w, b)
@@ -128,6 +130,8 @@ def plan(worlds: ti.template(), w, b) -> vec2:
     if ti.static(worlds.program.in_lanes):
         rollouts.foresee_ways(worlds, w, b)
     usual = least_certain(worlds, w, b)
+    if usual == NO_AUV:
+        usual = worlds.estimate.shape[1]  # their mean
     best = usual
     least = NO_LIMIT
     for turn in range(worlds.estimate.shape[1] + OTHER_GOALS + 1):

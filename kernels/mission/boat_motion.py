@@ -134,6 +134,7 @@ def partition(worlds: ti.template(), w):
 
 LARGEST = 1e12  # m, of a goal
 CONTROL_TIME = 10.0  # s, in which a boat with a lag makes good 63 % of an error of place, so that it follows the waves
+LEAST_HEADWAY = 0.25  # of its top speed over ground, below which a boat gives an AUV up
 DRIFT_TIME = 30.0  # s, over which it takes the mean of the velocity with which it is carried
 
 
@@ -187,7 +188,7 @@ def command_to(worlds: ti.template(), w, b, way: vec2) -> vec2:
     """
     p = ti.static(worlds.p)
     boat = ti.static(worlds.boat)
-    learned = vec2(boat[w, b, BoatColumn.drift_x], boat[w, b, BoatColumn.drift_y])
+    learned = learned_drift(worlds, w, b)
     velocity = vec2(boat[w, b, BoatColumn.water_x], boat[w, b, BoatColumn.water_y])
     ahead = way - p[Parameter.response_time] * (velocity + learned)
     asked = ti.max(1.0 - p[Parameter.dead_band] / ti.max(ahead.norm(), 1e-6), 0.0) / p[Parameter.control_time]
@@ -196,6 +197,34 @@ def command_to(worlds: ti.template(), w, b, way: vec2) -> vec2:
     if speed > p[Parameter.top_speed]:
         command *= p[Parameter.top_speed] / speed
     return command
+
+
+@func
+def learned_drift(worlds: ti.template(), w, b) -> vec2:
+    """Velocity with which water and wind have carried boat b in the mean of the last `DRIFT_TIME`, m/s."""
+    return vec2(worlds.boat[w, b, BoatColumn.drift_x], worlds.boat[w, b, BoatColumn.drift_y])
+
+
+@func
+def expected_drift(worlds: ti.template(), w, b, time) -> vec2:
+    """Velocity with which water and wind will carry boat b after some time (s), m/s.
+
+    The leeway lasts; the remainder of the learned drift is of eddies, which the boat leaves in `DRIFT_TIME`.
+    """
+    leeway = vec2(worlds.p[Parameter.leeway_x], worlds.p[Parameter.leeway_y])
+    return leeway + ti.exp(-time / DRIFT_TIME) * (learned_drift(worlds, w, b) - leeway)
+
+
+@func
+def can_approach(worlds: ti.template(), w, b, place: vec2) -> bool:
+    """Whether boat b makes good `LEAST_HEADWAY` of its top speed over ground towards a place, in its present drift."""
+    drift = learned_drift(worlds, w, b)
+    way = place - boat_place(worlds, w, b)
+    ahead = way / ti.max(way.norm(), 1e-6)
+    top = worlds.p[Parameter.top_speed]
+    along = ahead.dot(drift)
+    across = drift.norm_sqr() - along * along
+    return across < top * top and along + ti.sqrt(ti.max(top * top - across, 0.0)) >= LEAST_HEADWAY * top
 
 
 @func
@@ -255,19 +284,20 @@ def boat_heading(worlds: ti.template(), w, b) -> ti.f32:
 def reach(worlds: ti.template(), w, b) -> vec3:
     """Middle and radius of the disc of goals towards which boat b slows down, m; without lag the way of a step.
 
-    An Otter that turns by θ at the rate ω before it goes at top speed V gets as far in the time in which it turns round
+    Water and wind carry the middle along meanwhile. An Otter that turns by θ at the rate ω before it goes at top speed V gets as far in the time in which it turns round
     and slows down as in the direction θ the way of slowing down and (π − θ) V/ω. So half the greatest of these is what
     the middle lies ahead of it and the radius is longer.
     """
     p = ti.static(worlds.p)
-    middle = boat_place(worlds, w, b)
+    middle = boat_place(worlds, w, b) + p[Parameter.control_time] * learned_drift(worlds, w, b)
     radius = p[Parameter.top_speed] * p[Parameter.control_time] + p[Parameter.dead_band]
     if ti.static(worlds.program.otter):
         heading = boat_heading(worlds, w, b)
         ahead = 0.5 * math.pi * p[Parameter.top_speed] / worlds.otter[otter.Number.turn_rate]
-        middle[0] = ti.math.clamp(middle[0] + ahead * ti.cos(heading), 0.0, p[Parameter.width])
-        middle[1] = ti.math.clamp(middle[1] + ahead * ti.sin(heading), 0.0, p[Parameter.length])
+        middle += ahead * vec2(ti.cos(heading), ti.sin(heading))
         radius += ahead
+    for axis in ti.static(range(2)):
+        middle[axis] = ti.math.clamp(middle[axis], 0.0, p[Parameter.width + axis])
     return vec3(middle[0], middle[1], radius)
 
 
@@ -344,8 +374,7 @@ def move_boat(worlds: ti.template(), w, b):
         distance = wanted.norm()
         if distance > farthest:
             wanted *= farthest / distance
-        boat[w, b, BoatColumn.water_x] = wanted[0] / dt
-        boat[w, b, BoatColumn.water_y] = wanted[1] / dt
+        has_moved(worlds, w, b, wanted / dt, drift / dt)
     boat[w, b, BoatColumn.effort] = ti.min(distance / farthest, 1.0)
     boat[w, b, BoatColumn.x] = ti.min(ti.max(x + drift[0] + wanted[0], 0.0), p[Parameter.width])
     boat[w, b, BoatColumn.y] = ti.min(ti.max(y + drift[1] + wanted[1], 0.0), p[Parameter.length])

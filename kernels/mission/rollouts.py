@@ -1,6 +1,7 @@
 """Rollouts of a boat's visits: how uncertain AUVs will be of their own positions if it goes to some goal first.
 
-After the first goal the boat visits, in the rollout, the AUV that is then least certain of its position. One number of
+After the first goal the boat visits, in the rollout, the AUV that is then least certain of its position; wind and water
+carry it meanwhile. One number of
 each 2 × 2 block of a filter's covariance is enough, half its trace, because drift and fixes are equal for both axes:
 (a, b, c) of `usvauv.kernels.positioning.tracker.Drift`, with the current's variance and memory, or those of the log's
 bias reversed. In a rollout a reply is received where that is probable enough, the uncertainty of the AUV's position
@@ -176,6 +177,7 @@ def expected_loss(worlds: ti.template(), w, boat, goal: vec2, first: ti.i32, tea
             break
         if visited != NO_AUV:
             goal = vec2(x[visited], y[visited])
+        here += INTERVAL * boat_motion.expected_drift(worlds, w, boat, (n + 0.5) * INTERVAL)
         way = goal - here
         distance = way.norm()
         gone = reach

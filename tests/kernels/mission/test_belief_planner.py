@@ -8,7 +8,7 @@ import torch
 
 from usvauv import policies
 from usvauv.env import Scenario, ScenarioError, World
-from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, ExchangeColumn
+from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, ExchangeColumn, ForesightColumn
 from usvauv.kernels.positioning import tracker
 from usvauv.kernels.types import array1, array2, array3, vec3
 
@@ -83,6 +83,21 @@ class TestMissions:
         # The log's bias drifts alike in all AUVs: the least certain one is among those not heard for longest.
         longest = elapsed.gather(1, chosen[:, None])[:, 0] / elapsed.max(dim=1).values
         assert longest.median() > 0.9
+
+    def test_belief_visits_an_auv_that_wind_lets_it_reach(self):
+        """Two AUVs wait 450 m away, one against a leeway of 1.7 m/s; the boat makes 2 m/s through the water."""
+        changes = ["auv.count=2", "boat.windage=0.08", "current.count=0", "area.width=1400", "area.length=1400"]
+        world = World(Scenario.load("wide", [*WIDE, *changes]), 64, 5, "belief")
+        world.reset()
+        for k, side in enumerate((450.0, -450.0)):  # the storm comes from the east
+            place = torch.tensor([700.0 + side, 700.0], device=world.device)
+            for array in (world.auv, world.track, world.estimate, world.foresight):
+                array[:, k, :2] = place
+        world.foresight[..., ForesightColumn.speed] = 0.01
+        world.boat[:, 0, BoatColumn.x : BoatColumn.y + 1] = 700.0
+        world.step(torch.zeros(64, 2, 2, device=world.device))
+        visits = world.boat[:, 0, BoatColumn.visits]
+        assert (visits == 1).sum() > 10 * (visits == 0).sum()
 
     @pytest.mark.slow
     def test_belief_keeps_auvs_on_their_way_that_centroid_loses(self):
