@@ -152,11 +152,18 @@ def test_what_a_state_is_refused_for(world, name):
         {**state, name: torch.full_like(state[name], -(2**31) if name in ("clock", "sea_episode") else 1e30)},
         {key: value for key, value in state.items() if key != name},
         {**state, f"{name}s": state[name]},
+        {**state, name: state[name].to("meta")},
+        {**state, name: state[name].to_sparse()},
+        {**state, name: state[name].tolist()},
+        {**state, name: None},
+        [*state.values()],
+        None,
     ):
         with pytest.raises(ScenarioError, match=r"^state of the world: [^\n]+$"):
             world.load_state(wrong)
     assert all(torch.equal(value, state[key]) for key, value in world.state().items())
-    world.load_state(state)
+    world.load_state({key: value.requires_grad_(value.is_floating_point()) for key, value in state.items()})
+    assert not any(value.requires_grad for value in world.state().values())
 
 
 @pytest.mark.parametrize("value", [-1.0, 30.0, 0.5])

@@ -266,7 +266,13 @@ class TestBegin:
         with pytest.raises(ScenarioError, match=r"^continue_from: in the other world .*: call reset first$"):
             world.continue_from(other)
 
-    @pytest.mark.parametrize("mask", [[True], True, [1, 0], torch.ones(2), "ab", [[True, True]], [None, True]])
+    @pytest.mark.parametrize(
+        "mask",
+        [
+            *([True], True, [1, 0], torch.ones(2), "ab", [[True, True]], [None, True]),
+            *(torch.ones(2, dtype=torch.bool, device="meta"), np.ma.masked_array([True, True], [True, False])),
+        ],
+    )
     def test_a_mask_is_a_bool_for_each_world(self, extreme, mask):
         world = World(extreme, 2)
         world.reset()
@@ -312,10 +318,10 @@ class TestAction:
         ("action", "said"),
         [
             (np.zeros((1, 2, 2)), r"has shape \(1, 2, 2\): must be \(2, 2, 2\)"),
-            (None, "has shape"),
+            (None, "must be real numbers"),
             (0.5, "has shape"),
-            ([[1, 2], [3]], "must be numbers of shape"),
-            ("north", "must be numbers of shape"),
+            ([[1, 2], [3]], "must be real numbers of shape"),
+            ("north", "must be real numbers of shape"),
             (np.zeros((2, 2, 2), complex), "must be real numbers"),
             (torch.zeros(2, 2, 2, dtype=torch.complex64), "must be real numbers"),
             pytest.param(np.full((2, 2, 2), np.nan), "must be finite", marks=AT_ONCE),

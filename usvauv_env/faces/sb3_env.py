@@ -24,6 +24,7 @@ from gymnasium.vector import AutoresetMode
 
 from usvauv.env.faces.gymnasium_env import DataCollectionVectorEnv
 from usvauv.env.scenario import Scenario
+from usvauv.env.world.state import numbers_of
 
 try:
     from stable_baselines3.common.vec_env import VecEnv
@@ -82,8 +83,9 @@ class AuvVecEnv(VecEnv):
         return observation.reshape(self.num_envs, -1)
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Set the actions (W·K, A) for the next step."""
-        self._actions = np.reshape(actions, (-1, self.num_auvs, self.worlds.world.action_size))
+        """Set the actions (W·K, A) for the next step; a ScenarioError if they are none."""
+        given = numbers_of("actions", actions, (self.num_envs, self.worlds.world.action_size))
+        self._actions = given.unflatten(0, (-1, self.num_auvs)).numpy(force=True)
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
         """Advance by one mission step: observations, rewards, dones and infos."""

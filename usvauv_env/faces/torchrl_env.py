@@ -30,7 +30,7 @@ from pathlib import Path
 
 import torch
 
-from usvauv.env.scenario import Scenario
+from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.env.world.agents import action_space, auv_observation_space, boat_observation_space, observe_boats
 from usvauv.env.world.boat_strategies import AGENT
 from usvauv.env.world.state import numbers_of
@@ -146,12 +146,14 @@ class DataCollectionTorchRLEnv(EnvBase):
         stepped = tensordict.get("_step", None)  # TorchRL's mask of the worlds that should move
         if stepped is not None and not (stepped | self._over).all():
             raise NotImplementedError("worlds step together: '_step' can leave out only those whose time is over")
-        shape = (self.world.num_worlds, self.world.num_auvs, self.world.action_size)
-        action = numbers_of("action", tensordict.get(("agents", "action")), shape)
-        if not torch.isfinite(action).all():
-            raise ValueError("action: all numbers must be finite")
-        boats = tensordict.get(("boats", "action")).clamp(-1.0, 1.0) if self._boats else None
-        _, reward, horizon_ended, truncated, details = self.world.step(action.clamp(-1.0, 1.0), boats)
+        moves = {}
+        for group in self.group_map:
+            shape = self.full_action_spec[group, "action"].shape
+            action = numbers_of(f"action of {group}", tensordict.get((group, "action")), shape)
+            if not torch.isfinite(action).all():
+                raise ScenarioError(f"action of {group}: all numbers must be finite")
+            moves[group] = action.clamp(-1.0, 1.0)
+        _, reward, horizon_ended, truncated, details = self.world.step(moves["agents"], moves.get("boats"))
         self._over = truncated[:, :1].clone()
         info = self._no_info.empty()
         for name, tensor in details.items():

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn, TypeGuard
 
 import numpy as np
 import torch
@@ -130,7 +130,7 @@ def first_outside(
         wrong = ~(values.abs() <= ANYTHING)
     else:
         low, high = torch.from_numpy(bounds[name])
-        whole = torch.tensor([allowed.whole for allowed in ranges])
+        whole = torch.tensor([allowed.whole for allowed in ranges], device="cpu")
         wrong = ~((values >= low) & (values <= high)) | (whole & (values != values.round()))
     places = wrong.nonzero()
     if not len(places):
@@ -158,8 +158,8 @@ def first_fault(
     return 0, "its state was not finite"
 
 
-def check_state(given: Mapping[str, torch.Tensor], own: Mapping[str, torch.Tensor], scenario: Scenario) -> None:
-    """Refuse a state that a world of this scenario cannot have.
+def checked_state(given: object, own: Mapping[str, torch.Tensor], scenario: Scenario) -> dict[str, torch.Tensor]:
+    """A state, without gradients; one that a world of this scenario cannot have is refused.
 
     Args:
         given: the state to load. own: the world's present state, for names, shapes and types.
@@ -168,15 +168,20 @@ def check_state(given: Mapping[str, torch.Tensor], own: Mapping[str, torch.Tenso
         ScenarioError: it is another world's state, or a number is out of range.
     """
 
-    def refuse(problem: str) -> None:
+    def refuse(problem: str) -> NoReturn:
         raise ScenarioError(f"state of the world: {problem}")
 
+    if not isinstance(given, Mapping):
+        refuse(f"is a {type(given).__name__}: must be what World.state returned")
     if given.keys() != own.keys():
-        missing, unknown = sorted(own.keys() - given.keys()), sorted(given.keys() - own.keys())
+        missing, unknown = sorted(own.keys() - given.keys()), sorted(given.keys() - own.keys(), key=str)
         refuse(f"{missing[0]} is missing" if missing else f"{unknown[0]} is unknown")
     bounds = bounds_of(scenario)
     for name, mine in own.items():
         value = given[name]
+        if not _has_numbers(value):
+            kind = f"{value.device} tensor" if isinstance(value, torch.Tensor) else type(value).__name__
+            refuse(f"{name} is a {kind}: must be a dense tensor with numbers")
         if tuple(value.shape) != tuple(mine.shape):
             refuse(f"{name} has shape {tuple(value.shape)}: must be {tuple(mine.shape)}")
         if value.dtype != mine.dtype:
@@ -191,6 +196,12 @@ def check_state(given: Mapping[str, torch.Tensor], own: Mapping[str, torch.Tenso
                 refuse(f"{name} has {float(value[wrong][0]):g}: must be {kind}from {least} to {LATEST}")
         elif (problem := first_outside(name, value, bounds)) is not None:
             refuse(f"world {problem[0]}: {problem[1]}")
+    return {name: given[name].detach() for name in own}
+
+
+def _has_numbers(value: object) -> TypeGuard[torch.Tensor]:
+    """Whether it is a tensor in memory, number by number."""
+    return isinstance(value, torch.Tensor) and value.layout is torch.strided and not value.is_meta
 
 
 def check_same(before: Scenario, after: Scenario, but_for: Collection[str], problem: str) -> None:
@@ -210,20 +221,39 @@ def numbers_of(name: str, given: object, shape: Sequence[int]) -> torch.Tensor:
     Raises:
         ScenarioError: it does not hold real numbers, or has another shape.
     """
-    if not isinstance(given, torch.Tensor):
-        try:
-            array = np.asarray(given)
-            if array.dtype.kind != "c":
-                with np.errstate(over="ignore"):  # infinite ones are refused
-                    array = np.array(array, np.float32)
-            given = torch.from_numpy(array)
-        except (TypeError, ValueError):
-            raise ScenarioError(f"{name} = {given!r:.80}: must be numbers of shape {tuple(shape)}") from None
-    if given.is_complex():
-        raise ScenarioError(f"{name}: is complex: must be real numbers of shape {tuple(shape)}")
+    given = _tensor(given)
+    if not _has_numbers(given) or given.is_complex():
+        raise ScenarioError(f"{name} = {_shown(given)}: must be real numbers of shape {tuple(shape)}")
     if given.shape != shape:
         raise ScenarioError(f"{name} has shape {tuple(given.shape)}: must be {tuple(shape)}")
     return given.detach() if given.requires_grad else given
+
+
+def _tensor(given: object) -> object:
+    """Real numbers in single precision, or bools, as a tensor; a tensor and anything else unchanged.
+
+    Dates, text, objects and values that a masked array hides are no numbers, although NumPy converts them.
+    """
+    if isinstance(given, torch.Tensor) or _hides(given):
+        return given
+    try:
+        array = np.asarray(given)
+        if array.dtype.kind not in "biuf":
+            return given
+        with np.errstate(over="ignore"):  # infinite ones are refused
+            return torch.from_numpy(np.array(array, bool if array.dtype.kind == "b" else np.float32))
+    except (TypeError, ValueError):
+        return given
+
+
+def _hides(given: object) -> bool:
+    """Whether a masked array in it hides a value."""
+    return any(map(_hides, given)) if isinstance(given, list | tuple) else np.ma.is_masked(given)
+
+
+def _shown(given: object) -> str:
+    """What was given, on one short line."""
+    return f"{' '.join(repr(given).split()):.80}"
 
 
 def mask_of(given: object, num_worlds: int, begun: bool) -> torch.Tensor:
@@ -232,10 +262,9 @@ def mask_of(given: object, num_worlds: int, begun: bool) -> torch.Tensor:
     Raises:
         ScenarioError: it is not one bool per world, or leaves out a world that has not begun.
     """
-    try:
-        mask = torch.as_tensor(given)
-    except (TypeError, ValueError, RuntimeError):
-        raise ScenarioError(f"mask = {given!r:.80}: must be a bool for each of {num_worlds} worlds") from None
+    mask = _tensor(given)
+    if not _has_numbers(mask):
+        raise ScenarioError(f"mask = {_shown(given)}: must be a bool for each of {num_worlds} worlds")
     if mask.dtype != torch.bool or mask.shape != (num_worlds,):
         raise ScenarioError(f"mask is {mask.dtype} of shape {tuple(mask.shape)}: must be bool of ({num_worlds},)")
     if not begun and not mask.all():

@@ -26,7 +26,7 @@ from usvauv.env.world.state import (
     allocate,
     array_shapes,
     check_same,
-    check_state,
+    checked_state,
     first_fault,
     mask_of,
     numbers_of,
@@ -370,9 +370,9 @@ class World:
         """Restore a state that `state` returned for a world of the same scenario, seed and size.
 
         Raises:
-            ScenarioError: a tensor is missing, has another shape or type, or a number out of range.
+            ScenarioError: a tensor is missing, has another shape or type, or a number out of range; nothing changes.
         """
-        check_state(state, self.state(), self.scenario)
+        state = checked_state(state, self.state(), self.scenario)
         self._water.load_state(state)
         self._kernels.bind()
         for name in STATE:
