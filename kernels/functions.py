@@ -405,7 +405,7 @@ class DeviceFlag:
             arguments = numbers.view(torch.int32).view(-1, LANES), np.float32(limit).view(np.int32), self._outside
             self._mark = Launch(mark_rows_outside, *arguments, settings=runtime.vectors_in_registers())
         elif not self._at_once:
-            self._copy = torch.zeros(1, dtype=torch.int32, pin_memory=torch.cuda.is_available())
+            self._copy = torch.zeros(1, dtype=torch.int32, device="cpu", pin_memory=torch.cuda.is_available())
             self._seen = self._copy.numpy()
 
     def forget(self) -> None:

@@ -69,7 +69,7 @@ class Scores(nn.Module):
 
     def load(self, weights: list[float]) -> None:
         """Set the weights from a list that `weights` returned."""
-        numbers = torch.tensor(weights)
+        numbers = self.gain.new_tensor(weights)
         rows = numbers[1:].reshape(HIDDEN, FEATURES + 2)
         with torch.no_grad():
             self.gain.copy_(numbers[0])
@@ -248,7 +248,8 @@ class DecisionTrainer:
         self.config, self._steering, self._act = config, steering, acting(steering, self.world)
         torch.manual_seed(config.seed)
         device = self.world.device
-        self.scores, self._value = Scores().to(device), Value().to(device)
+        with torch.device("cpu"):  # whose generator draws the weights
+            self.scores, self._value = Scores().to(device), Value().to(device)
         self._adam = Adam([*self.scores.parameters(), *self._value.parameters()], config.learning_rate)
         self.iteration, self.best = 0, -math.inf
         self.interruption = Stop()
@@ -348,7 +349,7 @@ class DecisionTrainer:
         """Improve the scores with decisions drawn by them; `entropy` is the weight of their entropy."""
         config = self.config
         features, free, chosen = split(decisions.seen)
-        batches = torch.arange(len(chosen)).split(config.batch)
+        batches = torch.arange(len(chosen), device="cpu").split(config.batch)
         with torch.no_grad():
             value = torch.cat([self._value(features[part]) for part in batches])
             before = torch.cat([self._log_probability(features[part], free[part], chosen[part])[0] for part in batches])
@@ -356,7 +357,7 @@ class DecisionTrainer:
         goal = value + advantage
         advantage = (advantage - advantage.mean()) / (advantage.std(correction=0) + 1e-6)
         for _ in range(config.epochs):
-            for part in torch.randperm(len(chosen)).split(config.batch):
+            for part in torch.randperm(len(chosen), device="cpu").split(config.batch):
                 probability, spread = self._log_probability(features[part], free[part], chosen[part])
                 ratio = (probability - before[part]).exp()
                 clipped = ratio.clamp(1 - config.clip, 1 + config.clip)

@@ -58,7 +58,7 @@ def _program(policy: LearnedPolicy) -> torch.onnx.ONNXProgram:
     """The policy's graph with the metadata of its file."""
     scenario = policy.scenario
     layout = observed(Site(scenario))
-    example = torch.zeros((EXAMPLE_WORLDS, scenario.auv.count, len(layout)), dtype=torch.float32)
+    example = torch.zeros((EXAMPLE_WORLDS, scenario.auv.count, len(layout)), dtype=torch.float32, device="cpu")
     with _quiet():
         program = torch.onnx.export(
             _Graph(policy).eval(),

@@ -246,7 +246,7 @@ class GuidedFrame(TargetFrame):
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
         self.speed_to_fly = SpeedToFly(scenario)
-        self._edge = torch.tensor([scenario.area.width, scenario.area.length]) - BORDER_MARGIN
+        self._edge = torch.tensor([scenario.area.width, scenario.area.length], device="cpu") - BORDER_MARGIN
         self.price = PRICE if "current" in self.layout else self.speed_to_fly.free_price()
         self.start = f"clear:{self.price:.3g}"
 

@@ -232,8 +232,9 @@ class SpeedToFly:
 
     def __init__(self, scenario: Scenario) -> None:
         auv = scenario.auv
-        self.speeds = torch.linspace(auv.speed_min, auv.speed_max, SPEEDS, dtype=torch.float32)
-        self.power = torch.tensor(level_power(scenario, self.speeds.tolist()), dtype=torch.float32)
+        self.speeds = torch.linspace(auv.speed_min, auv.speed_max, SPEEDS, dtype=torch.float32, device="cpu")
+        power = level_power(scenario, self.speeds.tolist())
+        self.power = torch.tensor(power, dtype=torch.float32, device="cpu")
 
     def free_price(self) -> float:
         """Highest price of time for which the lowest speed is optimal in still water, W; 0 if it is the only one."""

@@ -385,7 +385,7 @@ def renewal(
         return Launch(_renew_each, *arrays, velocity, step, repeats)
     if worlds >= ABREAST * runtime.start().threads:
         work = vortex.new_zeros((-(-worlds // ABREAST), len(Work.names), count, ABREAST))
-        due = torch.zeros(worlds + 1, dtype=torch.int32)
+        due = torch.zeros(worlds + 1, dtype=torch.int32, device=vortex.device)
         settings = {**runtime.vectors_in_registers(), **runtime.quickly()}
         serial = runtime.better_alone(worlds * count * count // PAIRS_A_MICROSECOND)
         return Launch(_renew_abreast, serial, *arrays, due, work, step, repeats, settings=settings)

@@ -178,7 +178,7 @@ class Packing:
     def pack(self, field: np.ndarray, packed: torch.Tensor, first: int) -> None:
         """Write rows of a field (num_seas, rows, nx + 1) to the rows from `first` on."""
         rows, columns = field.shape[1:]
-        values = torch.as_tensor(field, dtype=torch.float32)
+        values = torch.as_tensor(field, dtype=torch.float32, device="cpu")
         if self.strips:
             values = torch.nn.functional.pad(values, (0, self.columns * LANES - columns))
             packed[0, first : first + rows] = values.view(rows, LANES, self.columns).transpose(1, 2)
@@ -305,7 +305,7 @@ class Discretisation:
                     for side in self.open_sides(axis, first, last):  # the difference is over half a cell
                         h[axis][GEOMETRY[side].faces] *= 2
                     part = self.gravity * (self.time_step / size) ** 2 * h[axis] / (1 + damping[axis])
-                    C[axis, done : done + last - first] = torch.as_tensor(self.packing.spread(part))
+                    C[axis, done : done + last - first] = torch.from_numpy(self.packing.spread(part))
                 done += last - first
         return C, (np.searchsorted(rows, np.arange(ny + 1), side="right") - 1).astype(np.int32)
 
@@ -333,12 +333,12 @@ class Discretisation:
     def _along_axes(self, fields: list[np.ndarray], used: bool) -> torch.Tensor:
         """Two fields along a row, (n ≤ nx + 1,), and two along a column, (n ≤ ny + 1,), as one array of vectors."""
         if not used:
-            return torch.zeros((1, LANES), dtype=torch.float32)
+            return torch.zeros((1, LANES), dtype=torch.float32, device="cpu")
         *rows, west, east = fields
         height = self.packing.ny + 1
         columns = [np.repeat(np.pad(f, (0, height - len(f)))[:, None], LANES, axis=1) for f in (west, east)]
         vectors = np.concatenate([*(self.packing.spread(f[None])[0] for f in rows), *columns])
-        return torch.tensor(vectors, dtype=torch.float32)  # a copy, which is aligned to vectors
+        return torch.tensor(vectors, dtype=torch.float32, device="cpu")  # a copy, which is aligned to vectors
 
 
 def _mean_if_wet(a: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -242,9 +242,9 @@ class ShallowWater:
 
         Without the rows above ny, which depend on the number of threads and are made anew before they are read.
         """
-        return self._packed()[:, :, : self.ny + 1].clone(), torch.tensor(
-            [self._intervals, self._start, self._at_rest], dtype=torch.float64
-        )
+        clock = [self._intervals, self._start, self._at_rest]
+        fields = self._packed()[:, :, : self.ny + 1].clone()
+        return fields, torch.tensor(clock, dtype=torch.float64, device="cpu")
 
     def load_state(self, fields: torch.Tensor, clock: torch.Tensor) -> None:
         """Restore what `state` returned."""

@@ -151,7 +151,7 @@ class NonlinearShallowWater:
         wet = eta - self.bed > 1e-6 * np.abs(self.bed)
         fields = np.where(wet, eta - self._land, -self._sea), np.where(wet, u, 0), np.where(wet, v, 0)
         for packed, field in zip(self._state[0], fields, strict=True):
-            packed[2:-2, 2:-2] = torch.as_tensor(self._spread(field, 0))
+            packed[2:-2, 2:-2] = torch.from_numpy(self._spread(field, 0))
         celerity = np.sqrt(self.gravity * (fields[0] + self._sea))
         fastest = (np.maximum(np.abs(fields[1]), np.abs(fields[2])) + celerity).max() / min(self.dx, self.dy)
         self._fastest.fill_(FIRST_STEP * float(fastest))
@@ -192,7 +192,7 @@ class NonlinearShallowWater:
     def state(self) -> tuple[torch.Tensor, torch.Tensor]:
         """Copies of the fields and of the clock; with equal forcing `load_state` restores them bit for bit."""
         clock = [self._start, self._intervals, self.steps, float(self._fastest)]
-        return self._state[0].clone(), torch.tensor(clock, dtype=torch.float64)
+        return self._state[0].clone(), torch.tensor(clock, dtype=torch.float64, device="cpu")
 
     def load_state(self, fields: torch.Tensor, clock: torch.Tensor) -> None:
         """Restore what `state` returned."""

@@ -310,7 +310,7 @@ class WavefrontBackend:
         self._copy_serially = copies * LANES * columns * COPY < WAKE
         self._serial = alone or blocks * len(self._bands) == 1
         self.table = blocks * len(self._bands), intervals_of_period(interval) * substeps
-        self._outside = torch.zeros(1, dtype=torch.int32)
+        self._outside = torch.zeros(1, dtype=torch.int32, device="cpu")
         self._seen = self._outside.numpy()
 
     def launches(

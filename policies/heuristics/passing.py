@@ -91,7 +91,7 @@ class Loiter(Clear):
         area = self.scenario.area
         here = self.position(observation) * area.diagonal
         least = self.radius + BORDER
-        sides = torch.tensor((area.width, area.length)).to(offset)
+        sides = offset.new_tensor((area.width, area.length))
         offset = torch.minimum((here + offset).clamp_min(least), (sides - least).clamp_min(0.0)) - here
         left = unrotate(offset, self.course(offset))[..., 1] > 0.0
         return follow_circle(offset, self.radius, LOOKAHEAD * self.radius, torch.where(left, 1.0, -1.0))

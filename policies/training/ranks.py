@@ -78,7 +78,7 @@ class Ranks:
         """The largest of each value over the ranks."""
         if self.count == 1:
             return list(values)
-        largest = torch.tensor(values)
+        largest = torch.tensor(values, device="cpu")
         with self._reaching():
             dist.all_reduce(largest, dist.ReduceOp.MAX)
         return largest.tolist()

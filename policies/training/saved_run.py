@@ -77,7 +77,7 @@ class SavedRun:
         self.scale = 1.0  # of the rewards that are learned from
         self.noise = CorrelatedNoise((*shape[:2], self.frame.actions), config.correlation, self.generator)
         self.standardizer = Standardizer.identity(self.frame.features, device)
-        self.observation = torch.empty(0)
+        self.observation = torch.empty(0, device="cpu")
         self.steps = 0
         self.seconds = 0.0
         self.best = -math.inf

@@ -6,6 +6,7 @@ import dataclasses
 import sys
 from types import ModuleType, SimpleNamespace
 
+import numpy as np
 import pytest
 import torch
 
@@ -71,19 +72,28 @@ class TestTraining:
         ],
     )
     def test_what_torch_makes_by_default_changes_nothing(self, name, algorithm, heuristic, changes):
+        """A device "meta", whose tensors have no numbers, stands for any other than the world's."""
+        scenario = Scenario.load(name, ["mission.duration=10"])
+
         def run():
-            world = World(Scenario.load(name), 2)
+            world = World(scenario, 2)
             trainer = Trainer(world, TrainingConfig(algorithm=algorithm, num_worlds=2, n_step=2, **changes))
             trainer.train(32)
+            world.load_state(world.state())
             acting = trainer.policy(), policies.load(heuristic, world)
-            return [*trainer.learner.tensors().values(), *(policy.act(world.observation) for policy in acting)]
+            found = [*trainer.learner.tensors().values(), *(policy.act(world.observation) for policy in acting)]
+            figures = policies.figures_of_merit(world, heuristic)
+            return [*found, torch.from_numpy(np.nan_to_num([*figures.values()]))]
 
         expected = run()
-        torch.set_default_dtype(torch.float64)
         try:
-            assert all(map(torch.equal, run(), expected))
+            torch.set_default_dtype(torch.float64)
+            torch.set_default_device("meta")
+            found = run()
         finally:
             torch.set_default_dtype(torch.float32)
+            torch.set_default_device(None)
+        assert all(map(torch.equal, found, expected))
 
     def test_same_seed_same_result(self):
         def run(seed):

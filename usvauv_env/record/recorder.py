@@ -21,7 +21,7 @@ from usvauv.kernels.vehicles.otter import HullColumn
 SURFACE_PIXELS = 128
 COPIES = 2.5  # of a state in memory: as recorded, joined with the others, and derived arrays
 EACH = 1000.0  # bytes of Python objects per state
-NO_BODY = torch.zeros(0)
+NO_BODY = torch.zeros(0, device="cpu")
 NO_STORM = np.zeros((0, 5))
 
 

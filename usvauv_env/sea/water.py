@@ -260,7 +260,8 @@ class WorldWater:
     def state(self) -> dict[str, torch.Tensor]:
         """Copies of the state that decides the water's future; `load_state` restores it bit for bit."""
         fields, clock = self.long_waves.state()
-        return {"sea": fields, "sea_clock": clock, "sea_episode": torch.tensor([self.episode, self.steps])}
+        episode = torch.tensor([self.episode, self.steps], device="cpu")
+        return {"sea": fields, "sea_clock": clock, "sea_episode": episode}
 
     def load_state(self, state: Mapping[str, torch.Tensor]) -> None:
         """Go back to what `state` gave."""
