@@ -8,6 +8,7 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env, data_equivalence
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from pettingzoo.test import parallel_api_test, parallel_seed_test, render_test, state_test
@@ -178,6 +179,23 @@ class TestSpaces:
         observation, *_ = envs.step(actions(1)[0])
         assert envs.world.observation.abs().max() > 2
         assert observation in envs.observation_space
+
+
+@pytest.mark.parametrize(
+    ("make", "more"),
+    [(gymnasium.make, {}), (gymnasium.make_vec, {"num_envs": 2, "autoreset_mode": AutoresetMode.SAME_STEP})],
+)
+def test_a_spec_goes_through_json(make, more, tmp_path):
+    scenario = Scenario.load("ideal", ["auv.count=3"])
+    file = tmp_path / "mine.toml"
+    file.write_text(scenario.to_toml(), encoding="utf-8")
+    for given in (file, scenario):
+        made = make(NAME, scenario=given, usv="centroid", **more)
+        file.unlink(missing_ok=True)
+        again = make(EnvSpec.from_json(made.spec.to_json()))
+        assert again.spec == made.spec
+        assert again.unwrapped.world.scenario == scenario
+        np.testing.assert_array_equal(again.reset(seed=7)[0], made.reset(seed=7)[0])
 
 
 class TestSingleEnv:

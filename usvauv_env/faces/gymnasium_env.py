@@ -14,13 +14,15 @@ Both control the team: K AUVs, O numbers in an AUV's observation, W worlds. NumP
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import gymnasium
 import numpy as np
 import torch
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
@@ -100,7 +102,28 @@ class Camera:
         return frames.frame(states - 1)[..., ::-1].copy()
 
 
-class DataCollectionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
+class _PlainSpec:
+    """An environment that keeps what `gymnasium.make` was called with as values that JSON has, for its `spec`."""
+
+    _spec: EnvSpec | None = None
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """How to make this environment again; None without `gymnasium.make`."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, made: EnvSpec | None) -> None:
+        self._spec = made and replace(made, kwargs={name: _plain(value) for name, value in made.kwargs.items()})
+
+
+def _plain(argument: Any) -> Any:
+    if isinstance(argument, Scenario | Path):
+        return Scenario.of(argument).to_dict()
+    return argument.value if isinstance(argument, AutoresetMode) else argument
+
+
+class DataCollectionEnv(_PlainSpec, gymnasium.Env[np.ndarray, np.ndarray]):
     """One mission, the team controlled as one agent: `gymnasium.make("usvauv/DataCollection-v0")`.
 
     Spaces and info are those in the module's table. `reset(seed=s)` begins the first episode of
@@ -108,7 +131,7 @@ class DataCollectionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     the mission so far, (720, 1280, 3) uint8.
 
     Args:
-        scenario: a `Scenario`, a shipped name or a path.
+        scenario: a `Scenario`, what its `to_dict` returned, a shipped name or a path.
         usv: the boat's strategy, see `World`.
         render_mode: None or "rgb_array".
 
@@ -121,7 +144,10 @@ class DataCollectionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     measure_names = World.measure_names
 
     def __init__(
-        self, scenario: Scenario | str | Path = "extreme", usv: str | None = None, render_mode: str | None = None
+        self,
+        scenario: Scenario | Mapping[str, Any] | str | Path = "extreme",
+        usv: str | None = None,
+        render_mode: str | None = None,
     ) -> None:
         self._missions = missions = DataCollectionVectorEnv(1, scenario, usv, AutoresetMode.DISABLED, render_mode)
         self.render_mode = render_mode
@@ -176,7 +202,7 @@ class DataCollectionEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return pictures[0] if pictures else None
 
 
-class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+class DataCollectionVectorEnv(_PlainSpec, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """Many missions side by side: `gymnasium.make_vec("usvauv/DataCollection-v0", num_envs=512)`.
 
     Sub-environment w is world w of one `World`; shapes in the module's table have a leading axis W. Info follows
@@ -197,7 +223,7 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     Args:
         num_envs: number of missions W.
-        scenario: a `Scenario`, a shipped name or a path.
+        scenario: a `Scenario`, what its `to_dict` returned, a shipped name or a path.
         usv: the boat's strategy, see `World`.
         autoreset_mode: one of `gymnasium.vector.AutoresetMode` or its value.
         render_mode: None or "rgb_array".
@@ -214,7 +240,7 @@ class DataCollectionVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def __init__(
         self,
         num_envs: int = 1,
-        scenario: Scenario | str | Path = "extreme",
+        scenario: Scenario | Mapping[str, Any] | str | Path = "extreme",
         usv: str | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,

@@ -355,14 +355,16 @@ class Scenario(Section):
         return self.from_dict(data, "targets")
 
     @classmethod
-    def of(cls, scenario: Scenario | str | Path) -> Scenario:
-        """A scenario unchanged, or by shipped name or path as `load` reads it.
+    def of(cls, scenario: Scenario | Mapping[str, Any] | str | Path) -> Scenario:
+        """A scenario unchanged, or by what `to_dict` returned, by shipped name or by path as `load` reads it.
 
         Raises:
             ScenarioError: as `load`, or for an argument of another type.
         """
+        if isinstance(scenario, Mapping):
+            return cls.from_dict(scenario)
         if not isinstance(scenario, Scenario | str | Path):
-            raise ScenarioError(f"scenario = {scenario!r:.80}: must be a Scenario, a shipped name or a path")
+            raise ScenarioError(f"scenario = {scenario!r:.80}: must be a Scenario, a dict, a shipped name or a path")
         return scenario if isinstance(scenario, Scenario) else cls.load(scenario)
 
     @classmethod
