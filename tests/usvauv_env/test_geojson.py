@@ -79,6 +79,43 @@ def test_longitudes_are_from_180_west_to_180_east(trace, corner, first):
     assert ring[1][0] > ring[0][0]
 
 
+def test_what_lies_across_180_degrees_is_cut_there(trace):
+    """Its parts together are the mission as it is at 179.9°; AUVs and boat go back and forth."""
+    depth = np.add.outer(trace.time, np.zeros(trace.power.shape[1:]))
+    trace = replace(trace, auv_depth=depth, start="")
+
+    def features(longitude):
+        water = {"water": {"longitude": longitude, "latitude": -17.0}}
+        return geojson.of_mission(replace(trace, scenario=Scenario.from_dict(trace.scenario.to_dict() | water)))
+
+    cut = []
+    for feature, elsewhere in zip(features(179.9991), features(179.9), strict=True):
+        geometry, kind = feature["geometry"], feature["properties"]["kind"]
+        many = geometry["type"].startswith("Multi")
+        parts = [np.array(part).reshape(-1, 2) for part in geometry["coordinates"]] if many else [coordinates(geometry)]
+        assert all((abs(part[:, 0]) <= 180).all() and np.ptp(part[:, 0]) < 1 for part in parts)
+        points, expected = np.concatenate(parts), coordinates(elsewhere["geometry"])
+        inner = abs(points[:, 0]) < 180
+        points[:, 0] = points[:, 0] % 360 - 0.0991
+        cut += [kind] * many
+        if kind == "area":
+            assert {*map(tuple, points[inner].round(6))} == {*map(tuple, expected.round(6))}
+            assert all((part[0] == part[-1]).all() for part in parts)
+            continue
+        np.testing.assert_allclose(points[inner], expected, atol=3e-8)
+        if many:
+            times = np.concatenate(feature["properties"]["times"])
+            np.testing.assert_array_equal(times[inner], trace.time)
+            assert (np.diff(times) >= 0).all()
+            assert kind == "boat" or (np.concatenate(feature["properties"]["depth"]) == times).all()
+    assert cut[:2] == ["area", "auv"]
+
+
+def coordinates(geometry) -> np.ndarray:
+    """Coordinates, (points, 2)."""
+    return np.array(geometry["coordinates"]).reshape(-1, 2)
+
+
 def test_a_plan(tmp_path, run_usvauv):
     place = ("--set", "water.longitude=114.02", "--set", "water.latitude=22.51")
     auvs = ("--auv", "60,80,100", "--auv", "150,120,90", "--compare", "10,20")

@@ -16,6 +16,7 @@ import rerun.blueprint as rrb
 from usvauv.env.exchange.poses import Poses, ahead, triangles
 from usvauv.env.record.trace import Trace
 from usvauv.env.render.style import SEA, WHITE, auv_colour
+from usvauv.env.site.place import wrapped
 from usvauv.env.site.site import Site
 from usvauv.env.storage.files import atomic_write
 
@@ -87,7 +88,9 @@ def _log(log: _Log, trace: Trace) -> None:
         if frame is not None:
             longitude, latitude = frame.to_geographic(positions[:, 0], positions[:, 1])
             log.constant(f"/earth/{name}", rr.GeoPoints.from_fields(radii=rr.Radius.ui_points(6), colors=colour))
-            log.series(f"/earth/{name}", rr.GeoPoints.columns(positions=np.column_stack([latitude, longitude])))
+            log.series(
+                f"/earth/{name}", rr.GeoPoints.columns(positions=np.column_stack([latitude, wrapped(longitude)]))
+            )
     error = np.linalg.norm(poses.estimates - poses.auvs, axis=-1)
     for k in auvs:
         name, colour = f"auv_{k}", auv_colour(k)[::-1]

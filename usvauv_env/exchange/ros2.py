@@ -28,6 +28,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from usvauv.env.exchange.poses import Poses
 from usvauv.env.record.trace import Trace
+from usvauv.env.site.place import wrapped
 from usvauv.env.site.site import Site
 from usvauv.env.storage.files import atomic_write
 
@@ -50,7 +51,9 @@ def write(trace: Trace, path: Path) -> None:
     bodies += [(f"usv_{b}", poses.boats[:, b], poses.boat_turn[:, b]) for b in range(boats)]
     places = {}
     if frame is not None:
-        places = {name: np.stack([*frame.to_geographic(*at.T[:2]), at[:, 2]], axis=-1) for name, at, _ in bodies}
+        for name, at, _ in bodies:
+            longitude, latitude = frame.to_geographic(*at.T[:2])
+            places[name] = np.stack([wrapped(longitude), latitude, at[:, 2]], axis=-1)
     with atomic_write(path) as partial, partial.open("wb") as file:
         bag = _Bag(file)
         for t, seconds in enumerate(trace.time):

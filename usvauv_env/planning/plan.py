@@ -13,6 +13,7 @@ import torch
 from usvauv.env.planning import fix_errors
 from usvauv.env.planning.fix_errors import LEAST_GOOD, SUM, FixError, Position
 from usvauv.env.scenario import Scenario
+from usvauv.env.site.place import wrapped
 from usvauv.env.site.site import Site
 from usvauv.env.world.tables import link_table, sound_profile
 from usvauv.kernels import runtime
@@ -174,7 +175,7 @@ def solve(
         if site.frame is None:
             return None, None
         longitude, latitude = site.frame.to_geographic(np.array(x), np.array(y))
-        return float(latitude), (float(longitude) + 180) % 360 - 180
+        return float(latitude), float(wrapped(longitude))
 
     def budget(boat: tuple[float, float]) -> dict[str, list[float]]:
         parts = fix_errors.error_budget(scenario, link, auvs, boat, measurement, slope)

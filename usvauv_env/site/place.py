@@ -117,6 +117,11 @@ class LocalFrame:
         return along_x, east * math.sin(phi0) * np.sin(turn) + north * tilt
 
 
+def wrapped(longitude: np.ndarray) -> np.ndarray:
+    """Longitudes from −180 to below 180 degrees."""
+    return longitude - 360 * np.floor((longitude + 180) / 360)
+
+
 def _meridian(latitude: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     """Distance from the Earth's axis and height above the equator's plane of points of the ellipsoid, m."""
     phi = np.radians(latitude)
