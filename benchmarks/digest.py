@@ -83,7 +83,7 @@ def digest(arrays: Iterable[np.ndarray]) -> bytes:
     return found.digest()
 
 
-if __name__ == "__main__":
+def main() -> None:
     every = []
     for name, changes, usv in MISSIONS:
         every.append(digest(mission_arrays(World(Scenario.load(name, changes), num_worlds=3, seed=7, usv=usv))))
@@ -91,3 +91,7 @@ if __name__ == "__main__":
     print("missions", hashlib.sha256(b"".join(every)).hexdigest()[:16])
     every = [digest(sea_arrays(Scenario.load("extreme", changes))) for changes in SEAS]
     print("seas    ", hashlib.sha256(b"".join(every)).hexdigest()[:16])
+
+
+if __name__ == "__main__":
+    main()

@@ -42,7 +42,7 @@ ROOT = Path(__file__).parents[1]
 SCENARIO = "extreme"
 IMPORTS = "import usvauv.env; from usvauv import policies"
 FIRST_STEP = (
-    f"{IMPORTS}, time; begun = time.perf_counter(); from usvauv.env import Scenario, World;"
+    f"import time; {IMPORTS}; begun = time.perf_counter(); from usvauv.env import Scenario, World;"
     f"world = World(Scenario.load('{SCENARIO}'), 4, 0); observation = world.reset();"
     "world.step(policies.load('clear', world).act(observation)); print(time.perf_counter() - begun)"
 )

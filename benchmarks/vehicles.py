@@ -170,10 +170,8 @@ def stages_of(count: int, seconds: float) -> list[dict[str, object]]:
 
 def step_times(scenarios: list[Scenario]) -> np.ndarray:
     """Seconds of a step of `WORLDS` worlds, (rounds, scenarios), which take turns; the first round is not counted."""
-    worlds = [World(scenario, WORLDS) for scenario in scenarios]
-    steps = [stepper(world, None) for world in worlds]
-    rounds = range(ROUNDS + 1)
-    return np.array([[seconds_of(*of, REPEATS) for of in zip(worlds, steps, strict=True)] for _ in rounds])[1:]
+    steps = [stepper(World(scenario, WORLDS), None) for scenario in scenarios]
+    return np.array([[seconds_of(step, REPEATS) for step in steps] for _ in range(ROUNDS + 1)])[1:]
 
 
 def missions() -> dict[str, float]:

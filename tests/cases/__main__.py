@@ -44,4 +44,5 @@ def main() -> None:
     print("\n".join(reflections()))
 
 
-main()
+if __name__ == "__main__":
+    main()

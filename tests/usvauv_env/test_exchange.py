@@ -23,7 +23,7 @@ STEPS = 7
 
 @pytest.fixture(scope="module")
 def trace():
-    """Two worlds of 300 m by 200 m at a place on Earth, a step of 0.3 s, a fix missing; AUVs dive."""
+    """Two worlds of 300 m by 200 m across 180°, a step of 0.3 s, a fix missing; AUVs dive."""
     made = diving(synthetic_trace(steps=STEPS, worlds=2, area=(300.0, 200.0), nodes=4, seed=5))
     random = np.random.default_rng(4)
     slope, fix = made.boat_surface.copy(), made.fix.copy()
@@ -32,7 +32,7 @@ def trace():
     covariance = random.uniform(1, 3, made.fix_covariance.shape) * (1, 0.2, 1)
     delivered = np.zeros_like(made.delivered)
     delivered[4, 1, 1] = 0.5
-    water = made.scenario.water.model_copy(update={"latitude": 22.51, "longitude": 114.02})
+    water = made.scenario.water.model_copy(update={"latitude": 22.51, "longitude": 179.999})
     return replace(
         made,
         scenario=made.scenario.model_copy(update={"water": water}),
@@ -176,6 +176,7 @@ class TestMcap:
                 np.testing.assert_array_equal(numbers(transform.translation), numbers(pose.position))
                 np.testing.assert_array_equal(numbers(transform.rotation), numbers(pose.orientation))
                 earth = bag[f"/{name}/navsat"][t][1]
+                assert abs(earth.longitude) <= 180
                 back = frame.to_local(np.array(earth.longitude), np.array(earth.latitude))
                 np.testing.assert_allclose([*back, earth.altitude], place, atol=1e-6)
             goal = numbers(bag["/usv_0/goal"][t][1].point)
@@ -239,6 +240,7 @@ class TestRerun:
         bow, heading = scene["/scene/usv_0/bow"]["Arrows3D:vectors"][0][0], trace.boat_heading[0, 1, 0]
         np.testing.assert_allclose(bow / np.linalg.norm(bow), [np.cos(heading), np.sin(heading), 0], atol=1e-6)
         latitude, longitude = np.stack(scene["/earth/usv_0"]["GeoPoints:positions"][2])[0]
+        assert (abs(longitude) <= 180).all()
         back = Site(trace.scenario).frame.to_local(longitude, latitude)
         np.testing.assert_allclose(back, trace.boat_position[2, 1, 0], atol=1e-6)
 
