@@ -24,7 +24,7 @@ import gc
 import linecache
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import taichi as ti
@@ -34,11 +34,12 @@ from taichi.lang.ast import ASTTransformerContext
 from taichi.lang.enums import AutodiffMode
 
 from usvauv.kernels import runtime
-from usvauv.kernels.types import array1, index1
+from usvauv.kernels.types import array1, index1, index3
 
 AS_EVER = kernel_impl._get_tree_and_ctx
 LANES = 16
 PARTS = 16  # of many numbers, among the threads of a CPU
+LOOK = 1e-4  # µs, about, to look at a number among others
 MANY = 1 << 18  # numbers, from which on several threads look at them
 SHAPE = 0  # member of an array argument that holds its shape, as in Taichi's `SHAPE_POS_IN_NDARRAY`
 STREAMS = 4  # places that a thread reads in turns, so that more comes from memory at a time
@@ -46,6 +47,7 @@ MAGNITUDE = 0x7FFFFFFF  # bits of a number but for its sign
 NOT_FINITE = 0x7F800000  # least magnitude of what is not finite
 lanes = ti.types.vector(LANES, ti.i32)
 rows = ti.types.ndarray(dtype=lanes, ndim=1)
+rows2 = ti.types.ndarray(dtype=lanes, ndim=2)
 ALIGNMENT = 64  # bytes, of arrays of vectors: that of the widest registers, which torch's memory has, NumPy's need not
 UNSIGNED = (ti.u8, ti.u16, ti.u32, ti.u64)
 
@@ -380,6 +382,53 @@ def mark_rows_outside(bits: rows, limit: ti.i32, flag: index1):
             flag[0] = 1
 
 
+class Limits(NamedTuple):
+    """Bounds of numbers, rows of LANES side by side, which repeat from row to row.
+
+    Attributes:
+        which: row of `bits` for each row of the numbers, int32.
+        bits: (rows, 2, LANES) int32: bits of the greatest number allowed, and those in which the magnitude of the least
+            one, which is not above 0, differs from them.
+    """
+
+    which: torch.Tensor
+    bits: torch.Tensor
+
+
+@func
+def beyond(numbers: lanes, greatest: lanes, difference: lanes) -> lanes:
+    """Below 0 where the bits of a number are outside its `Limits`, or of one that is not finite."""
+    return (greatest ^ (numbers >> 31 & difference)) - (numbers & MAGNITUDE)
+
+
+@func
+def lanes_below_zero(values: lanes) -> ti.i32:
+    """Number of lanes that are below 0."""
+    return -(values >> 31).sum()
+
+
+@kernel
+def mark_beyond(numbers: index1, which: index1, bits: index3, flag: index1):
+    """Set the flag if one of some numbers is outside its limits; each number by itself."""
+    for n in range(numbers.shape[0]):
+        row, lane, number = which[n // LANES], n % LANES, numbers[n]
+        limit = bits[row, 0, lane] ^ (number >> 31 & bits[row, 1, lane])
+        if number & MAGNITUDE > limit:
+            flag[0] = 1
+
+
+@kernel
+def mark_rows_beyond(serial: ti.template(), numbers: rows, which: index1, bits: rows2, flag: index1):
+    """`mark_beyond` on a CPU, LANES numbers side by side."""
+    ti.loop_config(serialize=serial, block_dim=1)
+    for part in range(PARTS):
+        least = lanes(0)
+        for row in range(part * numbers.shape[0] // PARTS, (part + 1) * numbers.shape[0] // PARTS):
+            least |= beyond(numbers[row], bits[which[row], 0], bits[which[row], 1])
+        if lanes_below_zero(least) > 0:
+            flag[0] = 1
+
+
 class DeviceFlag:
     """Looks at numbers that kernels write, step after step.
 
@@ -389,42 +438,52 @@ class DeviceFlag:
 
     Args:
         numbers: to be looked at; they keep their memory.
-        limit: largest magnitude.
+        limit: largest magnitude; or `Limits`, for numbers in whole rows.
     """
 
-    def __init__(self, numbers: torch.Tensor | DeviceArray, limit: float) -> None:
+    def __init__(self, numbers: torch.Tensor | DeviceArray, limit: float | Limits) -> None:
         running = runtime.start()
         self._numbers: Any = numbers
-        self._limit = limit
+        self._limit: Any = limit
         self._outside = torch.zeros(1, dtype=torch.int32, device=running.device)
         self._at_once = running.torch_on_host
         self._mark: Launch | None = None
-        if isinstance(numbers, DeviceArray):
+        if isinstance(limit, Limits):
+            bits = self._numbers.view(torch.int32)
+            if running.on_cpu:
+                serial = runtime.better_alone(round(LOOK * bits.numel()))
+                arguments = serial, bits.view(-1, LANES), *limit, self._outside
+                self._mark = Launch(mark_rows_beyond, *arguments, settings=runtime.vectors_in_registers())
+            else:
+                self._mark = Launch(mark_beyond, bits, *limit, self._outside)
+        elif isinstance(numbers, DeviceArray):
             self._mark = Launch(mark_outside, numbers.view(-1), limit, self._outside)
         elif running.on_cpu and numbers.numel() >= MANY and numbers.numel() % LANES == 0:
             arguments = numbers.view(torch.int32).view(-1, LANES), np.float32(limit).view(np.int32), self._outside
             self._mark = Launch(mark_rows_outside, *arguments, settings=runtime.vectors_in_registers())
-        elif not self._at_once:
+        if not self._at_once:
             self._copy = torch.zeros(1, dtype=torch.int32, device="cpu", pin_memory=torch.cuda.is_available())
             self._seen = self._copy.numpy()
 
     def forget(self) -> None:
         """Stop reporting faults seen so far."""
         self._outside.zero_()
-        if not isinstance(self._numbers, DeviceArray) and not self._at_once:
+        if not self._at_once:
             self._copy.copy_(self._outside)
 
     def raised(self) -> bool:
-        """Whether one of the numbers is not finite or beyond the limit."""
+        """Whether one of the numbers is not finite or outside its limits."""
         if self._mark:
             self._outside.zero_()
             self._mark()
-            runtime.synchronize()
-            return bool(self._outside.item())
-        low, high = torch.aminmax(self._numbers)
-        if self._at_once:
-            return not (low.item() >= -self._limit and high.item() <= self._limit)
+            if self._at_once:
+                runtime.synchronize()
+                return bool(self._outside.item())
+        else:
+            low, high = torch.aminmax(self._numbers)
+            if self._at_once:
+                return not (low.item() >= -self._limit and high.item() <= self._limit)
+            self._outside.copy_(~((low >= -self._limit) & (high <= self._limit)))
         seen = bool(self._seen[0])
-        self._outside.copy_(~((low >= -self._limit) & (high <= self._limit)))
         self._copy.copy_(self._outside, non_blocking=True)
         return seen

@@ -1,6 +1,6 @@
 """Columns of the mission's arrays (float32), and purposes of random draws. W worlds, K AUVs, B boats, M nodes.
 
-Each column of a state has a range, to check states that are loaded and to detect divergence at once.
+Each column of a state has a physical range: a step that leaves it ends the run, and a state outside it is not loaded.
 """
 
 from typing import Annotated, ClassVar, NamedTuple
@@ -10,7 +10,7 @@ from usvauv.kernels.types import Columns
 
 
 class Range(NamedTuple):
-    """Values that a column may hold, bounds included. `whole`: no fractions.
+    """Values that a column may hold, bounds included; 0 is one of them. `whole`: no fractions.
 
     A bound that is a name is "width" or "length" (m), the count "targets", or the largest index "last_target",
     "last_auv", "last_boat" or "last_kind".
@@ -24,6 +24,7 @@ class Range(NamedTuple):
 Position = Annotated[int, Range(-1e12, 1e12)]  # of a fix, which can lie anywhere
 Covariance = Annotated[int, Range(-1e25, 1e25)]
 Velocity = Annotated[int, Range(-100.0, 100.0)]
+Measured = Annotated[int, Range(-1e4, 1e4)]  # velocity of a noisy sensor in a short step
 BoatVelocity = Annotated[int, Range(-1.001e4, 1.001e4)]
 Displacement = Annotated[int, Range(-1e6, 1e6)]
 Turn = Annotated[int, Range(-7.0, 7.0)]
@@ -32,6 +33,8 @@ Amount = Annotated[int, Range(0.0, 1e12)]  # of packets, Mbit, Mbit/s or m
 Flag = Annotated[int, Range(0.0, 1.0, whole=True)]
 Duration = Annotated[int, Range(0.0, 1e8)]
 Elapsed = Annotated[int, Range(-1.0, 1e8)]
+Level = Annotated[int, Range(-2e4, 2e4)]
+Power = Annotated[int, Range(0.0, 1e7)]
 Hover = Annotated[int, Range(0.0, 1e30)]
 Instant = Annotated[int, Range(-1e8, 1e8)]
 X = Annotated[int, Range(0.0, "width")]
@@ -199,7 +202,7 @@ class AuvColumn(StateColumns):
     moved_x: Displacement  # displacement in the last step, m
     moved_y: Displacement
     closed: Displacement  # approach to the target in the last step, or minus the distance to it, m
-    power: Annotated[int, Range(0.0, 1e4)]  # W
+    power: Power  # W
     hovering: Flag  # 1 while it serves its node
     service_rate: Amount  # rate of a service completed in the last step, else 0, Mbit/s
     delivered: Amount  # data collected in the last step, in hovering those of a whole service, Mbit
@@ -208,10 +211,15 @@ class AuvColumn(StateColumns):
     packets_delivered: Amount  # the same in packets
     velocity_x: Velocity  # velocity through the water at the end of the last step, m/s
     velocity_y: Velocity
-    depth_error: Annotated[int, Range(-1e3, 1e3)]  # below its cruise depth, m
+    depth_error: Level  # below its cruise depth, m
     distance: Amount  # horizontally to its target, as it was before the last step, m
 
 
+Ahead = Annotated[int, Range(-15.0, 15.0)]  # m/s through the water, which no AUV reaches
+Across = Annotated[int, Range(-5.0, 5.0)]
+Roll = Annotated[int, Range(-20.0, 20.0)]  # rad/s
+Spin = Annotated[int, Range(-5.0, 5.0)]
+Cosine = Annotated[int, Range(-1.001, 1.001)]
 Rate = Annotated[int, Range(-1e3, 1e3)]
 Depth = Annotated[int, Range(-1e3, 2e4)]
 Memory = Annotated[int, Range(-1e12, 1e12)]
@@ -225,16 +233,16 @@ class BodyColumn(StateColumns):
     """
 
     depth: Depth
-    q0: Rate
-    q1: Rate
-    q2: Rate
-    q3: Rate
-    u: Velocity
-    v: Velocity
-    w: Velocity
-    p: Velocity
-    q: Velocity
-    r: Velocity
+    q0: Cosine
+    q1: Cosine
+    q2: Cosine
+    q3: Cosine
+    u: Ahead
+    v: Across
+    w: Across
+    p: Roll
+    q: Spin
+    r: Spin
     rudder: Turn
     stern: Turn
     propeller: Rate
@@ -271,12 +279,12 @@ class BodyColumn(StateColumns):
     way_y: Displacement  # north
     water_x: Velocity  # its mean velocity through the water in it, m/s
     water_y: Velocity
-    power: Annotated[int, Range(0.0, 1e4)]  # mean electrical power in it, W
+    power: Power  # mean electrical power in it, W
     touched: Annotated[
         int, Range(0.0, 3.0, whole=True)
     ]  # 1 where it came to the surface in it, 2 to the bed, 3 to both
     sensor_error: Annotated[int, Range(-1e3, 1e3)]  # of its depth sensor, m
-    told_depth: Annotated[int, Range(-1e3, 2e4)]  # below its cruise depth, as in its last reply, m
+    told_depth: Level  # below its cruise depth, as in its last reply, m
 
 
 class EstimateColumn(StateColumns):
@@ -322,10 +330,10 @@ class ExchangeColumn(StateColumns):
     sent_way_y: Position
     sent_adrift: Elapsed
     sent_elapsed: Elapsed
-    sent_velocity_x: Velocity  # measured then, m/s
-    sent_velocity_y: Velocity
-    velocity_x: Velocity  # the same of the last reply received
-    velocity_y: Velocity
+    sent_velocity_x: Measured  # measured then, m/s
+    sent_velocity_y: Measured
+    velocity_x: Measured  # the same of the last reply received
+    velocity_y: Measured
     sent_heads_for: NodeIndex  # index of the AUV's node when the reply left that is under way
     sent_hovers: Hover  # time that it still served it, s
     heads_for: NodeIndex  # the same of the last reply received
@@ -366,7 +374,7 @@ class ForesightColumn(StateColumns):
     heads_for: NodeIndex  # index of the node
     hovers: Hover  # time that it still serves it, s
     elapsed: Elapsed  # the exchange's `elapsed` at that time, s
-    speed: Annotated[int, Range(0.0, 100.0)]  # travelling speed, m/s
+    speed: Annotated[int, Range(0.0, 2e4)]  # travelling speed, m/s
 
 
 class Schedule(Columns):

@@ -16,7 +16,7 @@ from usvauv.kernels import random
 from usvauv.kernels.flow import airy
 from usvauv.kernels.flow.vortex import Vortex
 from usvauv.kernels.flow.vortex_motion import VortexDrift
-from usvauv.kernels.functions import LANES, MAGNITUDE, func, lanes, lanes_above
+from usvauv.kernels.functions import LANES, beyond, func, lanes, lanes_below_zero
 from usvauv.kernels.mission.columns import (
     AuvColumn,
     BeliefColumn,
@@ -180,7 +180,9 @@ TOGETHER = 32  # worlds that a thread takes through a stage, whose code stays in
 PURPOSE = 1 << 16  # of a draw, as part of its address
 ANYWHERE = Range(-1e12, 1e12)
 TRACK = tracker.COLUMNS * (Range(-1e25, 1e25),)
-HULL = (Range(-1e6, 1e6),) * len(HullColumn.names)
+SPEED, SPIN = Range(-50.0, 50.0), Range(-20.0, 20.0)  # m/s and rad/s, of a boat's hull
+REVOLUTIONS, SUM = Range(-1001.0, 1001.0), Range(-1e6, 1e6)
+HULL = SUM, SPEED, SPEED, SPIN, REVOLUTIONS, REVOLUTIONS, SUM, SUM  # of `HullColumn`; the heading is that of all turns
 DRIFT = (Range(-1e6, 1e6),) * len(VortexDrift.names)
 VORTEX = ANYWHERE, ANYWHERE, Range(-1e5, 1e5), Range(0.0, 1e6)
 
@@ -205,15 +207,16 @@ TABLES = {
     "key": Array("W", "seed of each world", KeyColumn, ti.i32),
     "draw_numbers": Array(".", "what the draws made before a step are for, `draw_numbers`", dtype=random.long_lanes),
 }
-# Together with the clock and the sea everything that decides the worlds' future.
+# Together with the clock and the sea everything that decides the worlds' future. A fault's cause is looked for in this
+# order: what moves by itself comes before what depends on it in the same step.
 STATE = {
-    "auv": Array("WK", "AUVs, and what the last step did and cost", AuvColumn, whose="AUV"),
-    "body": Array("WK", "vehicles with dynamics", BodyColumn, whose="the body of AUV"),
-    "node": Array("WM", "nodes or stations", NodeColumn, whose="node"),
     "vortex": Array("WV", "vortices of the water", Vortex, whose="vortex", column_ranges=VORTEX),
     "drift": Array("WV", "motion of their centres", VortexDrift, whose="the drift of vortex", column_ranges=DRIFT),
-    "boat": Array("WB", "boats", BoatColumn, whose="boat"),
     "hull": Array("WB", "boats' hulls", HullColumn, whose="the hull of boat", column_ranges=HULL),
+    "body": Array("WK", "vehicles with dynamics", BodyColumn, whose="the body of AUV"),
+    "auv": Array("WK", "AUVs, and what the last step did and cost", AuvColumn, whose="AUV"),
+    "node": Array("WM", "nodes or stations", NodeColumn, whose="node"),
+    "boat": Array("WB", "boats", BoatColumn, whose="boat"),
     "tally": Array("W", "the channel, and counts of the last step", TallyColumn),
     "estimate": Array("WK", "the boats' estimate of each AUV", EstimateColumn, whose="the estimate of AUV"),
     "track": Array(
@@ -234,8 +237,6 @@ REWARDS = {
     "reward": Array("WK", "sum of the reward terms"),
     "reward_terms": Array("WKR", "weighted reward terms"),
 }
-LARGEST = max(float(r.high) for array in STATE.values() for r in array.ranges if not isinstance(r.high, str))
-LARGEST_BITS = int(np.float32(LARGEST).view(np.int32))  # magnitudes are ordered as their bits, what is not finite last
 ARRAYS = {
     **TABLES,
     **STATE,
@@ -252,7 +253,9 @@ ARRAYS = {
     "drift_rows": Array(".", "likewise of `drift`", dtype=airy.lanes),
     "due": Array(".", "set to 1 where vortices' motion is due to be renewed", dtype=ti.i32),
     "spans": Array("..", "of each array of these its first row, and numbers of a world", dtype=ti.i32),
-    "outside": Array(".", "set to 1 if one is not finite or beyond ±`LARGEST`", dtype=ti.i32),
+    "which": Array(".", "of the bounds of all these numbers, `usvauv.kernels.functions.Limits`", dtype=ti.i32),
+    "bounds": Array("..", "likewise", dtype=lanes),
+    "outside": Array(".", "set to 1 if one is not finite or out of its range", dtype=ti.i32),
     "ways": Array("W.", "where AUVs are foreseen, for `TOGETHER` worlds", dtype=random.lanes),
     "reception": Array("G", "replies of a step that are fixed side by side", ReceptionColumn, side_by_side),
     "pulse_noise": Array("W..", "noise of one pulse, where it is sampled"),
@@ -417,12 +420,13 @@ def normals(worlds: ti.template(), w, draw: ti.template(), index):
 
 @func
 def find_faults(worlds: ti.template(), first, count):
-    """Set `outside` if one of the numbers of some worlds is not finite or beyond ±`LARGEST`."""
-    largest = lanes(0)
+    """Set `outside` if one of the numbers of some worlds is not finite or out of its range."""
+    least = lanes(0)
     for a in range(worlds.spans.shape[0]):
         begin, each = worlds.spans[a, 0], ti.cast(worlds.spans[a, 1], ti.i64)
         end = begin + ti.cast(((first + count) * each + LANES - 1) // LANES, ti.i32)
         for row in range(begin + ti.cast(first * each // LANES, ti.i32), end):
-            largest = ti.max(largest, worlds.numbers[row] & MAGNITUDE)
-    if lanes_above(largest, LARGEST_BITS) > 0:
+            bounds = worlds.which[row]
+            least |= beyond(worlds.numbers[row], worlds.bounds[bounds, 0], worlds.bounds[bounds, 1])
+    if lanes_below_zero(least) > 0:
         worlds.outside[0] = 1

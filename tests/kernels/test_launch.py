@@ -1,6 +1,7 @@
 """A bound launch is the call it stands for."""
 
 import gc
+import math
 import weakref
 
 import numpy as np
@@ -9,7 +10,7 @@ import taichi as ti
 import torch
 
 from usvauv.kernels import runtime
-from usvauv.kernels.functions import DeviceArray, DeviceArrays, DeviceFlag, Launch
+from usvauv.kernels.functions import DeviceArray, DeviceArrays, DeviceFlag, Launch, Limits
 from usvauv.kernels.runtime import Runtime
 from usvauv.kernels.types import vec3
 
@@ -145,6 +146,28 @@ class TestCopies:
                     runtime.synchronize()
                 assert flag.raised() == outside
             numbers[place] = 0.0
+
+
+@pytest.mark.parametrize("together", [True, False])
+def test_a_flag_of_numbers_with_limits_of_their_own(device, together, monkeypatch):
+    """Rows of 16, of which every third has the same limits; on a CPU side by side, elsewhere one by one."""
+    low, high = -torch.arange(48.0).view(3, 16), torch.arange(48.0).flip(0).view(3, 16)
+    greatest, least = (side.abs().view(torch.int32) for side in (high, low))
+    which = (torch.arange(7) % 3).to(torch.int32)
+    limits = Limits(which.to(device), torch.stack((greatest, greatest ^ least), 1).to(device))
+    if not together:
+        monkeypatch.setattr(Runtime, "on_cpu", False)
+    numbers = torch.zeros(7, 16, device=device)
+    flag = DeviceFlag(numbers.view(-1), limits)
+    for row, lane in ((0, 0), (1, 5), (5, 15), (6, 3)):
+        lowest, highest = low[row % 3, lane].item(), high[row % 3, lane].item()
+        nearly = [(highest, False), (highest + 1e-3, True), (lowest, False), (lowest - 1e-3, True)]
+        for value, outside in (*nearly, (math.nan, True), (-math.inf, True), (-0.0, False)):
+            numbers[row, lane] = value
+            if not runtime.start().torch_on_host:
+                flag.raised()
+                runtime.synchronize()
+            assert flag.raised() == outside, (row, lane, value)
 
 
 def test_a_flag_on_a_card_is_seen_one_look_later(device, monkeypatch):

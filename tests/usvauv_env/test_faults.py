@@ -10,7 +10,7 @@ from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.sea.simulation import SeaSimulation
 from usvauv.kernels import runtime
 from usvauv.kernels.errors import DivergenceError
-from usvauv.kernels.mission.columns import AuvColumn
+from usvauv.kernels.mission.columns import AuvColumn, BoatColumn
 from usvauv.kernels.mission.worlds import STATE
 
 WORLDS = 4
@@ -45,6 +45,23 @@ def test_a_state_that_is_not_finite_stops_the_step(world, array, value):
         until_seen(lambda: world.step(torch.zeros(WORLDS, 2, 2)))
 
 
+@pytest.mark.parametrize(
+    ("column", "bound"), [("arm_ahead", 1e3), ("arm_ahead", -1e3), ("slowness", 100.0), ("mounting_roll", -7.0)]
+)
+def test_a_step_ends_at_what_a_state_is_refused_for(world, column, bound):
+    """At the bound itself neither does."""
+    number = BoatColumn.names.index(column)
+    world.boat[2, 0, number] = bound
+    world.load_state(world.state())
+    until_seen(lambda: world.step(torch.zeros(WORLDS, 2, 2)))
+    world.boat[2, 0, number] = np.nextafter(np.float32(bound), np.float32(2 * bound)).item()
+    rule = rf"world {{}}: {column} of boat 0 is \S+: must be from \S+ to \S+$"
+    with pytest.raises(ScenarioError, match=rule.format(2)):
+        world.load_state(world.state())
+    with pytest.raises(DivergenceError, match=rule.format(r"12 at \d s")):
+        until_seen(lambda: world.step(torch.zeros(WORLDS, 2, 2)))
+
+
 @pytest.mark.cpu("many worlds side by side")
 def test_a_state_among_many_is_looked_at(monkeypatch):
     """The first world, one at the end of those that step together, and the last; the end of an array too."""
@@ -53,8 +70,8 @@ def test_a_state_among_many_is_looked_at(monkeypatch):
         many = World(Scenario.load("extreme", ["sea.realisations=4"]), 301)
     many.reset()
     for own in (0, 31, 300):
-        for array in ("node", "vortex", "belief", "track"):
-            getattr(many, array).view(301, -1)[own, -1] = math.nan
+        for array, value in (("node", 2.0), ("vortex", -1.0), ("belief", -1.0), ("track", math.nan)):
+            getattr(many, array).view(301, -1)[own, -1] = value
             with pytest.raises(DivergenceError, match=rf"^world {own} at 1 s: "):
                 many.step(torch.zeros(301, 2, 2))
             many.reset()

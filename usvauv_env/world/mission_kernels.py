@@ -26,7 +26,7 @@ from usvauv.kernels.mission.run import PARAMETERS, launches, run
 from usvauv.kernels.mission.target_rules import target_rules
 from usvauv.kernels.mission.tasks.task import tasks
 from usvauv.kernels.mission.vehicles import ROWS, move
-from usvauv.kernels.mission.worlds import LARGEST, SIDE_BY_SIDE, TOGETHER, draw_numbers
+from usvauv.kernels.mission.worlds import SIDE_BY_SIDE, TOGETHER, draw_numbers
 from usvauv.kernels.positioning.pulse import Pulses
 from usvauv.kernels.registry import Registry
 from usvauv.kernels.vehicles.vehicle import LANES, vehicles
@@ -88,7 +88,7 @@ class MissionKernels:
         self._seen_outside, self._seen_due, self._seen_not_finite = (flag.numpy(force=True) for flag in flags)
         self.use(site)
         self._evolve_vortices = self._evolution()
-        self._flag = None if self.tables["program"].checks else DeviceFlag(memory.numbers, LARGEST)
+        self._flag = None if self.tables["program"].checks else DeviceFlag(memory.numbers, memory.limits)
         self.bind()
 
     def _zeros(self, *shape: int) -> torch.Tensor:
@@ -125,6 +125,8 @@ class MissionKernels:
             "program": program,
             "numbers": self._rows(self._memory.numbers, program.checks).view(torch.int32),
             "spans": self._memory.spans,
+            "which": self._memory.limits.which,
+            "bounds": self._memory.limits.bits,
             "outside": self._outside,
             "due": self._due,
             "vortex_rows": self._rows(arrays["vortex"], in_lanes),

@@ -11,11 +11,12 @@ import torch
 
 from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.env.world.observation import ObservationLayout
+from usvauv.kernels.functions import LANES, Limits
 from usvauv.kernels.mission.worlds import REWARDS, STATE
 
 Numbers = torch.Tensor | np.ndarray | Sequence[Any]  # arguments of `World.step`
-ALIGNMENT = 16  # numbers
-ANYTHING = 1e12  # bound of a number without a range: of an observation, a reward
+ALIGNMENT = LANES  # numbers
+ANYTHING = 1e20  # bound of a number without a range: of an observation, a reward
 LATEST = 1_000_000_000  # largest episode or step of a clock
 # Fields on which only numbers in the kernels' tables, the storm and the forcing of the sea depend.
 ADJUSTABLE = (
@@ -79,15 +80,17 @@ class Memory(NamedTuple):
         arrays: views of these by name.
         spans: of each array that every world has the first row of `ALIGNMENT` numbers, and the numbers of a world,
             (…, 2) int32.
+        limits: of all numbers.
     """
 
     numbers: torch.Tensor
     arrays: dict[str, torch.Tensor]
     spans: torch.Tensor
+    limits: Limits
 
 
-def allocate(shapes: Mapping[str, Sequence[int]], num_worlds: int, device: torch.device) -> Memory:
-    """Memory of zeros for arrays of these shapes."""
+def allocate(shapes: Mapping[str, Sequence[int]], scenario: Scenario, num_worlds: int, device: torch.device) -> Memory:
+    """Memory of zeros for arrays of these shapes, in worlds of this scenario."""
     lengths = [padded_length(shape) for shape in shapes.values()]
     numbers = torch.zeros(sum(lengths), dtype=torch.float32, device=device)
     named = zip(numbers.split(lengths), shapes.items(), strict=True)
@@ -96,14 +99,29 @@ def allocate(shapes: Mapping[str, Sequence[int]], num_worlds: int, device: torch
     each = [
         (row, math.prod(shape[1:])) for row, shape in zip(rows, shapes.values(), strict=False) if shape[0] == num_worlds
     ]
-    return Memory(numbers, arrays, torch.tensor(np.array(each, np.int32), device=device))
+    spans = torch.tensor(np.array(each, np.int32), device=device)
+    return Memory(numbers, arrays, spans, limits_of(shapes, scenario, device))
+
+
+def limits_of(shapes: Mapping[str, Sequence[int]], scenario: Scenario, device: torch.device) -> Limits:
+    """Limits of the numbers of arrays of these shapes that lie one after the other, each in rows of its own."""
+    bounds, which, bits = bounds_of(scenario), [], []
+    for name, shape in shapes.items():
+        columns = bounds.get(name, ANYTHING * np.array([[-1], [1]], np.float32))
+        period = columns.shape[1] // math.gcd(columns.shape[1], ALIGNMENT)  # rows after which the columns are the same
+        low, high = np.tile(columns, ALIGNMENT * period // columns.shape[1])
+        which.append(len(bits) + np.arange(padded_length(shape) // ALIGNMENT) % period)
+        least, greatest = (side.view(np.int32).reshape(period, ALIGNMENT) for side in (abs(low), high))
+        bits += [*np.stack((greatest, greatest ^ least), 1)]
+    tables = np.concatenate(which).astype(np.int32), np.array(bits, np.int32)
+    return Limits(*(torch.tensor(table, device=device) for table in tables))
 
 
 def bounds_of(scenario: Scenario) -> dict[str, np.ndarray]:
-    """Bounds of each column of the arrays of `STATE`, (2, columns) float64: low, high."""
+    """Bounds of each column of the arrays of `STATE` that has ranges, (2, columns) float32: low, high."""
     numbers: dict[Any, float] = {
-        "width": float(np.float32(scenario.area.width)),
-        "length": float(np.float32(scenario.area.length)),
+        "width": scenario.area.width,
+        "length": scenario.area.length,
         "targets": scenario.targets,
         "last_target": scenario.targets - 1,
         "last_auv": scenario.auv.count - 1,
@@ -111,7 +129,11 @@ def bounds_of(scenario: Scenario) -> dict[str, np.ndarray]:
         "last_kind": len(scenario.nodes.arrival_rates) - 1,
     }
     sides = {name: ([r.low for r in array.ranges], [r.high for r in array.ranges]) for name, array in STATE.items()}
-    return {name: np.array([[numbers.get(b, b) for b in side] for side in both]) for name, both in sides.items()}
+    return {
+        name: np.array([[numbers.get(b, b) for b in side] for side in both], np.float32)
+        for name, both in sides.items()
+        if both[0]
+    }
 
 
 def first_outside(
@@ -129,7 +151,7 @@ def first_outside(
     if not ranges:
         wrong = ~(values.abs() <= ANYTHING)
     else:
-        low, high = torch.from_numpy(bounds[name])
+        low, high = torch.from_numpy(bounds[name]).double()
         whole = torch.tensor([allowed.whole for allowed in ranges], device="cpu")
         wrong = ~((values >= low) & (values <= high)) | (whole & (values != values.round()))
     places = wrong.nonzero()

@@ -193,7 +193,7 @@ class World:
         workspaces = num_worlds * workspace_numbers(scenario, pulses)
         size = 4.0 * (WORKSPACE * sum(map(padded_length, shapes.values())) + workspaces)
         require(size, f"num_worlds = {num_worlds} of {self.num_auvs} AUVs", self.device)
-        memory = allocate(shapes, num_worlds, self.device)
+        memory = allocate(shapes, scenario, num_worlds, self.device)
         for name, array in memory.arrays.items():
             setattr(self, name, array)
         self._measures = self.auv[..., MEASURED]  # making it anew in each step would take longer
