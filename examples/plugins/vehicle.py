@@ -78,4 +78,8 @@ def drive(table: ti.template(), rudder, stern, propeller):
     return Actuators(rudder, stern, 2.5 * propeller)
 
 
-vehicles.register("dubins", Vehicle(NUMBERS, table_of, advance, control, trim, drive, substep=0.2, turning=10.0))
+def substep(numbers, variation):
+    return min(0.2, 0.5 * numbers["lag"])
+
+
+vehicles.register("dubins", Vehicle(NUMBERS, table_of, advance, control, trim, drive, substep, turning=10.0))

@@ -34,7 +34,6 @@ class Motion(NamedTuple):
     Attributes:
         advance, control, trim, drive: of the `Vehicle`.
         action: of `Action`.
-        substeps: in a mission step.
         turning: of the `Vehicle`, m.
     """
 
@@ -43,16 +42,12 @@ class Motion(NamedTuple):
     trim: Callable[..., Any]
     drive: Callable[..., Any]
     action: int
-    substeps: int
     turning: float
 
     @classmethod
-    def of(cls, vehicle: Vehicle, action: int, step: float) -> "Motion":
-        """Of a vehicle, for an action of `Action` and a mission step, s."""
-        substeps = max(1, -int(-step // vehicle.substep))
-        return cls(
-            vehicle.advance, vehicle.control, vehicle.trim, vehicle.drive, action, substeps, float(vehicle.turning)
-        )
+    def of(cls, vehicle: Vehicle, action: int) -> "Motion":
+        """Of a vehicle, for an action of `Action`."""
+        return cls(vehicle.advance, vehicle.control, vehicle.trim, vehicle.drive, action, float(vehicle.turning))
 
 
 @func
@@ -224,8 +219,8 @@ def over_ground(body: Body):
 
 
 @func
-def sail(motion_of: ti.template(), table: ti.template(), step: ti.f32, block: ti.template(), g):
-    """Move the vehicles of a block through a mission step (s)."""
+def sail(motion_of: ti.template(), table: ti.template(), step: ti.f32, substeps: ti.i32, block: ti.template(), g):
+    """Move the vehicles of a block through a mission step (s) in some substeps."""
     body = load(block, g, Body, BODY)
     memory = load(block, g, Memory, MEMORY)
     around = load(block, g, Surroundings, SURROUNDINGS)
@@ -234,15 +229,15 @@ def sail(motion_of: ti.template(), table: ti.template(), step: ti.f32, block: ti
     told = motion_of.drive(table, command.heading, command.speed, command.depth)
     north, east = over_ground(body)
     through_north, through_east = 0.5 * north, 0.5 * east
-    dt = step * ti.static(1.0 / motion_of.substeps)
-    for _ in range(motion_of.substeps):
+    share = 1.0 / substeps
+    dt = step * share
+    for _ in range(substeps):
         if ti.static(motion_of.action != Action.fins):
             told, memory = motion_of.control(table, body, memory, command, around, sensor_error, dt)
         body = motion_of.advance(table, body, told, around, dt)
         north, east = over_ground(body)
         through_north += north
         through_east += east
-    share = ti.static(1.0 / motion_of.substeps)
     store(block, g, body, BODY)
     store(block, g, memory, MEMORY)
     block[g, BodyColumn.way_x] = body.east
@@ -277,6 +272,7 @@ def move(
     phase: ti.template(),
     serial: ti.template(),
     motion_of: ti.template(),
+    substeps: ti.i32,
     p: array1,
     table: array1,
     key: index2,
@@ -291,7 +287,7 @@ def move(
     """Deploy the vehicles of the worlds that are chosen (`Phase.reset`), or move all through a mission step.
 
     Args:
-        table: of the vehicle. state: (W·K, Y) the array `body` of the worlds.
+        substeps: in a mission step. table: of the vehicle. state: (W·K, Y) the array `body` of the worlds.
         numbers, block: workspace of zeros (blocks, `ROWS`, LANES), LANES vehicles a block, as numbers and as lanes.
     """
     ti.loop_config(serialize=serial)
@@ -309,7 +305,7 @@ def move(
     ti.loop_config(serialize=serial, block_dim=1)
     for g in range(block.shape[0]):
         if ti.static(phase == Phase.step):
-            sail(motion_of, table, p[Parameter.step], block, g)
+            sail(motion_of, table, p[Parameter.step], substeps, block, g)
         else:
             asked = load(block, g, Command, ti.static(range(COMMAND, COMMAND + 4)))
             store(block, g, motion_of.trim(table, asked.speed, asked.depth, asked.heading), BODY)

@@ -89,10 +89,11 @@ class Fleet:
     def __init__(self, count: int, model: str = "torpedo", numbers: Mapping[str, float] | None = None) -> None:
         device = runtime.start().device
         vehicle = vehicles[model]
-        self.count, self.substep = count, vehicle.substep
         self._vehicle, self._blocks = vehicle, math.ceil(count / LANES)
         defaults = {name: number.default for name, number in vehicle.numbers.items()}
-        self._table = torch.from_numpy(vehicle.table_of(defaults | dict(numbers or {}))).to(device)
+        given = defaults | dict(numbers or {})
+        self.count, self.substep = count, vehicle.substep(given, 0.0)
+        self._table = torch.from_numpy(vehicle.table_of(given)).to(device)
         packed = (torch.zeros(self._blocks, size, LANES, dtype=torch.float32, device=device) for size in SIZES)
         self.state, self.memory, self.command, self.actuators, self.water = packed
         self.field("q0")[:] = 1.0

@@ -28,8 +28,7 @@ rotation.
 straight lines; astern and going backwards those of J = 0. It turns right, so that the hull heels to port.
 
 Left out: the body's own straining by a flow, with its moment of the order of I G ω; waves that the hull makes near the
-surface, where it also loses no buoyancy; the propeller's race on the fins. Velocities are kept within limits far above
-what a vehicle reaches, so that the substep is stable in any flow and from any state.
+surface, where it also loses no buoyancy; the propeller's race on the fins.
 """
 
 from collections.abc import Mapping
@@ -38,7 +37,7 @@ import numpy as np
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.vehicles import autopilot, gains
+from usvauv.kernels.vehicles import autopilot, gains, stability
 from usvauv.kernels.vehicles.kinematics import Triple, axes, dot, gradient, gradient_transposed, velocity_of_water
 from usvauv.kernels.vehicles.numbers import GRAVITY, NUMBERS, Constant, constants_of
 from usvauv.kernels.vehicles.vehicle import (
@@ -54,12 +53,9 @@ from usvauv.kernels.vehicles.vehicle import (
     vehicles,
 )
 
-SUBSTEP = 0.05  # s
+SUBSTEP = 0.05  # s, the longest
 STAGES = 2
 TURNING = 10.0  # m
-# Limits of velocities through the water, ahead and across, m/s, and of those of roll and turn, rad/s: beyond, drag of
-# the cross-flow is too stiff for the substep.
-AHEAD, ACROSS, ROLL, TURN = 15.0, 5.0, 20.0, 5.0
 TWO_PI = 6.283185307179586
 Wrench = ti.types.struct(x=lanes, y=lanes, z=lanes, roll=lanes, pitch=lanes, yaw=lanes)
 Rates = ti.types.struct(
@@ -239,12 +235,12 @@ def after(table: ti.template(), begin, body, rate, actuators, h: ti.f32) -> Body
         q1=q1 * scale,
         q2=q2 * scale,
         q3=q3 * scale,
-        u=autopilot.clamp(begin.u + h * rate.u, AHEAD),
-        v=autopilot.clamp(begin.v + h * rate.v, ACROSS),
-        w=autopilot.clamp(begin.w + h * rate.w, ACROSS),
-        p=autopilot.clamp(begin.p + h * rate.p, ROLL),
-        q=autopilot.clamp(begin.q + h * rate.q, TURN),
-        r=autopilot.clamp(begin.r + h * rate.r, TURN),
+        u=begin.u + h * rate.u,
+        v=begin.v + h * rate.v,
+        w=begin.w + h * rate.w,
+        p=begin.p + h * rate.p,
+        q=begin.q + h * rate.q,
+        r=begin.r + h * rate.r,
         rudder=follow(begin.rudder, actuators.rudder, limit, most, fins),
         stern=follow(begin.stern, actuators.stern, limit, most, fins),
         propeller=follow(begin.propeller, actuators.propeller, fastest, 2.0 * fastest, turn),
@@ -329,7 +325,40 @@ def table_of(n: Mapping[str, float]) -> np.ndarray:
     return np.concatenate((constants, gains.constants_of(n, constants)))
 
 
+ALL_NUMBERS = {**NUMBERS, **gains.NUMBERS}
+
+
+USUAL = {name: number.default for name, number in ALL_NUMBERS.items()}
+
+
+def substep(n: Mapping[str, float], variation: float) -> float:
+    """The longest substep, s, of `Vehicle.substep`.
+
+    Raises:
+        ValueError: the numbers move it too fast for any substep; the message names one.
+    """
+
+    def longest(numbers: Mapping[str, float]) -> float:
+        hull = numbers["length"] > numbers["diameter"]
+        return stability.torpedo_substep(numbers, variation, SUBSTEP) if hull else 0.0
+
+    shortest = stability.SHORTEST
+    return stability.admitted(n, USUAL, longest, shortest, f"moves too fast for substeps of {1e3 * shortest:g} ms")
+
+
+def check_roll(n: Mapping[str, float]) -> None:
+    """Refuse a torpedo whose propeller spins the hull.
+
+    Raises:
+        ValueError: it does; the message names a number.
+    """
+
+    def rights(numbers: Mapping[str, float]) -> float:
+        return float(numbers["length"] > numbers["diameter"] and not stability.spins(stability.named(numbers)))
+
+    stability.admitted(n, USUAL, rights, 1.0, "the propeller's torque spins the hull")
+
+
 TORPEDO = vehicles.register(
-    "torpedo",
-    Vehicle({**NUMBERS, **gains.NUMBERS}, table_of, advance, autopilot.control, trim, drive, SUBSTEP, TURNING),
+    "torpedo", Vehicle(ALL_NUMBERS, table_of, advance, autopilot.control, trim, drive, substep, TURNING)
 )

@@ -221,7 +221,9 @@ class Vehicle(NamedTuple):
             are left out are 0.
         drive: (table, rudder, stern, propeller) → Actuators, what numbers in [−1, 1] tell the actuators: shares of
             their limits.
-        substep: longest dt, s.
+        substep: (names → values, variation) → longest dt, s, for all of `numbers` and a vehicle whose mass, drag and
+            fins differ from the model's by up to the share `variation`: short enough for its fastest motion. A
+            ValueError names a number for which none is.
         turning: radius of its turning circle, m, by which it keeps away from the area's border.
     """
 
@@ -231,7 +233,7 @@ class Vehicle(NamedTuple):
     control: Callable[..., Any]
     trim: Callable[..., Any]
     drive: Callable[..., Any]
-    substep: float
+    substep: Callable[[Mapping[str, float], float], float]
     turning: float
 
 

@@ -9,6 +9,7 @@ import torch
 from usvauv import policies
 from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.record.recorder import record
+from usvauv.kernels.errors import DivergenceError
 from usvauv.kernels.mission.columns import AuvColumn, BodyColumn
 from usvauv.kernels.vehicles.fleet import Fleet
 from usvauv.kernels.vehicles.vehicle import Body, Command, Surroundings
@@ -155,6 +156,28 @@ def test_it_stays_in_the_area():
 
 
 @pytest.mark.parametrize(
+    "numbers",
+    [("torpedo.roll_damping=5", "auv.variation=0.5"), ("torpedo.cross_drag=3", "auv.variation=0.5"), ("buoyancy=450",)],
+)
+def test_fast_motion_takes_shorter_substeps(numbers):
+    """It keeps its course where substeps of the model's would be unstable, or rises as fast as its drag lets it."""
+    world = torpedo(2, 1, *(each if "." in each else f"torpedo.{each}" for each in numbers))
+    world.reset()
+    for _ in range(60):
+        world.step(north_west(world))
+    body = world.body[..., BodyColumn.u : BodyColumn.r + 1].abs()
+    assert (body < torch.tensor([9.0, 2.0, 2.0, 3.0, 2.0, 2.0], device=world.device)).all()
+    world.load_state(world.state())
+
+
+def test_a_vehicle_faster_than_any_ends_the_run():
+    world = torpedo(2, 1, "auv.action=fins", "torpedo.propeller_limit=60")
+    rule = r"^world \d at \d+ s: p of the body of AUV \d is \S+: must be from -20 to 20$"
+    with pytest.raises(DivergenceError, match=rule):
+        record(world, lambda _: torch.ones(2, 2, 3), "full")
+
+
+@pytest.mark.parametrize(
     ("overrides", "message"),
     [
         (["auv.model=torpedo"], 'nodes.service = "hover": a torpedo cannot hover: must be "passing"'),
@@ -162,6 +185,14 @@ def test_it_stays_in_the_area():
         (["auv.action=fins"], "needs a model with dynamics"),
         (['observation.extra=["attitude"]'], "needs an auv.model with dynamics"),
         ([*TORPEDO, "torpedo.diameter=1.6"], "^extreme: torpedo: length = 1.6: must be above the diameter, 1.6 m$"),
+        (
+            [*TORPEDO, "torpedo.weight_below=0"],
+            r"torpedo: weight_below = 0: the propeller's torque spins the hull: must be at least 0.00\d+ with",
+        ),
+        (
+            [*TORPEDO, "torpedo.rudder_area=5", "auv.variation=0.3"],
+            "torpedo: rudder_area = 5: moves too fast for substeps of 1 ms: must be at most 1.[0-9]+ with the other",
+        ),
     ],
 )
 def test_refused(overrides, message):

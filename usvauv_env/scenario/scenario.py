@@ -21,6 +21,7 @@ from usvauv.env.storage.files import TextFileError, check_plain
 from usvauv.kernels.mission.target_rules import target_rules
 from usvauv.kernels.mission.tasks.task import Task, tasks
 from usvauv.kernels.positioning.pulse import FEWEST_CHIPS, FEWEST_PERIODS
+from usvauv.kernels.vehicles.torpedo import check_roll
 from usvauv.kernels.vehicles.vehicle import vehicles
 
 LONGEST_NAME = 120  # bytes; it is part of file names, which may have 255
@@ -155,6 +156,8 @@ class Scenario(Section):
         if auv.model == "torpedo":
             try:
                 vehicles["torpedo"].table_of(dict(self.torpedo))
+                vehicles["torpedo"].substep(dict(self.torpedo), auv.variation)
+                check_roll(dict(self.torpedo))
             except ValueError as error:
                 raise ValueError(f"torpedo: {error}") from None
         for name in ("altitude", *(["depth_max"] if auv.action == "vector-depth" else [])):

@@ -208,6 +208,7 @@ class MissionKernels:
             phase,
             runtime.better_alone(self._blocks.shape[0]),
             tables.vehicle_motion(scenario),
+            tables.vehicle_substeps(scenario),
             arguments["p"],
             table,
             *given,

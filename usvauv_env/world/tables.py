@@ -58,6 +58,7 @@ BOUNDARIES = Parameter.names[Parameter.span("array_depth", "bottom_absorption")]
 SERVICE_FILL = 0.65  # share of a full buffer collected in a typical service, for the boat's prediction
 GATE = 16  # of the receiver of coded pulses, chips
 STRONGEST = 50.0  # m/s, upper limit of Wu's law for the drag of the sea surface
+SHORTEST = 1e-4  # s, of a vehicle's substep
 LOUDEST = 200.0  # dB re 1 µPa²/Hz, of ambient noise
 
 
@@ -430,17 +431,30 @@ def vehicle_motion(scenario: Scenario) -> Motion:
     """The motion model of a scenario whose AUVs are vehicles with dynamics."""
     auv = scenario.auv
     action = {"vector-depth": Action.vector_depth, "fins": Action.fins}.get(auv.action, Action.vector)
-    return Motion.of(vehicles[auv.model], action, scenario.mission.step)
+    return Motion.of(vehicles[auv.model], action)
+
+
+def vehicle_substeps(scenario: Scenario) -> int:
+    """Substeps of these vehicles in a mission step."""
+    auv = scenario.auv
+    with vehicles.calling(auv.model):
+        longest = vehicles[auv.model].substep(vehicle_numbers(scenario), auv.variation)
+    if not isinstance(longest, float | int | np.number) or not SHORTEST <= longest < math.inf:
+        raise vehicles.refuse(auv.model, longest, f"a substep of at least {SHORTEST:g} s")
+    return max(1, -int(-scenario.mission.step // longest))
+
+
+def vehicle_numbers(scenario: Scenario) -> dict[str, float]:
+    """The vehicle's numbers by name: the scenario's, or else the model's defaults."""
+    given = dict(scenario.torpedo) if scenario.auv.model == "torpedo" else scenario.vehicle_parameters.numbers
+    return {name: number.default for name, number in vehicles[scenario.auv.model].numbers.items()} | given
 
 
 def vehicle_table(scenario: Scenario) -> np.ndarray:
-    """The vehicle's numbers, as its functions read them: the scenario's, or else the model's defaults."""
+    """The vehicle's numbers as its functions read them."""
     name = scenario.auv.model
-    vehicle = vehicles[name]
-    given = dict(scenario.torpedo) if name == "torpedo" else scenario.vehicle_parameters.numbers
-    numbers = {each: about.default for each, about in vehicle.numbers.items()} | given
     with vehicles.calling(name):
-        return np.ascontiguousarray(vehicle.table_of(numbers), np.float32)
+        return np.ascontiguousarray(vehicles[name].table_of(vehicle_numbers(scenario)), np.float32)
 
 
 def fixed_vortices(scenario: Scenario) -> np.ndarray:
