@@ -38,6 +38,7 @@ from usvauv.kernels.mission.columns import (
 from usvauv.kernels.mission.tasks.task import Task
 from usvauv.kernels.positioning import tracker
 from usvauv.kernels.types import Columns, vec4
+from usvauv.kernels.vehicles import otter
 from usvauv.kernels.vehicles.otter import HullColumn
 
 
@@ -180,7 +181,7 @@ TOGETHER = 32  # worlds that a thread takes through a stage, whose code stays in
 PURPOSE = 1 << 16  # of a draw, as part of its address
 ANYWHERE = Range(-1e12, 1e12)
 TRACK = tracker.COLUMNS * (Range(-1e25, 1e25),)
-SPEED, SPIN = Range(-50.0, 50.0), Range(-20.0, 20.0)  # m/s and rad/s, of a boat's hull
+SPEED, SPIN = (Range(-most, most) for most in (otter.FASTEST, otter.SPINNING))
 REVOLUTIONS, SUM = Range(-1001.0, 1001.0), Range(-1e6, 1e6)
 HULL = SUM, SPEED, SPEED, SPIN, REVOLUTIONS, REVOLUTIONS, SUM, SUM  # of `HullColumn`; the heading is that of all turns
 DRIFT = (Range(-1e6, 1e6),) * len(VortexDrift.names)

@@ -44,6 +44,7 @@ KINDS = {  # share of the count
     "attributes": 0.004,
     "trace": 0.003,
     "scenario": 0.003,
+    "vehicle": 0.003,
     "run": 0.01,
 }
 TEXTS = (
@@ -165,6 +166,37 @@ def fuzz_scenario(r: random.Random, folder: Path) -> None:
     setting = Scenario.load(base, [*options, *scenarios.random_overrides(r)])
     if scenarios.short(setting, 3):
         assert (fault := scenarios.run(setting, 0, 3)) is None, fault
+
+
+def fuzz_vehicle(r: random.Random, folder: Path) -> None:
+    """Torpedoes and Otters in calm and heavy seas: what is not refused ends as a fault of theirs, or in a state that
+    can be loaded.
+    """
+    import torch
+
+    from tests.trials.scenarios import random_overrides
+    from usvauv.env import Scenario, World
+    from usvauv.kernels.errors import DivergenceError
+
+    options = ["boat.model=otter", "auv.count=2", "nodes.count=20"]
+    whose, base = "hull of boat", "wide"
+    section = r.choice(("torpedo.", "otter."))
+    if section == "torpedo.":
+        options = [f"auv.variation={r.choice((0, 0.2, 0.5))}", f"auv.action={r.choice(('vector', 'fins'))}"]
+        whose, base = "body of AUV", "extreme-torpedo"
+    sea = r.choice(([], ["storm.significant_height=12", "storm.peak_period=14"]))
+    setting = Scenario.load(base, [*options, *sea, *random_overrides(r, section)])
+    world = World(setting, 8, r.randrange(100), usv="hold:100,100")
+    world.reset()
+    generator, shape = torch.Generator().manual_seed(r.randrange(100)), (8, world.num_auvs, world.action_size)
+    try:
+        for _ in range(200):
+            world.step(2 * torch.rand(shape, generator=generator) - 1)
+    except DivergenceError as error:
+        if whose not in str(error):
+            raise AssertionError(error) from None
+    else:
+        world.load_state(world.state())
 
 
 def fuzz_learn(r: random.Random, folder: Path) -> None:

@@ -76,11 +76,13 @@ def draw(source: random.Random, kind: type, low: float, high: float, usual: floa
     return round(value) if kind is int else value
 
 
-def random_overrides(source: random.Random) -> list[str]:
-    """From one to eight numbers anew."""
-    table = numbers()
+def random_overrides(source: random.Random, section: str = "") -> list[str]:
+    """From one to eight numbers anew, of a section or of all."""
+    table = {name: about for name, about in numbers().items() if name.startswith(section)}
     names = source.sample(sorted(table), source.choice((1, 2, 3, 5, 8)))
     values = [f"{name}={draw(source, *table[name])!r}" for name in names]
+    if section:
+        return values
     if source.random() < 0.2:
         centre = [source.choice((-1e5, 0.0, 1e5, source.uniform(0, 200))) for _ in range(2)]
         values.append(f"current.centres=[{centre}]")

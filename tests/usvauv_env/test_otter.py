@@ -7,10 +7,11 @@ import pytest
 import torch
 
 from tests.usvauv_env.test_boat_motion import PLACE, sailed
-from usvauv.env import Scenario, World
+from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.record.recorder import record
 from usvauv.env.scenario.team import Otter
 from usvauv.env.world import tables
+from usvauv.kernels.errors import DivergenceError
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn
 from usvauv.kernels.vehicles import otter
 from usvauv.kernels.vehicles.otter import HullColumn
@@ -50,6 +51,32 @@ def test_however_fast_it_is_damped_it_goes_no_faster(name):
     world = world_of("hold:900,500", 1, otter={name: most})
     places = sailed(world, 20, (0.0, 0.0))
     assert np.linalg.norm(np.diff(places, axis=0), axis=-1).max() < 2.1
+
+
+@pytest.mark.parametrize("numbers", [{"lateral_area": 50}, {"lateral_area": 20}, {"added_sway": 5000}])
+def test_whatever_the_wind_does_to_it_it_is_slower_than_the_wind(numbers):
+    world = world_of("hold:900,500", 2, otter=numbers, acoustics={"wind": 30})
+    sailed(world, 40, (0.0, 0.0))
+    u, v = world.hull[..., HullColumn.span("u", "v")].abs().amax(dim=(0, 1)).tolist()
+    assert u < 6
+    assert 0 < v < 15
+    world.load_state(world.state())
+
+
+def test_a_boat_that_goes_faster_than_any_ends_the_run():
+    """Against such damping it turns by one propeller at full thrust. The message names it, not an AUV."""
+    world = world_of("hold:900,100", 2, otter={"most_ahead": 1000, "damping_yaw": 10000})
+    with pytest.raises(DivergenceError, match=r"^world \d at \d+ s: \w+ of the hull of boat 0 is \S+: must be from "):
+        sailed(world, 60)
+
+
+def test_a_boat_too_fast_for_any_substep_is_refused():
+    """In a gale; the message names a number of several, and what is allowed beside the others."""
+    numbers = {"wind_yaw": 1, "lateral_area": 50, "added_yaw": 0, "inertia": 1, "centre": 0}
+    rule = r"^otter: \w+ = \S+: moves too fast for substeps of 0.5 ms in a wind of 40 m/s: must be at (le|mo)[^\n]+$"
+    world_of("hold:900,100", 1, otter=numbers, acoustics={"wind": 2})
+    with pytest.raises(ScenarioError, match=rule):
+        world_of("hold:900,100", 1, otter=numbers, acoustics={"wind": 40})
 
 
 def test_a_uniform_current_is_a_moving_frame():

@@ -94,6 +94,8 @@ class Scenario(Section):
         if nodes.service == "passing" and nodes.hovering_time == "exact":
             raise ValueError("nodes.hovering_time = exact: must be steps with nodes.service = passing")
         self._check_vehicle()
+        if self.boat.model == "otter":
+            self.otter.check(0.0)
         if self.boat.count > self.auv.count:
             raise ValueError(f"boat.count = {self.boat.count}: must not be above auv.count, {self.auv.count}")
         smaller = min(self.area.width, self.area.length)

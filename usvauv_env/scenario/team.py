@@ -13,6 +13,7 @@ from usvauv.kernels.mission import target_rules
 from usvauv.kernels.mission.motion import FASTEST
 from usvauv.kernels.planning.information import MAX_AUVS
 from usvauv.kernels.positioning.acoustic_link import rate_laws
+from usvauv.kernels.vehicles import otter
 from usvauv.kernels.vehicles.torpedo import TORPEDO
 from usvauv.kernels.vehicles.vehicle import vehicles
 
@@ -140,6 +141,18 @@ class Otter(Section):
     )
     rate_gain: float = Field(3.5, ge=0.1, le=5, description="gain of that rate's error over the inertia, 1/s; chosen")
     speed_gain: float = Field(1.0, ge=0.05, le=5, description="gain of the error of speed over the mass, 1/s; chosen")
+
+    def check(self, wind: float) -> None:
+        """Refuse a boat that moves too fast for any substep in winds up to some speed, m/s.
+
+        Raises:
+            ValueError: it does.
+        """
+        usual = {name: field.default for name, field in type(self).model_fields.items()}
+        try:
+            otter.check(self.model_dump(), usual, wind)
+        except ValueError as error:
+            raise ValueError(f"otter: {error}") from None
 
 
 class Planner(Section):

@@ -96,8 +96,8 @@ class MissionKernels:
 
     def use(self, site: Site) -> None:
         """Make the tables of a site; `bind` is to follow."""
-        self._site, scenario = site, site.scenario
-        uploaded = tables.kernel_tables(site, self._strategy)
+        scenario, uploaded = site.scenario, tables.kernel_tables(site, self._strategy)
+        self._site = site
         program = tables.program(site, self._strategy.strategy, uploaded["link"])
         worlds, auvs = self.action.shape[:2]
         few = runtime.better_alone(AUV_STEP * worlds * auvs)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from usvauv.env.scenario import Scenario
+from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.env.scenario.team import CLEAREST, Nodes
 from usvauv.env.sea.storm import total_height, wave_systems
 from usvauv.env.sea.water import Seeds, current_bound
@@ -240,7 +240,7 @@ def kernel_tables(site: Site, strategy: StrategyChoice) -> dict[str, np.ndarray]
         "strategy_arguments": strategy.numbers or [0.0],
         "rule_numbers": target_rules.parse(s.nodes.target_rule)[1] or [0.0],
         "task_parameters": [given.get(name, default) for name, default in task.parameters] or [0.0],
-        "otter": otter.table_of(s.otter.model_dump()) if s.boat.model == "otter" else [0.0],
+        "otter": otter_table(site) if s.boat.model == "otter" else [0.0],
         "reward_weights": weights,
         "bed": site.bed,
     }
@@ -248,6 +248,19 @@ def kernel_tables(site: Site, strategy: StrategyChoice) -> dict[str, np.ndarray]
         **{name: np.ascontiguousarray(table, np.float32) for name, table in numbers.items()},
         "observation_first": np.array([place.start for _, place in ObservationLayout.of(s)], np.int32),
     }
+
+
+def otter_table(site: Site) -> np.ndarray:
+    """Numbers of the boats of a site with dynamics, `usvauv.kernels.vehicles.otter.Number`.
+
+    Raises:
+        ScenarioError: in its wind they move too fast.
+    """
+    try:
+        site.scenario.otter.check(wind(site))
+    except ValueError as error:
+        raise ScenarioError(str(error)) from None
+    return otter.table_of(site.scenario.otter.model_dump(), wind(site))
 
 
 def side_by_side(link: np.ndarray) -> np.ndarray:

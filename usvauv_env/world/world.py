@@ -395,13 +395,13 @@ class World:
         and propagate from there.
 
         Raises:
-            ScenarioError: another field differs.
+            ScenarioError: another field differs, or in the wind of the new storm boats move too fast.
         """
         check_same(self.scenario, scenario, ADJUSTABLE, "cannot change while worlds run")
-        redrawn = scenario.current != self.scenario.current
-        for name, value in (("scenario", scenario), ("site", self.site.under(scenario))):
+        redrawn, site = scenario.current != self.scenario.current, self.site.under(scenario)
+        self._kernels.use(site)
+        for name, value in (("scenario", scenario), ("site", site)):
             object.__setattr__(self, name, value)
-        self._kernels.use(self.site)
         if redrawn:
             self._redraw_circulations()
         self._water.go_on_under(self.site)

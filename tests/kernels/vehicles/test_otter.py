@@ -180,6 +180,18 @@ def test_a_boat_that_spins_comes_to_rest(rate):
     np.testing.assert_allclose(coarse[:4], fine[:4], atol=0.02)
 
 
+@pytest.mark.parametrize(
+    "changes",
+    [{"lateral_area": 50.0}, {"added_sway": 5000.0}, {"damping_turn": 1e5}, {"added_yaw": 0.0, "wind_yaw": 1.0}],
+)
+def test_its_substep_is_as_good_as_a_short_one(changes):
+    """In a gale abeam, under thrust that turns it."""
+    dt = float(otter.table_of(NUMBERS | changes, 30.0)[otter.Number.substep])
+    steps = 8 * round(0.25 / dt + 0.5)
+    ends = [sailed(np.zeros(8), (100, -60), (5.0, 29.0), 2.0 / n, 2.0, **changes)[0][0] for n in (steps, 20 * steps)]
+    np.testing.assert_allclose(ends[0][:4], ends[1][:4], atol=0.05)
+
+
 def test_what_is_allocated_keeps_the_moment_first():
     table = torch.from_numpy(otter.table_of(NUMBERS))
     ahead, astern, lever = 0.01108 * 103.9**2, 0.006445 * 101.7**2, NUMBERS["lever"]
