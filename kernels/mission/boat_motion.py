@@ -284,9 +284,9 @@ def boat_heading(worlds: ti.template(), w, b) -> ti.f32:
 def reach(worlds: ti.template(), w, b) -> vec3:
     """Middle and radius of the disc of goals towards which boat b slows down, m; without lag the way of a step.
 
-    Water and wind carry the middle along meanwhile. An Otter that turns by θ at the rate ω before it goes at top speed V gets as far in the time in which it turns round
-    and slows down as in the direction θ the way of slowing down and (π − θ) V/ω. So half the greatest of these is what
-    the middle lies ahead of it and the radius is longer.
+    Water and wind carry the middle along meanwhile. An Otter that turns by θ at the rate ω before it goes at top speed
+    V gets as far in the time in which it turns round and slows down as in the direction θ the way of slowing down and
+    (π − θ) V/ω. So half the greatest of these is what the middle lies ahead of it and the radius is longer.
     """
     p = ti.static(worlds.p)
     middle = boat_place(worlds, w, b) + p[Parameter.control_time] * learned_drift(worlds, w, b)

@@ -25,7 +25,7 @@ SMALLEST: dict[str, tuple[str, dict[str, object]]] = {  # options, and constants
     # In slow tests: half a minute to minutes, most of it for compiling.
     "benchmarks.curves": ("--worlds 1 --seconds 0", {"SIZE": 8, "TRIAD": 1 << 10}),
     "benchmarks.learning": ("--updates 50 --largest 128", {}),
-    "benchmarks.scale": ("--jobs 1", {"TASKS": 1}),
+    "benchmarks.scale": ("--jobs 1", {"TASKS": 4}),
     "benchmarks.seeds": ("--seeds 2 --pairs 1 --updates 200 --learn batch=8 --learn hidden=8", {}),
     "benchmarks.start": ("--rounds 1", {"COMMANDS": ("policies",)}),
     "benchmarks.step_profile": ("ideal", {"BATCHES": (1,), "ROUNDS": 1, "LEAD": 1}),
