@@ -21,7 +21,6 @@ index1 = ti.types.ndarray(dtype=ti.i32, ndim=1)
 index2 = ti.types.ndarray(dtype=ti.i32, ndim=2)
 index3 = ti.types.ndarray(dtype=ti.i32, ndim=3)
 mask1 = ti.types.ndarray(dtype=ti.u8, ndim=1)
-mask2 = ti.types.ndarray(dtype=ti.u8, ndim=2)
 select: Any = ti.select  # without its declared results, which cannot be indexed
 
 

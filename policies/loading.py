@@ -126,10 +126,9 @@ def load(name: str | Path, world: World) -> Policy:
     """A policy that acts in `world`, from its present step on.
 
     Args:
-        name: one of `available()`; a heuristic's argument follows a colon: `straight:SPEED`, `helm:SPEED`, `crab:SPEED`
-            or `zermelo:SPEED` with a speed in m/s, `pace:PRICE` or `clear:PRICE` with a price of time in W; else
-            the path of a checkpoint, or of a training run, whose best checkpoint is then taken; else MODULE:CLASS, see
-            `imported`.
+        name: one of `available()`; a heuristic's argument follows a colon: `straight:SPEED`, `helm:SPEED` or
+            `crab:SPEED` with a speed in m/s, `pace:PRICE` or `clear:PRICE` with a price of time in W; else the path of
+            a checkpoint, or of a training run, whose best checkpoint is then taken; else MODULE:CLASS, see `imported`.
         world: the world whose observations it will receive; its speed limits and reference speeds are used.
 
     Raises:

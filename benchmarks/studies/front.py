@@ -29,7 +29,6 @@ CURVES = {
     "straight": (1.2, 1.3, 1.4, 1.5, 1.6, 1.8),
     "crab": (1.2, 1.3, 1.4, 1.5, 1.6, 1.8),
     "clear": (0.0, 20.0, 40.0, 80.0, 120.0, 200.0),
-    "zermelo": (1.2, 1.3, 1.4, 1.5, 1.6, 1.8),
 }
 LEARNED_MARKS = MARKERS[len(CURVES) :]
 FIGURES = ("arps", "delivered_mbit", "lost_mbit", "energy_wh", "joule_per_mbit", "services", "collisions")
@@ -70,8 +69,7 @@ def draw(table: Table, learned: list[str], ground: Ground) -> Figure:
     whole = np.arange(len(next(iter(table.values()))[DATA]))[None]
     for family, (colour, mark) in looks(CURVES, ground.colours).items():
         x, y = (curve(family, table, key, whole)[:, 0] for key in (ENERGY, DATA))
-        label = f"{family} (knows the current everywhere)" if family == "zermelo" else family
-        panel.plot(x, y, f"{mark}-", ms=5, lw=1.4, color=colour, label=label)
+        panel.plot(x, y, f"{mark}-", ms=5, lw=1.4, color=colour, label=family)
     for name, mark in zip(learned, LEARNED_MARKS * len(learned), strict=False):
         x, y = (table[name][key] for key in (ENERGY, DATA))
         up, along = (comparison.interval(values).half for values in (y, x))

@@ -15,7 +15,7 @@ from usvauv.kernels.flow import vortex
 from usvauv.kernels.flow.vortex import ENDLESS, PLACES, Eddies, Pattern, places
 from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.shallow_water.discretisation import LANES
-from usvauv.kernels.types import Level, array1, array3, array4, index1, mask1, vec2, vec3
+from usvauv.kernels.types import Level, array1, array3, array4, index1, vec2, vec3
 
 LANE = [float(n) for n in range(PLACES)]
 SHALLOWEST = 1.0  # m; over less water a transport makes no velocity that a vehicle would meet
@@ -60,20 +60,6 @@ class Water(NamedTuple):
 
 
 @func
-def grid_interpolate(
-    field: ti.template(), level: ti.i32, component: ti.template(), column: ti.f32, row: ti.f32
-) -> ti.f32:
-    """Value of a field on a regular grid at a fractional column and row."""
-    i = ti.math.clamp(ti.cast(row, ti.i32), 0, field.shape[1] - 2)
-    j = ti.math.clamp(ti.cast(column, ti.i32), 0, field.shape[2] - 2)
-    south = field[level, i, j, component]
-    south += (column - j) * (field[level, i, j + 1, component] - south)
-    north = field[level, i + 1, j, component]
-    north += (column - j) * (field[level, i + 1, j + 1, component] - north)
-    return south + (row - i) * (north - south)
-
-
-@func
 def grid_sample(
     field: ti.template(),
     level: ti.i32,
@@ -86,7 +72,13 @@ def grid_sample(
     """Value of a field on a regular grid at (x, y) in an area of the given size, m."""
     column = ti.math.clamp(x / width, 0.0, 1.0) * (field.shape[2] - 1)
     row = ti.math.clamp(y / length, 0.0, 1.0) * (field.shape[1] - 1)
-    return grid_interpolate(field, level, component, column, row)
+    i = ti.math.clamp(ti.cast(row, ti.i32), 0, field.shape[1] - 2)
+    j = ti.math.clamp(ti.cast(column, ti.i32), 0, field.shape[2] - 2)
+    south = field[level, i, j, component]
+    south += (column - j) * (field[level, i, j + 1, component] - south)
+    north = field[level, i + 1, j, component]
+    north += (column - j) * (field[level, i + 1, j + 1, component] - north)
+    return south + (row - i) * (north - south)
 
 
 @func
@@ -246,7 +238,6 @@ def on_grid(
     nx: ti.i32,
     ny: ti.i32,
     sea_index: index1,
-    mask: mask1,
     margin: ti.f32,
     flow: array4,
     repeats: ti.template(),
@@ -254,7 +245,7 @@ def on_grid(
     eddy_share: ti.f32,
     cruise: ti.f32,
 ):
-    """Velocity (m/s) at cruise level on a grid over the area without a margin (m), in worlds where `mask` is not 0.
+    """Velocity (m/s) at cruise level on a grid over the area without a margin (m).
 
     `size` is the area's width and length, m. `flow` is (W, rows, columns, 2), row 0 in the south.
     """
@@ -270,13 +261,9 @@ def on_grid(
         for g in range((flow.shape[2] + PLACES - 1) // PLACES):
             first = g * PLACES
             x = margin + (first + ti.Vector(ti.static(LANE))) * ((size[0] - 2.0 * margin) / (flow.shape[2] - 1))
-            u, v = places(0.0), places(0.0)
-            if mask[w] != 0:
-                u, v = without_waves(water, w, x, places(y), fade, share)
+            u, v = without_waves(water, w, x, places(y), fade, share)
             for n in range(ti.min(PLACES, flow.shape[2] - first)):
-                here = vec2(flow[w, i, first + n, 0], flow[w, i, first + n, 1])
-                if mask[w] != 0:
-                    here = vec2(u[n], v[n]) + long_wave_velocity(water, sea_index[w], x[n], y)
+                here = vec2(u[n], v[n]) + long_wave_velocity(water, sea_index[w], x[n], y)
                 flow[w, i, first + n, 0] = here[0]
                 flow[w, i, first + n, 1] = here[1]
 

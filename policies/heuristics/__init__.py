@@ -8,7 +8,6 @@ from usvauv.policies.heuristics.heuristic import Heuristic
 from usvauv.policies.heuristics.passing import Loiter, Pass
 from usvauv.policies.heuristics.random import Random
 from usvauv.policies.heuristics.travel import Clear, Crab, Helm, Keep, Pace, Straight
-from usvauv.policies.heuristics.zermelo import Zermelo
 from usvauv.policies.policy import PolicyError
 
 HEURISTICS: Registry[type[Heuristic]] = Registry("policy", PolicyError, Heuristic)
@@ -19,7 +18,6 @@ HEURISTICS.register("pace", Pace)
 HEURISTICS.register("clear", Clear)
 HEURISTICS.register("loiter", Loiter)
 HEURISTICS.register("pass", Pass)
-HEURISTICS.register("zermelo", Zermelo)
 HEURISTICS.register("keep", Keep)
 HEURISTICS.register("random", Random)
 

@@ -120,7 +120,7 @@ class TestActing:
 class TestFace:
     def test_heuristics_come_after_the_trained_ones(self):
         names = policies.available()
-        steering = ["straight", "crab", "pace", "clear", "loiter", "pass", "zermelo", "keep", "random"]
+        steering = ["straight", "crab", "pace", "clear", "loiter", "pass", "keep", "random"]
         assert names == [*policies.trained(), steering[0], "helm", *steering[1:]]
         world = ToyWorld(scenario(nodes={"service": "passing"}), 2)
         for name in steering:
@@ -133,7 +133,7 @@ class TestFace:
             ("nonsense", "allowed are ppo-wide-torpedo, sac-ideal"),
             ("straight:fast", "'fast' is not a speed"),
             ("straight:nan", "between 1.2 and 2.2 m/s"),
-            ("zermelo:2.3", "between 1.2 and 2.2 m/s"),
+            ("crab:2.3", "between 1.2 and 2.2 m/s"),
             ("random:3", "takes no parameter"),
             ("pace:-1", "must be at least 0 W"),
             ("pass", "needs nodes.service = passing"),

@@ -67,7 +67,7 @@ class TestTraining:
     @pytest.mark.parametrize(
         ("name", "algorithm", "heuristic", "changes"),
         [
-            ("extreme", "sac", "zermelo", {"hidden": (8,), "batch": 8, "replay": 64, "warmup": 4}),
+            ("extreme", "sac", "clear", {"hidden": (8,), "batch": 8, "replay": 64, "warmup": 4}),
             ("extreme-torpedo", "ppo", "loiter", {"shared": True, "batch": 8, "rollout": 6}),
         ],
     )

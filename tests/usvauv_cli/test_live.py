@@ -73,11 +73,11 @@ def test_twice_the_current_is_twice_the_velocity_at_an_auv(running):
     field = torch.zeros(1, 2, 2, 2)
 
     def of_vortices() -> torch.Tensor:
-        running.world.current_field(field, torch.ones(1, dtype=torch.bool))
+        running.world.current_field(field)
         with_them = field.clone()
         kept = running.world.vortex.clone()
         running.world.vortex[..., Vortex.Gamma] = 0.0
-        running.world.current_field(field, torch.ones(1, dtype=torch.bool))
+        running.world.current_field(field)
         running.world.vortex[:] = kept
         return with_them - field
 

@@ -67,7 +67,7 @@ def test_every_number_has_bounds():
         assert -1e9 < low <= default <= high < 1e9, name
 
 
-@pytest.mark.parametrize("retired", ["planner.horizon=12", "planner.objective=e", "sea.start_rms=1"])
+@pytest.mark.parametrize("retired", ["planner.horizon=12", "planner.objective=e", "reference.zermelo_speed=2"])
 def test_what_is_gone_is_refused_in_a_file_and_read_from_what_was_stored(tmp_path, retired):
     name, _, value = retired.partition("=")
     section, _, field = name.partition(".")
@@ -86,8 +86,10 @@ def test_no_field_is_both_there_and_gone():
     assert not there & RETIRED.keys()
 
 
-def test_a_file_that_0_2_printed_is_read(tmp_path):
-    (tmp_path / "printed.toml").write_text('[planner]\nhorizon = 10\n[auv]\nrefused_power = "hovering"\n')
+def test_a_file_that_an_earlier_version_printed_is_read(tmp_path):
+    (tmp_path / "printed.toml").write_text(
+        '[planner]\nhorizon = 10\n[auv]\nrefused_power = "hovering"\n[reference]\nzermelo_speed = 1.7\n'
+    )
     assert Scenario.load(tmp_path / "printed.toml") == Scenario.from_dict({})
 
 

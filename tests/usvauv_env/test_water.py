@@ -180,7 +180,7 @@ class TestVortices:
         world = World(Scenario.load("extreme", ["sea.irregular_rms=0"]), 2, seed=1)
         world.reset()
         flow = torch.zeros(2, 11, 11, 2)
-        world.current_field(flow, torch.ones(2, dtype=torch.bool))
+        world.current_field(flow)
         at = torch.linspace(0, 200, 11)
         points = torch.stack(torch.meshgrid(at, at, indexing="xy"), -1).view(1, -1, 2).expand(2, -1, -1)
         surface = vortex.sample_current(world.vortex, points.contiguous(), 300.0).view(flow.shape)

@@ -205,7 +205,7 @@ class Session:
 
     def _remember(self) -> None:
         world = self.world
-        world.current_field(self._flow, torch.ones(1, dtype=torch.bool, device="cpu"), self._flow_margin)
+        world.current_field(self._flow, self._flow_margin)
 
         def copied(tensor: torch.Tensor) -> np.ndarray:
             return tensor[0].cpu().numpy().copy()

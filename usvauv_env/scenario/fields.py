@@ -45,6 +45,7 @@ RETIRED: dict[str, tuple[object, ...]] = {
     "usbl.refraction": ("corrected",),
     "sea.start_rms": (0.0,),
     "sea.start_modes": (4,),
+    "reference.zermelo_speed": (1.1, 1.2, 1.3, 1.5, 1.6, 1.7, 1.8),
 }
 GONE = ("planner.objective", "e")  # a retired value of an existing field
 

@@ -412,4 +412,3 @@ class Reference(Section):
     clear_price: Price = Field(0.0, description="best price of time of `clear`, W")
     loiter_price: Price = Field(0.0, description="best price of time of `loiter`, W")
     pass_price: Price = Field(0.0, description="best price of time of `pass`, W")
-    zermelo_speed: float = Field(1.2, ge=0.01, le=10, description="best constant speed of `zermelo`, m/s")

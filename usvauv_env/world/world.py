@@ -481,12 +481,11 @@ class World:
         """True velocity of each AUV through the water at the end of the last step, (num_worlds, num_auvs, 2), m/s."""
         return self.auv[..., AuvColumn.span("velocity_x", "velocity_y")]
 
-    def current_field(self, flow: torch.Tensor, mask: torch.Tensor, margin: float = 0.0) -> None:
+    def current_field(self, flow: torch.Tensor, margin: float = 0.0) -> None:
         """True velocity of the water at cruise level, without the storm, into `flow`, m/s.
 
         Args:
             flow: (num_worlds, rows, columns, 2) float32 on a grid of at least 2 rows and columns, row 0 in the south.
-            mask: (num_worlds,) bool, the worlds to compute; `flow` of the others is not changed.
             margin: distance of the grid's edges from those of the area, m.
         """
         current.on_grid(
@@ -499,7 +498,6 @@ class World:
             self.sea.nx,
             self.sea.ny,
             self._water.sea_index,
-            mask.to(self.device, torch.uint8).contiguous(),
             margin,
             flow,
             *self.site.eddies.pattern,

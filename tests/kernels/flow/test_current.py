@@ -31,11 +31,6 @@ def rows_and_columns(shape) -> tuple[np.ndarray, np.ndarray]:
     return np.linspace(0, SIZE[1], shape[0]), np.linspace(0, SIZE[0], shape[1])
 
 
-def before(rows: int, columns: int) -> torch.Tensor:
-    """What the array for a grid holds at first: no two numbers alike."""
-    return torch.arange(4.0 * rows * columns).view(2, rows, columns, 2)
-
-
 class Sample:
     """Random water in two worlds, which sail on other seas of a pool; the bed is dry in a corner."""
 
@@ -60,8 +55,8 @@ class Sample:
     def put(self, numbers: np.ndarray) -> torch.Tensor:
         return torch.as_tensor(numbers, dtype=torch.float32, device=self.device)
 
-    def grid(self, rows: int, columns: int, margin: float, mask=(1, 1)) -> np.ndarray:
-        flow = before(rows, columns).to(self.device)
+    def grid(self, rows: int, columns: int, margin: float) -> np.ndarray:
+        flow = torch.full((2, rows, columns, 2), math.nan, device=self.device)
         current.on_grid(
             self.put(np.array(SIZE)),
             self.put(self.vortices),
@@ -72,7 +67,6 @@ class Sample:
             NX,
             NY,
             torch.as_tensor(self.sea_index, device=self.device),
-            torch.tensor(mask, dtype=torch.uint8, device=self.device),
             margin,
             flow,
             *self.eddies.pattern,
@@ -117,13 +111,6 @@ def test_on_a_grid(device, num_seas, margin, eddies):
     for world in range(2):
         expected = sample.without_waves(world, Level.cruise, places) + sample.long_waves(world, places.clip(0, SIZE))
         np.testing.assert_allclose(flow[world].reshape(-1, 2), expected, atol=2e-4)
-
-
-def test_worlds_that_are_not_asked_for_stay(device):
-    sample = Sample(device, 18)
-    both, second = sample.grid(5, 4, 10.0), sample.grid(5, 4, 10.0, (0, 1))
-    np.testing.assert_array_equal(second[0], before(5, 4)[0])
-    np.testing.assert_array_equal(second[1], both[1])
 
 
 @pytest.mark.parametrize(("level", "eddies"), [(Level.cruise, REPEATED), (Level.surface, REPEATED)])
