@@ -92,9 +92,8 @@ def _set(handlers: Mapping[int, Any]) -> None:
 
 
 @contextmanager
-def stoppable(on_request: Callable[[], None] = lambda: None, patient: bool = False) -> Iterator[Stop]:
-    """Make Ctrl-C ask the `Stop` instead of raising KeyboardInterrupt; a second one acts as before, or, to one who is
-    `patient`, asks again.
+def stoppable(on_request: Callable[[], None] = lambda: None) -> Iterator[Stop]:
+    """Make Ctrl-C ask the `Stop` instead of raising KeyboardInterrupt; a second one acts as before.
 
     The same for the other `SIGNALS` where they have a handler; by default they end the process. Outside the main
     thread, which alone gets signals, only calls of `Stop.ask` have an effect.
@@ -102,8 +101,7 @@ def stoppable(on_request: Callable[[], None] = lambda: None, patient: bool = Fal
     stop, before = Stop(on_request), _handled()
 
     def ask(signum: int, frame: object) -> None:
-        if not patient:
-            _set(before)
+        _set(before)
         stop.ask(signum)
 
     try:

@@ -23,7 +23,7 @@ import os
 import shlex
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from types import MappingProxyType
@@ -223,14 +223,12 @@ def _read_folder(path: Path, part: str, device: torch.device) -> Part:
     return about, load_file(tensors, device=str(device)) if tensors.is_file() else {}
 
 
-def provenance(
-    begun: Mapping[str, Any], start: Sequence[str] = ("usvauv",), files: Mapping[str, str] = MappingProxyType({})
-) -> dict[str, Any]:
+def provenance(begun: Mapping[str, Any], files: Mapping[str, str] = MappingProxyType({})) -> dict[str, Any]:
     """Command, commit, version of torch, plugins and files, recorded in a checkpoint so that it can be reproduced.
 
     A resumed run keeps those of its beginning, from the JSON `begun` of its checkpoint; "resumed" lists the world-steps
-    at which it was resumed, with the same items. `start` is the beginning of the command, `files` are those that enter
-    the result with their digests, see `usvauv.policies.inputs`.
+    at which it was resumed, with the same items. `files` are those that enter the result with their digests, see
+    `usvauv.policies.inputs`.
     """
 
     def git(*arguments: str) -> str:
@@ -243,7 +241,7 @@ def provenance(
 
     commit = git("rev-parse", "HEAD") or "unknown"
     dirty = "+changes" if git("status", "--porcelain", "--untracked-files=no") else ""
-    command = readable(shlex.join([*start, *sys.argv[1:]]))
+    command = readable(shlex.join(["usvauv", *sys.argv[1:]]))
     now: dict[str, Any] = {
         "command": command,
         "commit": commit + dirty,

@@ -28,14 +28,13 @@ class Recorded:
 
     Args:
         function: the function.
-        generators: the only ones from which it draws, on the device of its tensors; each replay draws anew. Without
-            any, nothing is recorded.
+        generators: the only ones from which it draws, on the device of its tensors; each replay draws anew.
     """
 
     def __init__(self, function: Callable[..., Outputs], *generators: torch.Generator) -> None:
         self._function = function
         self._generators = generators
-        cuda = generators and generators[0].device.type == "cuda" and torch.cuda.is_available()
+        cuda = generators[0].device.type == "cuda" and torch.cuda.is_available()
         self._stream = torch.cuda.Stream(generators[0].device) if cuda else None
         self.forget()
 

@@ -34,18 +34,10 @@ class Standardizer:
         return cls(*(torch.full((features,), value, dtype=torch.float32, device=device) for value in (0.0, 1.0)))
 
     @classmethod
-    def of(cls, samples: Tensor, over_all: Callable[[Tensor], Tensor] | None = None) -> Standardizer:
-        """Statistics of features (..., F). A feature that varies by less than `LEAST_DEVIATION` is not scaled.
-
-        Args:
-            samples: the features.
-            over_all: mean of a tensor over several processes, each with its own samples; None: one process.
-        """
+    def of(cls, samples: Tensor) -> Standardizer:
+        """Statistics of features (..., F). A feature that varies by less than `LEAST_DEVIATION` is not scaled."""
         flat = samples.flatten(0, -2)
         mean, deviation = flat.mean(0), flat.std(0, correction=0)
-        if over_all is not None:
-            joint = over_all(mean)
-            mean, deviation = joint, over_all(deviation.square() + (mean - joint).square()).sqrt()
         return cls(mean, torch.where(deviation > LEAST_DEVIATION, deviation, torch.ones_like(deviation)))
 
     def copy_(self, other: Standardizer) -> None:

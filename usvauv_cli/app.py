@@ -2,7 +2,6 @@
 
 0 done; 2 an error; 128 + n ended by signal n: 130 Ctrl-C, 143 SIGTERM, 129 the terminal
 hung up, 141 the reader of standard output is gone.
-Of several processes started by torchrun only the first one uses standard output.
 Everything else is imported after signal handlers are set, so that Ctrl-C during imports gives no traceback either.
 """
 
@@ -28,7 +27,6 @@ if TYPE_CHECKING:
     import typer
 
 FAILED = 2
-LEADS = "WORLD_SIZE" not in os.environ or os.environ.get("RANK", "0") == "0"  # set by launchers of several processes
 
 PLAIN = "usvauv.plain"  # handler of errors of an encoding
 SIGNS = {
@@ -84,7 +82,7 @@ def main() -> NoReturn:
     interruption.install()
     threading.excepthook, sys.unraisablehook = in_thread, _in_callback
     if sys.stdout:
-        raw = _Output(sys.stdout.fileno() if LEADS else os.open(os.devnull, os.O_WRONLY), "w", closefd=False)
+        raw = _Output(sys.stdout.fileno(), "w", closefd=False)
         stream = _Text(io.BufferedWriter(raw), sys.stdout.encoding, PLAIN, None, raw.isatty())
         sys.stdout = sys.__stdout__ = stream  # Taichi compares the two
     if not sys.stderr:  # closed, as by `2>&-`; text printed to None would go to standard output
@@ -109,7 +107,7 @@ def run(interruption: Interruption | None = None) -> int:
     except BaseException as error:
         signum = SIGPIPE if isinstance(error, BrokenPipeError) else _signal(error, interruption)
         if signum is not None:
-            if signum != SIGPIPE and LEADS:
+            if signum != SIGPIPE:
                 _say("stopped")
             return 128 + signum
         if isinstance(error, SystemExit):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from types import MappingProxyType
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
@@ -51,7 +51,7 @@ class Rollout(Batch):
 
     Attributes:
         follows: (T,) 1 where the next decision begins at `next_observation`, 0 at the end of an episode or the rollout.
-        parts: number of minibatches of an epoch, the same on all ranks.
+        parts: number of minibatches of an epoch.
     """
 
     follows: Tensor
@@ -142,7 +142,6 @@ class Learner(nn.Module, Generic[Actor]):
         on_policy: learns once from each `Rollout`, which its present actor made, instead of from samples of the replay.
         defaults: of the fields of `TrainingConfig`, where they differ from those of that class.
         longest: largest norm of a network's gradient, longer ones are shortened to it, by names of optimisers.
-        join: what becomes of gradients before a step, see `train_with_others`; None: nothing.
     """
 
     actor: Actor
@@ -160,7 +159,6 @@ class Learner(nn.Module, Generic[Actor]):
         self.generators = (generator,)
         self.updates = 0
         self.optimisers: dict[str, Adam] = {}
-        self.join: Callable[[Sequence[Tensor]], Sequence[Tensor]] | None = None
         self._learn = Recorded(self._update_and_average, generator)
 
     @staticmethod
@@ -178,14 +176,6 @@ class Learner(nn.Module, Generic[Actor]):
         """Give parameters an optimiser of that name."""
         self.optimisers[name] = Adam(parameters, self.config.learning_rate)
 
-    def train_with_others(self, join: Callable[[Sequence[Tensor]], Sequence[Tensor]]) -> None:
-        """Take gradient steps along what `join` makes of the gradients of all processes, the same in each.
-
-        Updates are then not recorded on a CUDA device, because it has not been tried with what processes exchange.
-        """
-        self.join = join
-        self._learn = Recorded(self._update_and_average)
-
     def set_learning_rate(self, share: float) -> None:
         """Set the learning rate to a share of that in the settings."""
         for optimiser in self.optimisers.values():
@@ -195,7 +185,6 @@ class Learner(nn.Module, Generic[Actor]):
         """One step of the named optimisers, along the gradient of `loss` with respect to their own parameters only."""
         optimisers = {name: self.optimisers[name] for name in ([names] if isinstance(names, str) else names)}
         gradients = torch.autograd.grad(loss, [own for each in optimisers.values() for own in each.parameters])
-        gradients = list(gradients if self.join is None else self.join(gradients))
         for name, optimiser in optimisers.items():
             count = len(optimiser.parameters)
             own, gradients = gradients[:count], gradients[count:]

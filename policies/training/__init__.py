@@ -1,4 +1,4 @@
-"""Training: the trainer, its replay memory, exploration and figures; many seeds at once, several processes.
+"""Training: the trainer, its replay memory, exploration and figures; many seeds at once.
 
 Public: the names below; `Replay`, `CorrelatedNoise` and `Meter` from their modules.
 """

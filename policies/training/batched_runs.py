@@ -145,7 +145,7 @@ class BatchedRuns:
             learner.set_learning_rate(first.rate_share(total))
             if config.on_policy:
                 gains = torch.stack([run.scaled_gain for run in self.runs])
-                rollout = self.replay.take(features, config.n_step, config.gamma, gains, config.batch * first.weight)
+                rollout = self.replay.take(features, config.n_step, config.gamma, gains, config.batch)
                 self._count(learn(learner, config.algorithm, rollout))
         noise = torch.cat([run.noise.step() if deciding else run.noise.value for run in self.runs])
         chosen = self._choose(self.observation, features, noise)
@@ -180,7 +180,7 @@ class BatchedRuns:
         config = self.config
         rows, worlds, gains = [], [], []
         for index, run in enumerate(self.runs):
-            row, world = run.replay.draw(config.batch // run.ranks.count, config.n_step, run.generator)
+            row, world = run.replay.draw(config.batch, config.n_step, run.generator)
             rows.append(row)
             worlds.append(world + index * run.replay.worlds)
             gains.append(run.scaled_gain.expand(len(row)))

@@ -26,8 +26,6 @@ class TrainingWorld(Protocol):
         reward_names: names of the R terms of the reward.
         measure_names: names of the M measures; "power", "hovering", "service_rate", "border" and "position_error" are
             among them.
-        common_state: names in `state` of what all worlds have in common; the first axis of the others is W. Read where
-            several processes train.
     """
 
     scenario: Scenario
@@ -37,7 +35,6 @@ class TrainingWorld(Protocol):
     device: torch.device
     reward_names: tuple[str, ...]
     measure_names: tuple[str, ...]
-    common_state: tuple[str, ...]
 
     def reset(self) -> Tensor:
         """Begin the next episode of all worlds; returns observations (W, K, O)."""

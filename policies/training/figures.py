@@ -20,7 +20,6 @@ from usvauv.kernels.errors import UserError, choices
 from usvauv.policies.learned import LearnedPolicy
 from usvauv.policies.loading import acting
 from usvauv.policies.training.exploration import TrainingWorld
-from usvauv.policies.training.ranks import ALONE, Ranks
 
 
 class Meter:
@@ -50,27 +49,24 @@ class Meter:
         self.services += (measures[..., self.world.measure_names.index("service_rate")] > 0).sum()
         self.rows += 1
 
-    def figures(self, ranks: Ranks = ALONE) -> dict[str, Any]:
-        """Means over the window, and over the worlds of all ranks: arps, sdr, ec, services, border, position_error;
-        "reward", each term for a step and summed over AUVs; "learner", each figure of the updates.
+    def figures(self) -> dict[str, Any]:
+        """Means over the window and the worlds: arps, sdr, ec, services, border, position_error; "reward", each term
+        for a step and summed over AUVs; "learner", each figure of the updates.
         """
         world = self.world
-        worlds = torch.tensor(world.num_worlds, dtype=torch.float64, device=world.device)
-        terms, measures, services, worlds = ranks.mean((self.terms, self.measures, self.services.double(), worlds), 1.0)
-        world_steps = max(self.rows, 1) * int(worlds)
+        world_steps = max(self.rows, 1) * world.num_worlds
         episodes = world_steps / world.steps
         auv_steps = world_steps * world.num_auvs
-        terms = (terms / world_steps).tolist()
-        sums = dict(zip(world.measure_names, measures.tolist(), strict=True))
+        terms = (self.terms / world_steps).tolist()
+        sums = dict(zip(world.measure_names, self.measures.tolist(), strict=True))
         hovers = world.scenario.nodes.service == "hover"
         names = self.losses[0] if self.losses else ()
         losses = [torch.stack([loss[name] for loss in self.losses]).mean() for name in names]
-        losses = ranks.mean(losses, world.num_worlds / int(worlds)) if losses else losses
         return {
             "arps": sum(terms),
             "sdr": sums["service_rate"] / episodes,
             "ec": sums["power"] / max(auv_steps - (sums["hovering"] if hovers else 0.0), 1.0),
-            "services": int(services) / episodes,
+            "services": int(self.services) / episodes,
             "border": sums["border"] / episodes,
             "position_error": sums["position_error"] / auv_steps,
             "reward": dict(zip(world.reward_names, terms, strict=True)),

@@ -12,8 +12,6 @@ from usvauv.env.storage.memory import require
 from usvauv.policies.algorithms import Batch, Rollout
 from usvauv.policies.networks import stack
 
-ROUNDING = 1e-6  # of a number of minibatches, which is the same on all ranks
-
 # Name in a checkpoint → attribute.
 STORED = {
     "observation": "observation",
@@ -149,7 +147,7 @@ class Replay:
         """The observation of the last row."""
         return self.observation[self.head - 1]
 
-    def take(self, after: Tensor, n: int, gamma: float, gain: Tensor, batch: float) -> Rollout:
+    def take(self, after: Tensor, n: int, gamma: float, gain: Tensor, batch: int) -> Rollout:
         """Take out all that is stored, whose first row begins a decision, as decisions held for n steps.
 
         Args:
@@ -170,7 +168,7 @@ class Replay:
         flat = self.transitions(rows.flatten(), worlds.flatten(), n, gamma, gain)
         self.head = self.size = 0
         tensors = {name: value.unflatten(1, (len(starts), -1)) for name, value in vars(flat).items()}
-        parts = math.ceil(flat.reward.shape[1] / batch - ROUNDING)
+        parts = math.ceil(flat.reward.shape[1] / batch)
         later = torch.tensor([*follows[1:], 0.0], dtype=torch.float32, device=self.device)
         return Rollout(**tensors, follows=later, parts=parts)
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
-from functools import partial
+from collections.abc import Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any
@@ -23,7 +22,6 @@ from usvauv.policies.frames import FRAMES
 from usvauv.policies.learned import LearnedPolicy, Standardizer
 from usvauv.policies.policy import PolicyError
 from usvauv.policies.training.exploration import CorrelatedNoise, TrainingWorld
-from usvauv.policies.training.ranks import Ranks
 from usvauv.policies.training.replay import STORED, Replay
 
 
@@ -44,17 +42,13 @@ class SavedRun:
         config: TrainingConfig,
         directory: str | Path | None,
         provenance: Mapping[str, Any] | None,
-        ranks: Ranks,
     ) -> None:
-        self.share = ranks.share(config.num_worlds)
-        if self.share.stop - self.share.start != world.num_worlds:
+        if config.num_worlds != world.num_worlds:
             raise PolicyError(f"training: num_worlds = {config.num_worlds}, but the world has {world.num_worlds}")
-        least = ranks.count * (world.num_auvs if config.shared else 1)
+        least = world.num_auvs if config.shared else 1
         if config.batch < least:
-            each = "one of each AUV" if ranks.count == 1 else f"one of each AUV on each of {ranks.count} ranks"
-            raise PolicyError(f"training: batch = {config.batch}: must be at least {least}, {each}")
-        self.world, self.config, self.ranks = world, config, ranks
-        self.weight = world.num_worlds / config.num_worlds  # of this rank in a mean over all worlds
+            raise PolicyError(f"training: batch = {config.batch}: must be at least {least}, one of each AUV")
+        self.world, self.config = world, config
         self.directory = None if directory is None else Path(directory)
         self.provenance = dict(provenance or {})
         device = world.device
@@ -66,9 +60,6 @@ class SavedRun:
         with ALGORITHMS.calling(config.algorithm):
             self.learner = ALGORITHMS[config.algorithm](sizes, config, self.generator)
             self.learner.averaged  # noqa: B018 - a plugin's may have forgotten `set_actor`
-        if ranks.count > 1:
-            self.learner.train_with_others(partial(ranks.mean, weight=self.weight))
-            ranks.apart(self.generator)
         shape = (world.num_worlds, world.num_auvs, self.frame.features, self.frame.actions)
         rows = config.rollout + config.n_step + 1 if config.on_policy else config.replay // config.num_worlds
         self.replay = Replay(rows, shape, device, config.shared)
@@ -110,15 +101,12 @@ class SavedRun:
             )
 
     def save(self) -> None:
-        """Write `last`: the policy, and the state of the run for `resume`, the same for any number of ranks.
+        """Write `last`: the policy, and the state of the run for `resume`.
 
         Raises:
             DivergenceError: a weight is not finite; what was saved before stays.
         """
         self.stop_if_not_finite()
-        everyone = self.ranks.to_first(self._own_tensors())
-        if everyone is None:
-            return
         counters = {
             "format": FORMAT,
             "steps": self.steps,
@@ -132,20 +120,22 @@ class SavedRun:
             "head": self.replay.head,
             "size": self.replay.size,
         }
-        tensors = everyone[0]
-        if len(everyone) > 1:
-            axes = self._axes_of_worlds(tensors)
-            tensors |= {name: torch.cat([own[name] for own in everyone], axis) for name, axis in axes.items()}
-            tensors["generator"] = torch.stack([own["generator"] for own in everyone])
-        tensors |= {f"learner.{name}": value for name, value in self.learner.tensors().items()}
+        tensors = {
+            "observation": self.observation,
+            "noise": self.noise.value,
+            "generator": self.generator.get_state(),
+        }
+        for group, own in (
+            ("replay", self.replay.tensors()),
+            ("world", self.world.state()),
+            ("learner", self.learner.tensors()),
+        ):
+            tensors |= {f"{group}.{name}": value for name, value in own.items()}
         parts = {POLICY: self._describe(), TRAINING: (counters, tensors)}
         checkpoint.write(self._folder() / f"{LAST}{ENDING}", parts)
 
     def resume(self) -> None:
         """Continue the run saved in `directory`; on the CPU the result is that of a run that was never stopped.
-
-        Under another number of ranks the worlds and their transitions are divided anew. What is drawn from then on is
-        other than it would have been.
 
         Raises:
             PolicyError: nothing to resume there, damaged, or of another configuration.
@@ -163,26 +153,14 @@ class SavedRun:
                 "observation": noise.new_empty((worlds, self.world.num_auvs, self.frame.layout.size)),
                 "generator": self.generator.get_state(),
             }
-            generators = tensors.get("generator", rest["generator"])
-            if generators.dim() == 2:  # one of each rank
-                rest["generator"] = rest["generator"].expand(len(generators), -1)
             check_run(tensors, self.learner, self.replay, size, worlds, rest)
         except PolicyError as error:
             raise PolicyError(f"{last}: cannot be resumed: {error}") from None
         groups: dict[str, dict[str, Tensor]] = {"learner": {}, "replay": {}, "world": {}}
         try:
-            if self.ranks.count > 1:
-                for name, axis in self._axes_of_worlds(tensors).items():
-                    tensors[name] = tensors[name].movedim(axis, 0)[self.share].movedim(0, axis).contiguous()
             self.observation = tensors.pop("observation")
             self.noise.value = tensors.pop("noise")
-            states = tensors.pop("generator").cpu()
-            states = states if states.dim() == 2 else states.unsqueeze(0)
-            as_it_was = len(states) == self.ranks.count
-            own = states[self.ranks.rank if as_it_was else 0]
-            self.generator.set_state(own.clone())  # of a view it reads other memory
-            if not as_it_was:
-                self.ranks.apart(self.generator)
+            self.generator.set_state(tensors.pop("generator").cpu())
             for name, value in tensors.items():
                 group, _, rest = name.partition(".")
                 groups[group][rest] = value
@@ -214,25 +192,6 @@ class SavedRun:
             **self.provenance,
         }
         return checkpoint.describe(self.policy(), self.config, about)
-
-    def _own_tensors(self) -> dict[str, Tensor]:
-        """This rank's part of a checkpoint, apart from the learner."""
-        own = {
-            "observation": self.observation,
-            "noise": self.noise.value,
-            "generator": self.generator.get_state(),
-        }
-        own |= {f"replay.{name}": value for name, value in self.replay.tensors().items()}
-        return own | {f"world.{name}": value for name, value in self.world.state().items()}
-
-    def _axes_of_worlds(self, names: Iterable[str]) -> dict[str, int]:
-        """Those of the tensors of a checkpoint that have an axis of worlds, and which it is."""
-        common = {"generator", "replay.end", *(f"world.{name}" for name in self.world.common_state)}
-        return {
-            name: int(name.startswith("replay."))
-            for name in names
-            if name not in common and not name.startswith("learner.")
-        }
 
 
 class Counters(Checked):

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict
-from hashlib import blake2b
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +15,9 @@ from usvauv.policies import checkpoint
 from usvauv.policies.checkpoint import BEST, ENDING, POLICY, TENSORBOARD
 from usvauv.policies.config import TrainingConfig
 from usvauv.policies.learned import LearnedPolicy, Standardizer
-from usvauv.policies.policy import PolicyError
 from usvauv.policies.training.batched_runs import train_together
 from usvauv.policies.training.exploration import TrainingWorld
 from usvauv.policies.training.figures import LOGS, Meter, scalar_writer, wandb_writer
-from usvauv.policies.training.ranks import ALONE, Ranks
 from usvauv.policies.training.saved_run import SavedRun
 
 TINY = 1e-6
@@ -45,18 +42,14 @@ class Trainer(SavedRun):
     rewards after the service, which are noise to the trip, do not enter its value. With a discount alone the price of
     time depends on the distance to the next reward.
 
-    Several processes, `ranks`, can train one policy. Each steps its share of the worlds, keeps their transitions and
-    draws its share of each batch from them. All take the mean of the gradients, so that their weights stay equal.
-
     Args:
-        world: the worlds to train in, with their own seed; with ranks this one's share of them.
-        config: settings; `config.num_worlds` must be the world's, with ranks the total of all.
+        world: the worlds to train in, with their own seed.
+        config: settings; `config.num_worlds` must be the world's.
         directory: where the checkpoints `last` and `best` and `tensorboard` are kept; None: nothing is written.
         evaluate: policy → figures with at least "arps", on other worlds than the training ones. Also called before the
             first step. The policy with the highest arps is kept as `best`.
         provenance: recorded in every checkpoint with the figures, such as command and commit.
         evaluations: number of calls of `evaluate` in a run, besides that for the untrained policy.
-        ranks: the processes that train together; rank 0 evaluates and writes.
         log: one of `figures.LOGS`, where the curves go.
 
     Attributes:
@@ -66,9 +59,8 @@ class Trainer(SavedRun):
         interruption: the signal that asked the last `train` to stop.
 
     Raises:
-        PolicyError: `config.num_worlds` is not the world's, or `config.batch` below its number of AUVs on each rank.
+        PolicyError: `config.num_worlds` is not the world's, or `config.batch` below its number of AUVs.
         MemoryNeeded: networks, an update or the replay do not fit into memory.
-        RankLost: from every method, when another rank has ended.
     """
 
     def __init__(
@@ -79,10 +71,9 @@ class Trainer(SavedRun):
         evaluate: Evaluate | None = None,
         provenance: Mapping[str, Any] | None = None,
         evaluations: int = EVALUATIONS,
-        ranks: Ranks = ALONE,
         log: str = LOGS[0],
     ) -> None:
-        super().__init__(world, config, directory, provenance, ranks)
+        super().__init__(world, config, directory, provenance)
         self.log = log
         self.evaluate = evaluate
         self.evaluations = evaluations
@@ -93,29 +84,24 @@ class Trainer(SavedRun):
     def train(self, steps: int, callback: Callback = lambda figures: None) -> dict[str, Any]:
         """Train until `steps` world-steps are done in all, or until Ctrl-C (then `stopped` is true).
 
-        All ranks call it; rank 0's callback alone is called, and a rank that is to stop stops all.
-
         Returns:
             The last figures, as `callback` got them: steps, total, seconds, eta, steps_per_second, updates, those of
             `Meter.figures`, and evaluation with evaluated_at, the steps that were done then.
 
         Raises:
             DivergenceError: a weight or a state of the worlds is no longer finite; the checkpoints are those before.
-            PolicyError: the weights of the ranks are no longer equal.
         """
         self.begin()
         last: dict[str, Any] = {}
         self.stopped = False
-        asked = stoppable(self.stop, patient=self.ranks.count > 1)  # torchrun passes on what a terminal sends to all
-        with self.writer() as write, asked as self.interruption:
+        with self.writer() as write, stoppable(self.stop) as self.interruption:
 
             def show(figures: list[dict[str, Any]]) -> None:
                 last.update(figures[0])
-                if self.ranks.leads:
-                    write(figures[0])
-                    callback(figures[0])
+                write(figures[0])
+                callback(figures[0])
 
-            train_together([self], steps, steps, self._asked_to_stop, show)
+            train_together([self], steps, steps, lambda: self.stopped, show)
         return last
 
     def begin(self) -> None:
@@ -134,7 +120,6 @@ class Trainer(SavedRun):
 
         Raises:
             DivergenceError: a weight is not finite.
-            PolicyError: the weights of the ranks are no longer equal.
         """
         figures = {
             "steps": self.steps,
@@ -143,22 +128,13 @@ class Trainer(SavedRun):
             "eta": (total - self.steps) / rate,
             "steps_per_second": rate,
             "updates": self.learner.updates,
-            **self.meter.figures(self.ranks),
+            **self.meter.figures(),
             "evaluation": self.evaluation,
             "evaluated_at": self.history[-1]["steps"] if self.history else None,
         }
         self.meter.reset()
         self.stop_if_not_finite()
-        self._stop_if_not_equal()
         return figures
-
-    def _asked_to_stop(self) -> bool:
-        """Whether any rank was asked to stop; then all are, by the same signal if it was one."""
-        stopped, signum = self.ranks.most(self.stopped, self.interruption.signum or 0)
-        if signum and not self.interruption.asked:
-            self.interruption.ask(signum)
-        self.stopped |= bool(stopped)
-        return bool(stopped)
 
     def stop(self) -> None:
         """End `train` after the present step."""
@@ -166,7 +142,7 @@ class Trainer(SavedRun):
 
     def writer(self) -> AbstractContextManager[Callback]:
         """A function that writes figures for TensorBoard or Weights & Biases; without a directory it does nothing."""
-        if self.directory is None or not self.ranks.leads:
+        if self.directory is None:
             return nullcontext(lambda figures: None)
         if self.log == "wandb":
             return wandb_writer(self.directory, asdict(self.config) | {"scenario": self.world.scenario.to_dict()})
@@ -198,24 +174,18 @@ class Trainer(SavedRun):
         """Where the value's horizon ends; with renewal also at services, and the average reward learns of `reward`."""
         if not self.renewal:
             return horizon_ended
-        (mean,) = self.ranks.mean([reward.mean().double()], self.weight)
-        self._gain += GAIN_RATE * (mean - self._gain)
+        self._gain += GAIN_RATE * (reward.mean().double() - self._gain)
         return horizon_ended | (info["measures"][..., self.world.measure_names.index("service_rate")] > 0)
 
     def standardize(self, features: Tensor) -> Tensor:
         """Take the statistics of features and reward from the replay, once before the first update; rescale the replay
         and `features` by them.
         """
-
-        def over_all(value: Tensor) -> Tensor:
-            return self.ranks.mean([value], self.weight)[0]
-
         rewards = self.replay.reward[: self.replay.size]
-        self.scale = self.config.reward_scale / max(float(over_all(rewards.abs().mean())), TINY)
+        self.scale = self.config.reward_scale / max(float(rewards.abs().mean()), TINY)
         rewards.mul_(self.scale)
         stored = self.replay.observation[: self.replay.size]
-        statistics = Standardizer.of(stored, over_all if self.ranks.count > 1 else None)
-        self.standardizer.copy_(statistics)  # in place: earlier policies share the updated statistics
+        self.standardizer.copy_(Standardizer.of(stored))  # in place: earlier policies share the updated statistics
         stored.copy_(self.standardizer(stored))
         return self.standardizer(features)
 
@@ -230,16 +200,3 @@ class Trainer(SavedRun):
             self.best = self.evaluation["arps"]
             if self.directory is not None:
                 checkpoint.write(self.directory / f"{BEST}{ENDING}", {POLICY: self._describe()})
-
-    def _stop_if_not_equal(self) -> None:
-        """Raise PolicyError if another rank has other weights."""
-        if self.ranks.count == 1:
-            return
-        digest = blake2b(digest_size=7)
-        for value in self.learner.state_dict().values():
-            digest.update(value.contiguous().cpu().numpy())
-        if not self.ranks.agree(int.from_bytes(digest.digest())):
-            raise PolicyError(
-                f"training: ranks have different weights after {self.learner.updates} updates of"
-                f" {self.config.algorithm}: each must change its weights by `gradient_step`, on processors of one kind"
-            )

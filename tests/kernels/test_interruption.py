@@ -73,16 +73,6 @@ def test_a_signal_that_is_ignored_stays_ignored(interruption):
     assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
 
 
-def test_one_who_is_patient_is_asked_again(interruption):
-    asked = []
-    with stoppable(lambda: asked.append(1), patient=True) as stop:
-        for _ in range(3):
-            signal.raise_signal(signal.SIGINT)
-    assert (len(asked), stop.signum) == (3, signal.SIGINT)
-    stop.ask()
-    assert (len(asked), stop.signum) == (4, signal.SIGINT)
-
-
 def test_other_threads_get_no_signals(interruption):
     """There handlers cannot be set; a `Stop` can be asked all the same."""
     found = []

@@ -53,7 +53,6 @@ class ToyWorld:
     """
 
     reward_names: tuple[str, ...] = ("progress", "service", "effort")
-    common_state: tuple[str, ...] = ("clock", "generator")
     measure_names: tuple[str, ...] = ("power", "hovering", "service_rate", "delivered", "border", "position_error")
 
     def __init__(self, toy: Scenario, num_worlds: int, seed: int = 0, terminates: bool = False):

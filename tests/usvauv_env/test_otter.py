@@ -101,7 +101,7 @@ def test_a_uniform_current_is_a_moving_frame():
 def test_its_future_depends_on_its_state_alone():
     sections = {"task": "station-keeping", "storm": {"spectrum": "jonswap"}, "sea": {"realisations": 4}}
     world, part = (
-        World(Scenario.from_dict(SECTIONS | sections), n, 5, "hold:400,600", first_world=first, batch=4)
+        World(Scenario.from_dict(SECTIONS | sections), n, 5, "hold:400,600", first_world=first)
         for n, first in ((4, 0), (2, 2))
     )
     for some in (world, part):

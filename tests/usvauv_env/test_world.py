@@ -224,14 +224,12 @@ def test_a_person_reads_what_a_world_is():
             for wrong in (0, 2.0, True, "2", 1 << 23)
         ),
         *(({"first_world": wrong}, "^first_world = .*: must be a whole") for wrong in (-1, 1.0, False, 1 << 32, None)),
-        ({"num_worlds": 2, "batch": 1}, "^batch = 1: must be a whole number from 2"),
         ({"seed": True}, "^seed = True: must be a whole number"),
         ({"usv": 5}, "^usv = 5: must be text"),
         ({"seed": -1}, "seed = -1"),
         ({"num_worlds": 3, "seed": [1, 2]}, "seed: 2 for 3 worlds; must be one for all, or one for each"),
         ({"num_worlds": 2, "seed": [1, 2.0]}, r"seed = 2\.0: must be a whole number"),
         ({"num_worlds": 2, "seed": [1, 2], "first_world": 3}, "first_world = 3: must be 0"),
-        ({"num_worlds": 2, "seed": [1, 2], "batch": 4}, "seed: 2 for 4 worlds"),
         ({"num_worlds": 2, "fine_sea": True}, "exactly one"),
     ],
 )

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from contextlib import ExitStack, nullcontext
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -18,10 +18,8 @@ from usvauv.kernels.errors import UserError
 from usvauv.kernels.interruption import Interrupted
 
 if TYPE_CHECKING:
-    from usvauv.env import Scenario, World
-    from usvauv.policies import LearnedPolicy, Seeds, Trainer, TrainingConfig
-
-    Run = tuple[Scenario, TrainingConfig, dict[str, Any]]  # a run's scenario, settings, and JSON of where it was saved
+    from usvauv.env import World
+    from usvauv.policies import LearnedPolicy, Seeds, Trainer
 
 STEPS = 2_000_000
 MOST_SEEDS = 1024
@@ -94,8 +92,6 @@ def train(
     `usvauv train --out runs/first --resume --steps 1000000`
 
     `usvauv train ideal --seeds 8 --out runs/eight`
-
-    `torchrun --nproc-per-node 2 -m usvauv.cli train --out runs/second`
     """
     from usvauv import policies
     from usvauv.cli.commands import training_table
@@ -107,107 +103,86 @@ def train(
     from usvauv.policies.checkpoint import LAST, clean, path_of, provenance
     from usvauv.policies.inputs import changed, digests
     from usvauv.policies.training.figures import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET, check_log
-    from usvauv.policies.training.ranks import joined
 
-    with joined(arch) as ranks, ExitStack() as stack:
-
-        def begin() -> tuple[Path, dict[Path, Run], str | None, int]:
-            """The folder, which is this process's from here on, the runs in it by folder, boat strategy and steps."""
-            check_log(log)
-            if resume and seeds != 1:
-                raise UserError("--seeds: a resumed run keeps the seeds it was begun with")
-            kept = {"--set": overrides, "--learn": learn, "--usv": usv, "--targets": targets}
-            kept |= {"--worlds": worlds, "--shared": shared}
-            if resume and (given := ", ".join(name for name, value in kept.items() if value or value is False)):
-                raise UserError(f"{given}: a resumed run keeps the scenario and settings it was begun with")
-            setting = Scenario.load(scenario, overrides or ()).with_targets(targets)
-            options.check_regime(setting)
-            StrategyChoice.parse(usv, setting)
-            config = policies.TrainingConfig.of(
-                setting, algorithm=algorithm, num_worlds=worlds, seed=seed, shared=shared
-            )
-            config = config.changed(learn or ())
-            last = seed + seeds - 1
-            replace(config, seed=last)  # refuses one that is too large
-            ranks.share(config.num_worlds)
-            name = f"{setting.name}-{algorithm}-{seed if seeds == 1 else f'{seed}-to-{last}'}"
-            place = out or Path("runs") / name
-            if not resume:
-                options.make_folder(place)
-            elif not place.is_dir():
-                raise UserError(f"--out {place}: there is no run to resume")
-            stack.enter_context(locked(place))
-            clean(place)
-            folders = _folders(place)
-            if not resume:
-                if any(path_of(folder, LAST).exists() for folder in (place, *folders.values())):
-                    raise UserError(
-                        f"--out {place}: holds a run already; go on with --resume, or choose another folder"
-                    )
-                folders = {own: place / f"{FOLDER}{own}" for own in range(seed, last + 1)} if seeds > 1 else {}
-            if folders and ranks.count > 1:
-                raise UserError("--seeds: several seeds are trained in one process, not by torchrun")
-            for folder in folders.values():
-                options.make_folder(inside(place, folder))
-                stack.enter_context(locked(folder))
-                clean(folder)
-            folders = folders or {seed: place}
-            saved = [folder for folder in folders.values() if path_of(folder, LAST).exists()]
-            runs = {folder: policies.read_run(folder) for folder in saved or (folders.values() if resume else ())}
-            setting, config, begun = next(iter(runs.values()), (setting, config, {}))
-            for own, folder in folders.items():  # one that a killed process had not saved yet begins as the others did
-                runs.setdefault(folder, (setting, replace(config, seed=own), {}))
-            return place, runs, begun.get("usv", usv), steps or begun.get("total", STEPS)
-
-        place, runs, boats, total = ranks.from_first(begin)
-        if ranks.leads:
-            options.preparing(next(iter(runs.values()))[0], arch)
+    with ExitStack() as stack:
+        check_log(log)
+        if resume and seeds != 1:
+            raise UserError("--seeds: a resumed run keeps the seeds it was begun with")
+        kept = {"--set": overrides, "--learn": learn, "--usv": usv, "--targets": targets}
+        kept |= {"--worlds": worlds, "--shared": shared}
+        if resume and (given := ", ".join(name for name, value in kept.items() if value or value is False)):
+            raise UserError(f"{given}: a resumed run keeps the scenario and settings it was begun with")
+        setting = Scenario.load(scenario, overrides or ()).with_targets(targets)
+        options.check_regime(setting)
+        StrategyChoice.parse(usv, setting)
+        config = policies.TrainingConfig.of(setting, algorithm=algorithm, num_worlds=worlds, seed=seed, shared=shared)
+        config = config.changed(learn or ())
+        last = seed + seeds - 1
+        replace(config, seed=last)  # refuses one that is too large
+        name = f"{setting.name}-{algorithm}-{seed if seeds == 1 else f'{seed}-to-{last}'}"
+        place = out or Path("runs") / name
+        if not resume:
+            options.make_folder(place)
+        elif not place.is_dir():
+            raise UserError(f"--out {place}: there is no run to resume")
+        stack.enter_context(locked(place))
+        clean(place)
+        folders = _folders(place)
+        if not resume:
+            if any(path_of(folder, LAST).exists() for folder in (place, *folders.values())):
+                raise UserError(f"--out {place}: holds a run already; go on with --resume, or choose another folder")
+            folders = {own: place / f"{FOLDER}{own}" for own in range(seed, last + 1)} if seeds > 1 else {}
+        for folder in folders.values():
+            options.make_folder(inside(place, folder))
+            stack.enter_context(locked(folder))
+            clean(folder)
+        folders = folders or {seed: place}
+        saved = [folder for folder in folders.values() if path_of(folder, LAST).exists()]
+        runs = {folder: policies.read_run(folder) for folder in saved or (folders.values() if resume else ())}
+        setting, config, begun = next(iter(runs.values()), (setting, config, {}))
+        for own, folder in folders.items():  # one that a killed process had not saved yet begins as the others did
+            runs.setdefault(folder, (setting, replace(config, seed=own), {}))
+        boats, total = begun.get("usv", usv), steps or begun.get("total", STEPS)
+        options.preparing(setting, arch)
         trainers: list[Trainer] = []
-        files = digests([next(iter(runs.values()))[0]])
+        files = digests([setting])
         for folder, (setting, config, begun) in runs.items():
-            if ranks.leads and (different := changed(begun, files)):
+            if different := changed(begun, files):
                 typer.echo(
                     f"warning: {', '.join(different)}: changed since {folder} was saved; the run goes on with what is"
                     " there now, and its result is of both; another --out begins anew",
                     err=True,
                 )
-            mine = ranks.share(config.num_worlds)
-            batch = config.num_worlds if ranks.count > 1 else None
-            world = World(
-                setting, mine.stop - mine.start, config.seed, boats, first_world=mine.start, batch=batch, arch=arch
-            )
-            about = provenance(begun, ranks.command, files) | {"usv": world.strategy.name, "total": total}
-            trainers.append(policies.Trainer(world, config, folder, provenance=about, ranks=ranks, log=log))
+            world = World(setting, config.num_worlds, config.seed, boats, arch=arch)
+            about = provenance(begun, files) | {"usv": world.strategy.name, "total": total}
+            trainers.append(policies.Trainer(world, config, folder, provenance=about, log=log))
             if begun:
                 trainers[-1].resume()
         if (done := min(run.steps for run in trainers)) >= total:
-            if ranks.leads:
-                typer.echo(f"nothing is left to do: of {total} world-steps {done} are done; a larger --steps goes on")
+            typer.echo(f"nothing is left to do: of {total} world-steps {done} are done; a larger --steps goes on")
             return
         together, first, config = place not in runs, trainers[0], trainers[0].config
         trainer: Trainer | Seeds = policies.Seeds(trainers, runtime.start(arch).threads) if together else first
         name, baseline = policies.default(setting), {}
-        if ranks.leads:
-            typer.echo(f"evaluating {name} …")
-            baselines = []
-            for run in trainers:
-                judged_in = run.config.seed + EVALUATION_SEED_OFFSET
-                evaluation_worlds = World(setting, EVALUATION_EPISODES, judged_in, boats, arch=arch)
-                rows = policies.evaluated(evaluation_worlds, name)
-                baselines.append(mean_figures(rows))
-                run.evaluate = partial(_beside, evaluation_worlds, [row.arps for row in rows])
-            baseline = training_table.mean_of(baselines) | {"policy": name, "start": first.frame.start}
-            if total <= config.before_learning:
-                typer.echo(
-                    f"warning: --steps {total}: nothing will be learned: the first update comes after"
-                    f" {config.before_learning} world-steps",
-                    err=True,
-                )
+        typer.echo(f"evaluating {name} …")
+        baselines = []
+        for run in trainers:
+            judged_in = run.config.seed + EVALUATION_SEED_OFFSET
+            evaluation_worlds = World(setting, EVALUATION_EPISODES, judged_in, boats, arch=arch)
+            rows = policies.evaluated(evaluation_worlds, name)
+            baselines.append(mean_figures(rows))
+            run.evaluate = partial(_beside, evaluation_worlds, [row.arps for row in rows])
+        baseline = training_table.mean_of(baselines) | {"policy": name, "start": first.frame.start}
+        if total <= config.before_learning:
+            typer.echo(
+                f"warning: --steps {total}: nothing will be learned: the first update comes after"
+                f" {config.before_learning} world-steps",
+                err=True,
+            )
         title = first.world.scenario.name
         if together:
             title += f", seeds {', '.join(str(run.config.seed) for run in trainers)}"
-        shown = training_table.training(baseline, config.algorithm, title)
-        with shown if ranks.leads else nullcontext(lambda figures: None) as show:
+        with training_table.training(baseline, config.algorithm, title) as show:
 
             def watch(figures: dict | list[dict]) -> None:
                 try:
@@ -216,21 +191,20 @@ def train(
                     trainer.interruption.ask(closed.signum)
 
             trainer.train(total, watch)
-        if ranks.leads:
-            if trainer.stopped:
-                again = "".join(f" --plugin {file}" for file in plugins or ())
-                done = min(run.steps for run in trainers)
-                typer.echo(f"stopped at {done} of {total} world-steps; go on with: --out {place} --resume{again}")
-            bests = [max(run.history, key=lambda row: row["arps"]) for run in trainers]
-            learned = all(best["updates"] > 0 for best in bests)
-            evaluations = [{"evaluation": best} for best in bests]
-            found = training_table.of_seeds(evaluations) if together else evaluations[0]
-            told = f"best policy{'' if learned else ', the untrained one'}: {training_table.evaluation(found, name)}"
-            where = place / f"{FOLDER}*" if together else place
-            typer.echo(terminal.wrapped(f"{told}, in {where}/best.safetensors", 2))
-            if learned:  # the best of several evaluations in the same episodes
-                own = place / f"{FOLDER}{config.seed}" if together else place
-                typer.echo(f"compare them in other episodes: usvauv eval {setting.name} --policy {own} --policy {name}")
+        if trainer.stopped:
+            again = "".join(f" --plugin {file}" for file in plugins or ())
+            done = min(run.steps for run in trainers)
+            typer.echo(f"stopped at {done} of {total} world-steps; go on with: --out {place} --resume{again}")
+        bests = [max(run.history, key=lambda row: row["arps"]) for run in trainers]
+        learned = all(best["updates"] > 0 for best in bests)
+        evaluations = [{"evaluation": best} for best in bests]
+        found = training_table.of_seeds(evaluations) if together else evaluations[0]
+        told = f"best policy{'' if learned else ', the untrained one'}: {training_table.evaluation(found, name)}"
+        where = place / f"{FOLDER}*" if together else place
+        typer.echo(terminal.wrapped(f"{told}, in {where}/best.safetensors", 2))
+        if learned:  # the best of several evaluations in the same episodes
+            own = place / f"{FOLDER}{config.seed}" if together else place
+            typer.echo(f"compare them in other episodes: usvauv eval {setting.name} --policy {own} --policy {name}")
     trainer.interruption.raise_if_asked()
 
 

@@ -168,7 +168,7 @@ def _train(definition: Mapping[str, Any], place: Path, signs: Signs) -> None:
     def evaluate(policy: policies.LearnedPolicy) -> dict[str, float]:
         return policies.figures_of_merit(judges, policy, lambda _: signs.advance(EVALUATION_STEP))
 
-    about = provenance(begun, files=digests([scenario])) | {"usv": usv, "total": total}
+    about = provenance(begun, digests([scenario])) | {"usv": usv, "total": total}
     trainer = policies.Trainer(world, config, place, evaluate, about, evaluations)
     if begun:
         trainer.resume()

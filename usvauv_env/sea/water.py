@@ -193,9 +193,8 @@ class WorldWater:
 
     Args:
         site: whose water it is.
-        seeds: of all worlds whose seas are solved.
-        worlds: which of these sail here.
-        first_world: number of the first that sails here, for messages.
+        seeds: of the worlds.
+        first_world: number of the first, for messages.
         fine: solve the sea on `sea.fine_cells` cells instead of on `sea.cell_size`.
         device: of the tensors.
 
@@ -212,12 +211,10 @@ class WorldWater:
     episode: int
     steps: int
 
-    def __init__(
-        self, site: Site, seeds: Seeds, worlds: slice, *, first_world: int, fine: bool, device: torch.device
-    ) -> None:
+    def __init__(self, site: Site, seeds: Seeds, *, first_world: int, fine: bool, device: torch.device) -> None:
         self._site, self._first_world, self._fine = site, first_world, fine
         self.seas, index = seeds.seas(site.scenario.sea.realisations)
-        self.sea_index = torch.from_numpy(index[worlds].astype(np.int32)).to(device)
+        self.sea_index = torch.from_numpy(index.astype(np.int32)).to(device)
         self._flow = site.current
         still = np.zeros((len(Level.names), 1, 1, 2), np.float32)
         self.stream = torch.from_numpy(still if self._flow is None else self._flow.at(0.0)).to(device)

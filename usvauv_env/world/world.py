@@ -31,7 +31,6 @@ from usvauv.env.world.state import (
     mask_of,
     numbers_of,
     padded_length,
-    unused_arrays,
 )
 from usvauv.kernels import runtime
 from usvauv.kernels.errors import DivergenceError
@@ -112,8 +111,6 @@ class World:
         targets: rule by which AUVs choose nodes, in place of the scenario's `nodes.target_rule`.
         first_world: index of the first world; World(n, first_world=f) are worlds f .. f+n−1 of a larger batch. Only
             with one seed.
-        batch: number of worlds in that larger batch: all its seas are solved here, so that the states of its parts can
-            be joined. Default: only the seas that these worlds use.
         fine_sea: solve one sea on `sea.fine_cells` cells instead of a pool on `sea.cell_size`; for one world only.
         arch: where to run, see `usvauv.kernels.runtime.start`.
 
@@ -156,15 +153,12 @@ class World:
         targets: str | None = None,
         *,
         first_world: int = 0,
-        batch: int | None = None,
         fine_sea: bool = False,
         arch: str = "auto",
     ) -> None:
         num_worlds = whole_number("num_worlds", num_worlds, 1, MAX_WORLDS)
         first_world = whole_number("first_world", first_world, 0, MOST_WORLDS - num_worlds)
         seeds = Seeds.of(seed, num_worlds, first_world)
-        if batch is not None:
-            batch = whole_number("batch", batch, first_world + num_worlds, MOST_WORLDS)
         if fine_sea and num_worlds != 1:
             raise ScenarioError(f"num_worlds = {num_worlds}: a finely resolved sea carries exactly one world")
         self.scenario = scenario = Scenario.of(scenario).with_targets(targets)
@@ -180,13 +174,11 @@ class World:
         self.action_size = scenario.auv.action_size
         running = runtime.start(arch)
         self.device = running.device
-        self._made_with = num_worlds, seed, usv, first_world, batch, fine_sea, arch
+        self._made_with = num_worlds, seed, usv, first_world, fine_sea, arch
         self._first_world = first_world
         self._area = torch.tensor([scenario.area.width, scenario.area.length], dtype=torch.float32, device=self.device)
 
         self._foresees = foresees = self.strategy.strategy.functions.foresees
-        # Names in `state` of arrays that all worlds share.
-        self.common_state = ("sea", "sea_clock", "sea_episode", *unused_arrays(scenario, foresees))
         shapes = array_shapes(scenario, num_worlds, foresees)
         used = scenario.uses_pulse_tables
         pulses = tables.pulse_tables(scenario, self.device) if used else tables.no_pulses(self.device)
@@ -197,9 +189,7 @@ class World:
         for name, array in memory.arrays.items():
             setattr(self, name, array)
         self._measures = self.auv[..., MEASURED]  # making it anew in each step would take longer
-        whole, own = (seeds, 0) if batch is None else (Seeds.of(seed, batch), first_world)
-        worlds = slice(own, own + num_worlds)
-        self._water = WorldWater(self.site, whole, worlds, first_world=first_world, fine=fine_sea, device=self.device)
+        self._water = WorldWater(self.site, seeds, first_world=first_world, fine=fine_sea, device=self.device)
         self._kernels = MissionKernels(
             *(self.site, self.strategy, self.observation_layout, seeds), self._water, memory, pulses
         )
@@ -521,8 +511,8 @@ def _remade(
     kind: type[World], scenario: Scenario, made_with: tuple[Any, ...], state: dict[str, Any], last: dict[str, Any]
 ) -> World:
     """The world that `World.__reduce__` describes."""
-    num_worlds, seed, usv, first_world, batch, fine_sea, arch = made_with
-    world = kind(*(scenario, num_worlds, seed, usv), first_world=first_world, batch=batch, fine_sea=fine_sea, arch=arch)
+    num_worlds, seed, usv, first_world, fine_sea, arch = made_with
+    world = kind(scenario, num_worlds, seed, usv, first_world=first_world, fine_sea=fine_sea, arch=arch)
     world.load_state({name: torch.from_numpy(array) for name, array in state.items()})
     for name, array in last.items():
         getattr(world, name).copy_(torch.from_numpy(array))
