@@ -92,18 +92,18 @@ def with_place(error: BaseException, item: str = "") -> str:
 
 
 @contextmanager
-def blaming(item: str, error: Callable[[str], UserError], allowed: tuple[type[Exception], ...] = ()) -> Iterator[None]:
+def blaming(item: str, error: Callable[[str], UserError]) -> Iterator[None]:
     """A context in which code from outside the packages runs: what it raises becomes one line that names `item`.
 
     Raises:
-        error: instead of what that code raises; a UserError, Ctrl-C and what is `allowed` stay as they are.
+        error: instead of what that code raises; a UserError and Ctrl-C stay as they are.
     """
     try:
         yield
     except KeyboardInterrupt:
         raise
     except BaseException as problem:
-        if isinstance(problem, (UserError, *allowed)) and text_of(problem) is not None:
+        if isinstance(problem, UserError) and text_of(problem) is not None:
             raise
         raise error(f"{item}: raised {with_place(problem, item)}") from problem
 

@@ -92,15 +92,14 @@ class Registry(Mapping[str, T], Generic[T]):
             self._taichi[name] = now
 
     @contextmanager
-    def calling(self, name: str, allowed: tuple[type[Exception], ...] = ()) -> Iterator[None]:
+    def calling(self, name: str) -> Iterator[None]:
         """A context in which a plugin's item runs: what it raises becomes one line that names the item and its file.
 
         Raises:
-            error: instead of what a plugin raises, unless it is `allowed`; what belongs to the packages raises as it
-                does.
+            error: instead of what a plugin raises; what belongs to the packages raises as it does.
         """
         item = self.described(name)
-        with blaming(item, self._error, allowed) if item else nullcontext():
+        with blaming(item, self._error) if item else nullcontext():
             yield
 
     def refuse(self, name: str, returned: object, allowed: str) -> UserError:

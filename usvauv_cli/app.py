@@ -148,7 +148,7 @@ def parser() -> typer.Typer:
     """
     import typer
 
-    from usvauv.cli.commands import evaluate, export, inspect, plan, sea, simulate, sweep, train, train_targets
+    from usvauv.cli.commands import evaluate, export, inspect, plan, sea, simulate, sweep, train
     from usvauv.cli.usage import Command
 
     app = typer.Typer(
@@ -160,7 +160,7 @@ def parser() -> typer.Typer:
         rich_markup_mode="markdown",
     )
     for command in (
-        *(simulate.simulate, simulate.replay, simulate.live, train.train, train_targets.train_targets),
+        *(simulate.simulate, simulate.replay, simulate.live, train.train),
         *(evaluate.evaluate, export.export, sweep.sweep, sweep.reproduce, plan.plan, sea.sea),
         *(inspect.scenarios, inspect.policies, inspect.boats, inspect.targets, inspect.doctor),
     ):

@@ -23,7 +23,6 @@ KINDS = {  # by the option that takes one, where there is one
     "trace": Kind("a trace", "a NetCDF file", "usvauv replay {} draws a trace"),
     "policy": Kind("a trained policy", "a trained policy", "usvauv simulate --policy {} runs it"),
     "log": Kind("a log of fixes", "a CSV file", "usvauv plan --log {} reads a log of fixes"),
-    "targets": Kind("a target rule", "a JSON file", "usvauv simulate --targets learned:{} runs a learned rule"),
     "plugin": Kind("a plugin", "a Python file", "--plugin {} loads a plugin"),
     "result": Kind("a result", "a picture, a video or an export", "no command of usvauv reads it"),
 }
@@ -31,10 +30,9 @@ ENDINGS = {
     ".nc": "trace",
     ".safetensors": "policy",
     ".csv": "log",
-    ".json": "targets",
     ".py": "plugin",
     **dict.fromkeys((".mp4", ".webm", ".gif", ".webp", ".png", ".pdf", ".svg"), "result"),
-    **dict.fromkeys((".geojson", ".onnx", ".mcap", ".rrd", ".parquet", ".html"), "result"),
+    **dict.fromkeys((".json", ".geojson", ".onnx", ".mcap", ".rrd", ".parquet", ".html"), "result"),
 }
 
 

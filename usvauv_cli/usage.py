@@ -50,6 +50,6 @@ def _place(argument: str, options: Iterable[str] = ()) -> str:
     from usvauv.env.scenario.fields import shipped
 
     kind = "scenario" if argument in shipped() else kind_of(argument)
-    if f"--{kind}" in options and kind != "targets":
+    if f"--{kind}" in options:
         return f"; --{kind} {argument} does"
     return f"; {KINDS[kind].taken.format(argument)}" if kind else ""

@@ -1,7 +1,7 @@
 """Target rules compared: which node next, in several settings and with less and less known.
 
     python -m benchmarks.studies.decisions
-    python -m benchmarks.studies.decisions --part survey --episodes 200 --learned FILE
+    python -m benchmarks.studies.decisions --part survey --episodes 200
 
 AUVs steer by `pace`, the boat stays at the mean of their positions, so that rules differ in nothing else. The number of
 each rule is the best of `TUNED` on other seeds, by data delivered. Intervals are 95 %; differences are paired by world.
@@ -10,10 +10,8 @@ each rule is the best of `TUNED` on other seeds, by data delivered. Intervals ar
 from __future__ import annotations
 
 import argparse
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cache
-from pathlib import Path
 
 from benchmarks.machine import describe
 from benchmarks.studies.table import figure, head, interval, line
@@ -76,16 +74,16 @@ def tuned(rule: str, changes: Sequence[str], episodes: int, seed: int, scenario:
 
 
 def table(
-    names: Mapping[str, str], less: str, changes: Sequence[str], episodes: int, seed: int, scenario: str = "extreme"
+    names: Sequence[str], less: str, changes: Sequence[str], episodes: int, seed: int, scenario: str = "extreme"
 ) -> None:
-    """All figures of rules, by name and what is shown of it, and their data less those of one of them."""
+    """All figures of rules, and their data less those of one of them."""
     head(["rule", "Mbit", f"less `{less}`", *(heading for heading, _ in FIGURES.values())])
     against = figure(run(less, changes, episodes, seed, scenario), DATA)
-    for name, shown in names.items():
+    for name in names:
         rows = run(name, changes, episodes, seed, scenario)
         data = figure(rows, DATA)
         others = [interval(figure(rows, each), digits) for each, (_, digits) in FIGURES.items()]
-        line([f"`{shown}`", interval(data), interval(data - against), *others])
+        line([f"`{name}`", interval(data), interval(data - against), *others])
 
 
 def settings(episodes: int, seed: int, tuning: tuple[int, int]) -> None:
@@ -93,7 +91,7 @@ def settings(episodes: int, seed: int, tuning: tuple[int, int]) -> None:
     for title, changes in SETTINGS.items():
         print(f"\n### {title}\n")
         names = [SHIPPED, *(tuned(rule, changes, *tuning) for rule in TUNED)]
-        table(dict(zip(names, names, strict=True)), BASELINE, changes, episodes, seed)
+        table(names, BASELINE, changes, episodes, seed)
 
 
 def knowledge(episodes: int, seed: int, tuning: tuple[int, int]) -> None:
@@ -110,17 +108,13 @@ def knowledge(episodes: int, seed: int, tuning: tuple[int, int]) -> None:
             line([f"`{name}`", interval(full), *(f"{interval(data)} ({interval(data - full)})" for data in others)])
 
 
-def survey(episodes: int, seed: int, tuning: tuple[int, int], learned: Sequence[Path]) -> None:
-    """All figures in `survey`, also of learned rules, each where as much is known as when it was trained."""
+def survey(episodes: int, seed: int, tuning: tuple[int, int]) -> None:
+    """All figures in `survey`."""
     for known in ("visits", "own-visits"):
         changes = (f"nodes.information={known}",)
         print(f"\n### `survey`, `{known}`\n")
         best = tuned("rollout", changes, *tuning, "survey")
-        names = {name: name for name in (tuned("rate", changes, *tuning, "survey"), best, "tour", "sectors")}
-        for file in learned:
-            made = json.loads(file.read_text())
-            if made["information"] == known:
-                names[f"learned:{file}"] = f"learned, seed {made['settings']['seed']}"
+        names = [tuned("rate", changes, *tuning, "survey"), best, "tour", "sectors"]
         table(names, best, changes, episodes, seed, "survey")
 
 
@@ -131,7 +125,6 @@ def main() -> None:
     parser.add_argument("--tuning-episodes", type=int, default=30)
     parser.add_argument("--tuning-seed", type=int, default=77)
     parser.add_argument("--part", choices=("settings", "knowledge", "survey"), action="append")
-    parser.add_argument("--learned", type=Path, action="append", help="a file of `usvauv train-targets`")
     arguments = parser.parse_args()
     tuning = (arguments.tuning_episodes, arguments.tuning_seed)
     print(
@@ -143,7 +136,7 @@ def main() -> None:
     if "knowledge" in parts:
         knowledge(arguments.episodes, arguments.seed, tuning)
     if "survey" in parts:
-        survey(arguments.episodes, arguments.seed, tuning, arguments.learned or [])
+        survey(arguments.episodes, arguments.seed, tuning)
 
 
 if __name__ == "__main__":

@@ -504,7 +504,7 @@ class Draw(Columns):
     arrival: int
     loss: int
     reading: int
-    decision: int
+    decision: int  # not used here; the numbers of those after it are part of results
     calibration: int
     lever_arm: int
     gnss: int

@@ -224,10 +224,9 @@ def test_a_frame_and_a_target_rule_are_named_too(tmp_path):
     FRAMES.register("wrong", Wrong)
     with pytest.raises(PolicyError, match=r"^frame 'wrong' of .*: raised Odd, in .*plugins\.py, line"):
         Trainer(ToyWorld(scenario(), 32, seed=1), dataclasses.replace(LEARNING, frame="wrong"))
-    for name, parts in (("wide", {"workspace": lambda *_: fails(Odd())}), ("read", {"read": lambda _: fails(Odd())})):
-        target_rules.register(name, TargetRule(node_by_number, **parts))
-        with pytest.raises(UserError, match=rf"^target rule '{name}' of .*: raised Odd, in .*plugins\.py, line"):
-            World(Scenario.load("ideal", [f"nodes.target_rule={name}"]), 1)
+    target_rules.register("wide", TargetRule(node_by_number, workspace=lambda *_: fails(Odd())))
+    with pytest.raises(UserError, match=r"^target rule 'wide' of .*: raised Odd, in .*plugins\.py, line"):
+        World(Scenario.load("ideal", ["nodes.target_rule=wide"]), 1)
 
 
 @pytest.mark.parametrize(

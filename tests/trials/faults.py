@@ -57,10 +57,6 @@ COMMANDS = {
         *("sea.fine_cells=32", "--out", "a.mp4", "--trace", "a.nc"),
     ],
     "train": ["train", *BEGIN, "--out", "run"],
-    "train-targets": [
-        *("train-targets", "ideal", "--policy", "straight", "--iterations", "20", "--worlds", "4", "--set"),
-        *("mission.duration=30", "--out", "a.json"),
-    ],
     "eval": [
         *("eval", "ideal", "--policy", "straight", "--episodes", "3", "--set", "mission.duration=30", "--out", "a.csv")
     ],

@@ -34,7 +34,7 @@ def test_help_names_every_command(run_usvauv):
     text = run_usvauv("--help")[1]
     assert all(command in text for command in ("simulate", "sea", "train", "eval", "reproduce", "plan", "scenarios"))
     assert subprocess.check_output([*COMMAND, "--version"], text=True) == f"usvauv {metadata.version('usvauv')}\n"
-    for command in ("simulate", "sea", "train", "train-targets", "eval", "reproduce", "plan"):
+    for command in ("simulate", "sea", "train", "eval", "reproduce", "plan"):
         assert "Example" in run_usvauv(command, "--help")[1]
 
 
@@ -278,7 +278,7 @@ def test_a_policy_of_another_team_is_warned_of(run_usvauv):
     assert run_usvauv(*learned) == (2, "", refused)
 
 
-@pytest.mark.parametrize("command", ["simulate", "eval", "train", "train-targets", "sea", "live"])
+@pytest.mark.parametrize("command", ["simulate", "eval", "train", "sea", "live"])
 def test_a_command_says_what_it_does_before_it_imports_what_takes_long(tmp_path, command):
     without = "import sys; sys.modules |= dict.fromkeys(('torch', 'numpy', 'rich', 'matplotlib'))"
     code = f"{without}; from usvauv.cli.app import main; main()"
@@ -309,11 +309,9 @@ def test_ctrl_c_ends_a_training_run_cleanly(tmp_path, run_usvauv, monkeypatch):
 def test_a_second_run_in_a_folder_names_the_first(tmp_path, refused):
     folder = tmp_path / "run"
     folder.mkdir()
-    with locked(folder), locked(tmp_path / "run.json", tmp_path / ".run.json.lock"):
+    with locked(folder):
         for command in (["train"], ["train", "--resume"], ["reproduce", "fig3"]):
             assert refused(*command, "--out", "run") == f"run: process {os.getpid()} is writing there\n"
-        held = f"run.json: process {os.getpid()} is writing there\n"
-        assert refused("train-targets", "--out", "run.json") == held
     assert list(folder.iterdir()) == []
 
 
@@ -448,7 +446,6 @@ class TestResultsThatAreThere:
             (["eval"], "--out", "a.csv"),
             (["sea"], "--out", "a.nc"),
             (["plan", "--auv", "9,9,9"], "--json", "a.json"),
-            (["train-targets"], "--out", "a.json"),
             (["export", "sac-ideal"], "--onnx", "a.onnx"),
             (["export", "x.nc", "--to", "mcap"], "--out", "a.mcap"),
         ],
@@ -495,7 +492,7 @@ def test_a_folder_with_the_name_of_a_scenario_hides_nothing(tmp_path, run_usvauv
     assert run_usvauv("scenarios", "extreme")[0] == 0
 
 
-@pytest.mark.parametrize(("command", "shown"), [("help", "train-targets"), ("help plan", "--beacon")])
+@pytest.mark.parametrize(("command", "shown"), [("help", "reproduce"), ("help plan", "--beacon")])
 def test_help_is_also_a_command(run_usvauv, command, shown):
     code, said, complaint = run_usvauv(*command.split())
     assert (code, complaint) == (0, "")
@@ -514,7 +511,6 @@ def test_help_is_also_a_command(run_usvauv, command, shown):
         (["sea", "--fps", "2000"], ["--fps 2000: must be from 1 to 1000"]),
         (["live", "--usv", "fimm"], ["did you mean 'fim'?"]),
         (["live", "--policy", "stright"], ["did you mean 'straight'?"]),
-        (["train-targets", "--usv", "fimm"], ["did you mean 'fim'?"]),
         (["train", "--arch", "gpu"], ["--arch 'gpu': allowed are auto, cpu"]),
         (["sim"], ["command 'sim'", "did you mean 'simulate'?"]),
         (["help", "reply"], ["command 'reply'", "did you mean 'replay'?"]),

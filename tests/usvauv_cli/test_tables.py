@@ -48,7 +48,7 @@ def tables_of(rows, scenario, wide):
 
 @pytest.mark.parametrize("policies", [["clear"], LONG], ids=["one", "many"])
 @pytest.mark.parametrize("boats", [["fim"], ["fim", "hold:300,300;100,100;500,500"]])
-@pytest.mark.parametrize("targets", [[""], ["tour", "learned:some/folder/of/mine/targets.json"]])
+@pytest.mark.parametrize("targets", [[""], ["tour", "a-rule-of-a-plugin-with-a-long-name:12"]])
 @pytest.mark.parametrize("scenario", ["extreme", "station-keeping"])
 def test_tables_of_eval_fit_and_no_number_is_cut(capsys, policies, boats, targets, scenario):
     tables_of(episodes(policies, boats, targets), scenario, wide=False)

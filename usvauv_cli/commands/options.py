@@ -81,7 +81,7 @@ Policy = Annotated[
 BOATS = "Boat strategy: a name from `usvauv boats`, such as fim or hold:X,Y"
 Usv = Annotated[str | None, typer.Option(help=f"{BOATS}. Default: the scenario's.")]
 
-TARGETS = "Rule for the next node: a name from `usvauv targets`, such as tour or learned:FILE"
+TARGETS = "Rule for the next node: a name from `usvauv targets`, such as tour or rate:20"
 Targets = Annotated[str | None, typer.Option(help=f"{TARGETS}. Default: the scenario's.")]
 
 VideoOut = Annotated[
@@ -261,9 +261,8 @@ def _decisive(context: typer.Context) -> dict[str, Any]:
 
 
 def _told(value: Any) -> Any:
-    path = value.removeprefix("learned:") if isinstance(value, str) else ""
-    if os.path.isfile(path):
-        with suppress(OSError), open(path, "rb") as file:
+    if isinstance(value, str) and os.path.isfile(value):
+        with suppress(OSError), open(value, "rb") as file:
             return f"{value} (SHA-256 {hashlib.file_digest(file, 'sha256').hexdigest()[:12]})"
     return value
 

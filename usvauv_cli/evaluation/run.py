@@ -51,7 +51,7 @@ def definition(scenario: Scenario, combinations: Iterable[Combination], seed: in
         "scenario": scenario.to_dict(),
         "policies": [readable(name) for name in policies],
         "boats": boats,
-        "targets": [readable(name) for name in rules],
+        "targets": rules,
         "seed": seed,
         "files": digests([scenario.with_targets(rule or None) for rule in rules], policies),
         "kernels on": runtime.start(arch).arch,

@@ -278,7 +278,7 @@ class Session:
         """Target rules that can be chosen here, the present one first; none in a task without them."""
         if self.scenario.task_definition.targets != "nodes":
             return []
-        return _choices(self.scenario.nodes.target_rule, [name for name, rule in target_rules.items() if not rule.read])
+        return _choices(self.scenario.nodes.target_rule, list(target_rules))
 
     def policies(self) -> list[str]:
         """Policies that can be chosen here, the present one first."""

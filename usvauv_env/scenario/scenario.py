@@ -18,7 +18,6 @@ from usvauv.env.scenario import sea as environment
 from usvauv.env.scenario.fields import ScenarioError, Section, as_toml, one_line, one_of, section
 from usvauv.env.scenario.sea import INFRAGRAVITY, SMALLEST_PERIOD
 from usvauv.env.storage.files import TextFileError, check_plain
-from usvauv.kernels.mission.target_rules import target_rules
 from usvauv.kernels.mission.tasks.task import Task, tasks
 from usvauv.kernels.positioning.pulse import FEWEST_CHIPS, FEWEST_PERIODS
 from usvauv.kernels.vehicles.torpedo import check_roll
@@ -314,7 +313,7 @@ class Scenario(Section):
 
     @property
     def files(self) -> list[Path]:
-        """Files that it names, on whose content results depend: of data, and of a learned target rule."""
+        """Files of data that it names, on whose content results depend."""
         named = [
             getattr(section, name)
             for _, section in self
@@ -322,9 +321,7 @@ class Scenario(Section):
             for name, info in type(section).model_fields.items()
             if fields.FILE in info.metadata
         ]
-        rule, _, text = self.nodes.target_rule.partition(":")
-        learned = [text] if target_rules[rule].read else []
-        return [Path(name) for name in filter(None, named + learned)]
+        return [Path(name) for name in filter(None, named)]
 
     @property
     def targets(self) -> int:

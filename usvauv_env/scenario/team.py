@@ -312,7 +312,7 @@ class Nodes(Section):
     target_rule: str = Field(
         "tour",
         description="next node of an AUV: greedy:ALPHA (λ b/C − α d), nearest, rate:SECONDS (data per time),"
-        " rollout:HORIZON, tour, sectors, demonstration:ALPHA, learned:FILE, or a plugin's rule",
+        " rollout:HORIZON, tour, sectors, demonstration:ALPHA, or a plugin's rule",
     )
     information: Literal["full", "rates", "visits", "own-visits"] = Field(
         "full",

@@ -197,8 +197,8 @@ def hdf5_file(path: Path) -> Iterator[HDF5File]:
 
 
 @contextmanager
-def locked(place: Path, lock: Path | None = None) -> Iterator[None]:
-    """Keep other processes that ask for the same lock away from a folder, or with `lock`, its own file, from a file.
+def locked(place: Path) -> Iterator[None]:
+    """Keep other processes that ask for the same lock away from a folder.
 
     The operating system holds the lock and drops it when this process ends, however it ends: a lock file left by a
     killed process locks nothing, even if its process id is in use again. Where the file system has no locks, nobody
@@ -207,7 +207,7 @@ def locked(place: Path, lock: Path | None = None) -> Iterator[None]:
     Raises:
         OutputError: another process holds it, which is named, or the folder cannot be written.
     """
-    path = lock or place / LOCK
+    path = place / LOCK
     with writing(place):
         file = open_locked(path, place)
         if not re.fullmatch(rb"[0-9]{0,20}", file.read(21)):

@@ -232,11 +232,6 @@ class World:
         return self._water.storm
 
     @property
-    def rule_numbers(self) -> torch.Tensor:
-        """Numbers of the target rule, (≥ 1,); changes take effect from the next step on."""
-        return self._kernels.tables["rule_numbers"]
-
-    @property
     def rule_workspace(self) -> torch.Tensor:
         """The target rule's workspace after the last step, (W, ≥ 1)."""
         return self._kernels.tables["workspace"][:, : tables.rule_workspace(self.scenario)]
@@ -372,7 +367,7 @@ class World:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """A copy, also by `pickle` in another process, is a new world with this one's state."""
-        last = {name: getattr(self, name) for name in (*REWARDS, "rule_numbers")}
+        last = {name: getattr(self, name) for name in REWARDS}
         # Torch sends a tensor to a process that is being spawned as a file, which would be closed with these copies.
         state, last = ({name: array.numpy(force=True) for name, array in part.items()} for part in (self.state(), last))
         return _remade, (type(self), self.scenario, self._made_with, state, last)

@@ -4,7 +4,6 @@ Public: `target_rules`, `TargetRule` and `parse`; for your own rule also `knowle
 """
 
 from usvauv.kernels.mission.target_rules import knowledge
-from usvauv.kernels.mission.target_rules.learned import LEARNED
 from usvauv.kernels.mission.target_rules.rollout import ROLLOUT
 from usvauv.kernels.mission.target_rules.rule import (
     DEMONSTRATION,
@@ -25,7 +24,6 @@ target_rules.register("rate", RATE)
 target_rules.register("rollout", ROLLOUT)
 target_rules.register("tour", TOUR)
 target_rules.register("sectors", SECTORS)
-target_rules.register("learned", LEARNED)
 target_rules.register("demonstration", DEMONSTRATION)
 
 __all__ = ["TargetRule", "best_free", "knowledge", "parse", "share_nodes", "target_rules", "usage"]

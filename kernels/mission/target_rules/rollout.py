@@ -142,16 +142,8 @@ def next_best(worlds: ti.template(), w, k, last, last_value):
 
 
 @func
-def expected(worlds: ti.template(), i):
-    """Index in the workspace of the packets expected after node i; the value is −1 if it is no candidate."""
-    return memory(worlds, worlds.auv.shape[1], 0) + i
-
-
-@func
-def try_candidates(worlds: ti.template(), w, k):
-    """Write the packets `expected` after each candidate; returns the best candidate, −1 if no node is free."""
-    for i in range(worlds.node.shape[1]):
-        worlds.workspace[w, expected(worlds, i)] = -1.0
+def rollout(worlds: ti.template(), w, k):
+    """The free node after which all AUVs together are expected to collect most; they are simulated for some HORIZON."""
     best = -1
     most = -1.0
     last = -1
@@ -162,25 +154,17 @@ def try_candidates(worlds: ti.template(), w, k):
         last_value = value
         if candidate >= 0:
             total = future(worlds, w, k, candidate)
-            worlds.workspace[w, expected(worlds, candidate)] = total
             if total > most:
                 best = candidate
                 most = total
-    return best
-
-
-@func
-def rollout(worlds: ti.template(), w, k):
-    """The free node after which all AUVs together are expected to collect most; they are simulated for some HORIZON."""
-    best = try_candidates(worlds, w, k)
     if best < 0:
         best = k % worlds.node.shape[1]
     return best
 
 
 def workspace(num_nodes: int, num_auvs: int) -> int:
-    """When each node is emptied, the numbers of each AUV, and what is expected after each node."""
-    return num_nodes + NUMBERS * num_auvs + num_nodes
+    """When each node is emptied, and the numbers of each AUV."""
+    return num_nodes + NUMBERS * num_auvs
 
 
 ROLLOUT = TargetRule(rollout, arguments=(("HORIZON", 90.0),), units=("s",), workspace=workspace)

@@ -15,6 +15,7 @@ from usvauv.kernels.registry import Registry
 from usvauv.kernels.types import vec2, vec3
 
 LARGEST = 1e6  # of a rule's numbers
+RETIRED = ("learned",)  # since 0.4
 
 
 @func
@@ -49,7 +50,6 @@ class TargetRule:
             predicted.
         units: of the arguments, one each; "" for a number.
         about: one sentence about what it does; default: the docstring of `choose`.
-        read: for a rule whose numbers are in a file: the text after the name → the numbers; raises ValueError.
     """
 
     choose: Callable[..., Any]
@@ -59,7 +59,6 @@ class TargetRule:
     foreseen: Callable[..., Any] = unknown
     units: tuple[str, ...] = ()
     about: str = ""
-    read: Callable[[str], tuple[float, ...]] | None = None
 
 
 target_rules: Registry[TargetRule] = Registry("target rule", form=TargetRule, documented=lambda rule: rule.choose)
@@ -67,8 +66,6 @@ target_rules: Registry[TargetRule] = Registry("target rule", form=TargetRule, do
 
 def usage(name: str) -> str:
     """A rule's name, followed by its optional numbers in brackets."""
-    if target_rules[name].read is not None:
-        return f"{name}:FILE"
     arguments = ",".join(argument for argument, _ in target_rules[name].arguments)
     return f"{name}[:{arguments}]" if arguments else name
 
@@ -77,15 +74,14 @@ def parse(text: str) -> tuple[TargetRule, tuple[float, ...]]:
     """A rule and its numbers from "name", "name:number" or "name:number,number".
 
     Raises:
-        ValueError: unknown rule, or numbers that it does not have; the message says what is allowed.
+        ValueError: unknown or retired rule, or numbers that it does not have; the message says what is allowed.
     """
     name, colon, rest = text.partition(":")
+    if name not in target_rules and name in RETIRED:
+        raise ValueError(f"{text!r}: no longer there")
     if name not in target_rules:
         raise ValueError(f"{text!r}: {choices(text, map(usage, target_rules))}")
     rule = target_rules[name]
-    if rule.read is not None:
-        with target_rules.calling(name, allowed=(ValueError,)):
-            return rule, rule.read(rest)
     try:
         given = [float(part) for part in rest.split(",")] if colon else []
     except ValueError:

@@ -1,7 +1,6 @@
 """Target rules and what they know, against computations of their own in NumPy."""
 
 import itertools
-import json
 import math
 from collections.abc import Iterator
 
@@ -18,7 +17,7 @@ from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.site.site import Site
 from usvauv.env.world.tables import reference_rate
 from usvauv.kernels.mission.columns import AuvColumn, BeliefColumn, NodeColumn
-from usvauv.kernels.mission.target_rules import knowledge, learned
+from usvauv.kernels.mission.target_rules import knowledge
 from usvauv.kernels.types import array2
 
 
@@ -170,16 +169,6 @@ def test_a_world_does_not_depend_on_those_beside_it():
     assert torch.equal(many.node[2], one.node[0])
 
 
-def test_a_learned_rule_untrained_is_rollout():
-    scenario = Scenario.load("ideal", [*CALM, "nodes.arrival_rates=[1,4,30]"])
-    names = "learned:untrained", f"rollout:{learned.HORIZON:g}"
-    mine, other = (World(scenario, 8, seed=2, targets=name) for name in names)
-    for one, two in zip(choices(mine, 300), choices(other, 300), strict=True):
-        assert one[:2] == two[:2]
-        assert one[4] == two[4]
-    assert torch.equal(mine.auv, other.auv)
-
-
 def cycles(successor: np.ndarray) -> list[list[int]]:
     left, found = set(range(len(successor))), []
     while left:
@@ -268,7 +257,6 @@ class TestTour:
             ("tour", 3, VISITS),
             ("sectors", 2, VISITS),
             ("rollout", 1, PLAIN),
-            ("learned:untrained", 1, PLAIN),
         ],
     )
     def test_fewer_nodes_than_auvs(self, rule, nodes, changes):
@@ -407,10 +395,7 @@ class TestKnowledge:
 
     @pytest.mark.parametrize(
         "rule",
-        slowly(
-            ["greedy", "nearest", "rate", "rollout", "learned:untrained"],
-            *("greedy", "nearest", "rate", "learned:untrained"),
-        ),
+        slowly(["greedy", "nearest", "rate", "rollout"], "greedy", "nearest", "rate"),
     )
     def test_without_communication_each_keeps_to_its_sector(self, rule):
         """Sectors are the cycles of the rule `sectors`; they do not depend on the rule."""
@@ -444,32 +429,10 @@ class TestNames:
             ("rate:nan", "rate[:SECONDS]"),
             ("tour:3", "expected tour"),
             ("rate:", "rate[:SECONDS]"),
+            ("learned:mine.json", "'learned:mine.json': no longer there"),
         ],
     )
     def test_refused(self, text, allowed):
         with pytest.raises(ScenarioError, match=r"nodes\.target_rule") as refused:
             World(Scenario.load("ideal", EVERY_STEP), targets=text)
         assert allowed in str(refused.value)
-
-    @pytest.mark.parametrize(
-        "content",
-        [
-            *("", "[]", "{}", "[" * 100_000, '{"weights": []}'),
-            json.dumps({"weights": [0.0] * (learned.NUM_WEIGHTS - 1)}),
-            *(json.dumps({"weights": [0.0] * (learned.NUM_WEIGHTS - 1) + [x]}) for x in ("x", math.nan, 1e9, 10**400)),
-        ],
-    )
-    def test_a_file_of_wrong_weights_is_refused(self, tmp_path, content):
-        path = tmp_path / "rule.json"
-        path.write_text(content)
-        self.no_weights(f"learned:{path}")
-
-    @pytest.mark.parametrize(
-        "text", ["learned", "learned:", "learned:/", "learned:/dev/zero", "learned:no-such-file", "learned:a\0b"]
-    )
-    def test_what_is_no_file_of_weights_is_refused(self, text):
-        self.no_weights(text)
-
-    def no_weights(self, text):
-        with pytest.raises(ScenarioError, match=r"nodes\.target_rule.*no weights of a learned rule"):
-            World(Scenario.load("ideal", EVERY_STEP), targets=text)
