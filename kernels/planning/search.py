@@ -42,7 +42,7 @@ from usvauv.kernels.planning.information import (
 from usvauv.kernels.planning.jet import VALUE, XX, XY, YY, X, Y
 from usvauv.kernels.planning.objectives import PAPER, A, D, log_objective, objective_of
 from usvauv.kernels.positioning.acoustic_link import ALIGNMENT, ATTITUDE, HEADING, POSITION, SOUND_SPEED
-from usvauv.kernels.types import array2, array3, vec2, vec3, vec6
+from usvauv.kernels.types import array2, array3, vec2, vec3, vec4, vec6
 
 MAX_EVALUATIONS = 60
 ROUNDING = 4e-7  # of ln of an objective, relative to 1 + its size
@@ -278,16 +278,25 @@ def is_peaked(team: ti.template(), k) -> bool:
 
 
 @func
+def box_of(team: ti.template()) -> vec4:
+    """The box of the AUVs' estimated positions: least x and y, and its sides, m."""
+    box = vec4(1e9, 1e9, -1e9, -1e9)
+    for k in range(team.count):
+        place = position(team, k)
+        box = vec4(
+            ti.min(box[0], place[0]), ti.min(box[1], place[1]), ti.max(box[2], place[0]), ti.max(box[3], place[1])
+        )
+    return vec4(box[0], box[1], box[2] - box[0], box[3] - box[1])
+
+
+@func
 def may_miss(team: ti.template()) -> bool:
     """Whether from above one AUV of the team the fix of another may fail."""
-    low, high = vec2(1e9), vec2(-1e9)
-    for k in range(team.count):
-        low = ti.min(low, position(team, k))
-        high = ti.max(high, position(team, k))
+    box = box_of(team)
     missed = False
     for k in range(team.count):
         z2 = squared_separation(team, k)
-        q = (high - low).norm_sqr() + z2
+        q = box[2] * box[2] + box[3] * box[3] + z2
         if not is_certain(team.link, member(team, k), ti.exp(log_T(team.link, member(team, k), q)), q, z2):
             missed = True
     return missed
@@ -296,18 +305,14 @@ def may_miss(team: ti.template()) -> bool:
 @func
 def best_on_lattice(team: ti.template(), code: ti.template(), region: ti.template()) -> mat2x3:
     """The best of LATTICE² places over the AUVs' box and the best one away from that, as of `best_between_auvs`."""
-    low, high = vec2(1e9), vec2(-1e9)
-    for k in range(team.count):
-        low = ti.min(low, position(team, k))
-        high = ti.max(high, position(team, k))
+    box = box_of(team)
     best = mat2x3([[0.0, 0.0, -1e30], [0.0, 0.0, -1e30]])
-    apart = 1.5 / LATTICE * (high - low)
     for turn in ti.static(range(2)):
         for n in range(LATTICE * LATTICE):
-            share = vec2(n // LATTICE + 0.5, n % LATTICE + 0.5) / LATTICE
-            point = clip(low + share * (high - low), region)
+            cell = vec2(box[2], box[3]) / LATTICE
+            point = clip(vec2(box[0] + (n // LATTICE + 0.5) * cell[0], box[1] + (n % LATTICE + 0.5) * cell[1]), region)
             away = point - vec2(best[0, 0], best[0, 1])
-            if turn == 0 or ti.abs(away[0]) > apart[0] or ti.abs(away[1]) > apart[1]:
+            if turn == 0 or ti.abs(away[0]) > 1.5 * cell[0] or ti.abs(away[1]) > 1.5 * cell[1]:
                 value = log_objective(team, code, point)[0]
                 if value > best[turn, 2]:
                     best[turn, 0], best[turn, 1], best[turn, 2] = point[0], point[1], value

@@ -59,7 +59,7 @@ def stable(eigenvalues: np.ndarray, longest: float, shortest: float) -> float:
     step = longest
     while step >= shortest:
         z = MARGIN * step * eigenvalues
-        growth = np.where(eigenvalues.real > GROWTH, np.abs(z), np.abs(1.0 + z + 0.5 * z * z))
+        growth = np.where(np.real(eigenvalues) > GROWTH, np.abs(z), np.abs(1.0 + z + 0.5 * z * z))
         if (growth <= np.exp(MARGIN * step * GROWTH)).all():
             break
         step *= 0.9
