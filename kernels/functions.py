@@ -413,7 +413,7 @@ def mark_beyond(numbers: index1, which: index1, bits: index3, flag: index1):
     for n in range(numbers.shape[0]):
         row, lane, number = which[n // LANES], n % LANES, numbers[n]
         limit = bits[row, 0, lane] ^ (number >> 31 & bits[row, 1, lane])
-        if number & MAGNITUDE > limit:
+        if flag[0] == 0 and number & MAGNITUDE > limit:  # arrays not read are not sent: `docs/architectures.md`
             flag[0] = 1
 
 

@@ -124,5 +124,5 @@ def test_each_purpose_of_a_draw_is_one_functions():
         "fix": {"reception.receive", "reception.make_fix", "reception_in_lanes.fix_each"},  # the first: disturbed sound
         "residual": {"reception.receive", "reception.make_fix", "reception_in_lanes.fix_each"},
     }
-    assert set(drawing) == set(Draw.names)
+    assert set(drawing) == set(Draw.names) - {"decision"}  # which keeps the places of those after it
     assert {name: users for name, users in drawing.items() if len(users) > 1} == shared
