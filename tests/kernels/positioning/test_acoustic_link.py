@@ -56,7 +56,9 @@ def measure(link: array2, place: array2, found: array2):
 @pytest.mark.parametrize("chosen", list(itertools.product(*CHOICES.values())), ids="-".join)
 def test_a_link_beside_the_sonar_equation(device, chosen):
     bubbles, data_ratio = "range" in chosen, 6.0 if "density" in chosen else 11.0
-    s = Sonar(**COMMON, **dict(zip(CHOICES, chosen, strict=True)), bubbles=bubbles, data_ratio=data_ratio)
+    s = Sonar(
+        **COMMON, **dict(zip(CHOICES, chosen, strict=True)), bubbles=bubbles, data_ratio=data_ratio, unlocated=58.0
+    )
     table = link_table(CARRIERS, s)
     assert table.shape == (2, acoustic_link.COLUMNS)
     assert (table != 0).all() or not bubbles  # no column is of nothing
