@@ -3,14 +3,11 @@
 Written while it builds, and not kept by git: `gallery/` from `examples/gallery/`, `reference/` from the source.
 """
 
-import shutil
 import sys
 from pathlib import Path
 
 HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE), str(HERE.parent)]
-
-from tests.import_graph import sources  # noqa: E402
 
 project = "usvauv"
 copyright = "2026 the usvauv authors, MIT licence"  # in the footer of each page
@@ -33,17 +30,8 @@ html_copy_source = False
 smartquotes = False  # they would make dashes of the two hyphens of an option
 myst_heading_anchors = 4  # links to headings work as on GitHub
 
-SOURCE = HERE / "_build" / "source"  # the folders as they are installed: as one package
-shutil.rmtree(SOURCE, ignore_errors=True)
-for package, path in sources().items():
-    place = (
-        SOURCE / Path(*package.split(".")) / path.name
-        if path.stem == "__init__"
-        else SOURCE / Path(*package.split(".")).with_suffix(".py")
-    )
-    place.parent.mkdir(parents=True, exist_ok=True)
-    shutil.copy(path, place)
-autoapi_dirs = [str(SOURCE / "usvauv")]
+autoapi_dirs = ["../src/usvauv"]
+autoapi_follow_symlinks = True
 autoapi_ignore = ["*/usvauv/cli/commands/*"]  # they have a page of their own, as they are used
 autoapi_root = "reference/api"
 autoapi_add_toctree_entry = False  # packages.md has them

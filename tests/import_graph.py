@@ -8,11 +8,11 @@ for type checkers count like the others. Importing `usvauv.kernels.flow.airy` do
 import ast
 import functools
 from collections.abc import Mapping, Set
+from glob import glob
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-FOLDERS = ("kernels", "usvauv_env", "policies", "usvauv_cli", "src/usvauv")  # from the lowest to the highest
-PACKAGES = tuple(f"usvauv.{folder.removeprefix('usvauv_')}" for folder in FOLDERS[:-1])
+PACKAGES = ("usvauv.kernels", "usvauv.env", "usvauv.policies", "usvauv.cli")  # from the lowest to the highest
 
 Graph = Mapping[str, Set[str]]  # name → names that it imports
 
@@ -20,10 +20,9 @@ Graph = Mapping[str, Set[str]]  # name → names that it imports
 def sources() -> dict[str, Path]:
     """File of each module, by its dotted name."""
     found = {}
-    for package, folder in zip((*PACKAGES, "usvauv"), FOLDERS, strict=True):
-        for path in sorted((ROOT / folder).rglob("*.py")):
-            parts = (package, *path.relative_to(ROOT / folder).with_suffix("").parts)
-            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    for name in sorted(glob("usvauv/**/*.py", root_dir=ROOT / "src", recursive=True)):  # follows links
+        parts = Path(name).with_suffix("").parts
+        found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = ROOT / "src" / name
     return found
 
 

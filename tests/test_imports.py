@@ -1,5 +1,6 @@
 """Packages import downwards only, rooms and modules not in circles, and Taichi is imported by the kernels alone."""
 
+import re
 import subprocess
 import sys
 
@@ -17,6 +18,15 @@ def test_no_import_leads_upwards():
         (name, target) for name, targets in module_graph().items() for target in targets if floor(target) > floor(name)
     ]
     assert upwards == []
+
+
+def test_each_module_is_imported_by_one_name():
+    """From the repository's root the folders can also be imported, as second modules with registries of their own."""
+    folders = {(ROOT / "src" / package.replace(".", "/")).resolve().name for package in PACKAGES}
+    second = re.compile(rf"^\s*(?:from|import) (?:{'|'.join(folders)})\b", re.MULTILINE)
+    others = [path for name in ("tests", "benchmarks", "examples") for path in (ROOT / name).rglob("*.py")]
+    files = [*sources().values(), *others]
+    assert [path for path in files if second.search(path.read_text(encoding="utf-8"))] == []
 
 
 @pytest.mark.parametrize(

@@ -5,13 +5,13 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from glob import glob
 from pathlib import Path
 from zipfile import ZipFile
 
 import pytest
 
 ROOT = Path(__file__).parents[1]
-FOLDERS = {"src/usvauv": "", "kernels": "kernels/", "usvauv_env": "env/", "policies": "policies/", "usvauv_cli": "cli/"}
 
 MISSION = """
 import sys
@@ -36,10 +36,10 @@ print(policy.name, version("usvauv"))
 def wheel(tmp_path_factory) -> Path:
     """The wheel of a copy of the tree, because building one leaves files beside the sources."""
     tree = tmp_path_factory.mktemp("tree")
-    for name in ("pyproject.toml", "setup.py", "README.md", "LICENSE"):
+    for name in ("pyproject.toml", "README.md", "LICENSE"):
         shutil.copy(ROOT / name, tree)
-    for name in FOLDERS:
-        shutil.copytree(ROOT / name, tree / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("src", "kernels", "usvauv_env", "policies", "usvauv_cli"):
+        shutil.copytree(ROOT / name, tree / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
     pip("wheel", tree, "--no-build-isolation", "--wheel-dir", tree)
     (path,) = tree.glob("*.whl")
     return path
@@ -78,10 +78,9 @@ def output(folder: Path, target: Path, *command: object) -> str:
 
 def test_it_holds_each_file_of_the_packages(wheel):
     files = {
-        f"usvauv/{inside}{path.relative_to(ROOT / folder).as_posix()}"
-        for folder, inside in FOLDERS.items()
-        for path in (ROOT / folder).rglob("*")
-        if path.is_file() and "__pycache__" not in path.parts
+        name
+        for name in glob("usvauv/**", root_dir=ROOT / "src", recursive=True)  # follows links
+        if (ROOT / "src" / name).is_file() and "__pycache__" not in name
     }
     assert "usvauv/py.typed" in files
     with ZipFile(wheel) as archive:
