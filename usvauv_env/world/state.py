@@ -30,8 +30,8 @@ ADJUSTABLE = (
 DECISIONS = ("boat.strategy", "nodes.target_rule")
 
 
-def unused_arrays(scenario: Scenario, foresees: bool) -> tuple[str, ...]:
-    """Names of the arrays that a scenario does not use.
+def array_shapes(scenario: Scenario, num_worlds: int, foresees: bool) -> dict[str, tuple[int, ...]]:
+    """Shape of each array of `STATE` and of the rewards; one that the scenario does not use has one row for all worlds.
 
     Args:
         foresees: the boat's strategy predicts the AUVs' positions.
@@ -45,11 +45,6 @@ def unused_arrays(scenario: Scenario, foresees: bool) -> tuple[str, ...]:
         "body": scenario.auv.dynamic,
         "hull": scenario.boat.model == "otter",
     }
-    return tuple(name for name, used in in_use.items() if not used)
-
-
-def array_shapes(scenario: Scenario, num_worlds: int, foresees: bool) -> dict[str, tuple[int, ...]]:
-    """Shape of each array of `STATE` and of the rewards; an unused array has one row for all worlds."""
     lengths = {
         "W": num_worlds,
         "K": scenario.auv.count,
@@ -60,11 +55,11 @@ def array_shapes(scenario: Scenario, num_worlds: int, foresees: bool) -> dict[st
         "O": ObservationLayout.of(scenario).size,
         "R": len(scenario.task_definition.reward_names),
     }
-    used = {
+    shapes = {
         name: (*(lengths[axis] for axis in array.axes), *([len(array.names)] if array.names else []))
         for name, array in {**STATE, **REWARDS}.items()
     }
-    return used | {name: (1, 1, used[name][-1]) for name in unused_arrays(scenario, foresees)}
+    return shapes | {name: (1, 1, shapes[name][-1]) for name, used in in_use.items() if not used}
 
 
 def padded_length(shape: Sequence[int]) -> int:
