@@ -19,7 +19,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from benchmarks.machine import command_line, describe, parse, show
-from tests.usvauv_cli.pages import CHROMIUM
+from tests.usvauv_cli.web_report.pages import CHROMIUM
 from usvauv.cli.live.server import INTERVAL, Show, listen, serve
 from usvauv.cli.live.session import Session
 from usvauv.env import Scenario

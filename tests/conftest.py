@@ -16,23 +16,22 @@ from usvauv.kernels.registry import Registry
 # Files that take longest, first: at the end a worker would wait for another one's. The commands of the first leave
 # compiled kernels for those of the others.
 LONG = (
-    "usvauv_cli/test_cli.py",
-    "usvauv_env/test_invariants.py",
-    "usvauv_env/test_fixes_in_missions.py",
+    "usvauv_cli/commands/test_cli.py",
+    "usvauv_env/world/test_invariants.py",
+    "usvauv_env/world/test_fixes_in_missions.py",
     "test_tour.py",
     "test_docs.py",
     "kernels/mission/test_fixes.py",
-    "usvauv_env/test_boats.py",
-    "usvauv_cli/test_engines.py",
+    "usvauv_env/world/test_boats.py",
+    "usvauv_cli/sweep/test_engines.py",
     "kernels/test_runtime.py",
     "kernels/mission/test_target_rules.py",
-    "policies/test_ranks.py",
-    "usvauv_cli/test_sweep.py",
+    "usvauv_cli/sweep/test_sweep.py",
     "policies/test_training.py",
     "kernels/planning/test_search.py",
     "policies/test_guidance.py",
-    "usvauv_env/test_faces.py",
-    "usvauv_env/test_world.py",
+    "usvauv_env/faces/test_faces.py",
+    "usvauv_env/world/test_world.py",
 )
 
 

@@ -21,11 +21,11 @@ import cv2
 import numpy as np
 from matplotlib.ft2font import __freetype_version__
 
-from tests.usvauv_env.made_traces import diving, keeping_station, synthetic_trace, with_second_boat
+from tests.usvauv_env.record.made_traces import diving, keeping_station, synthetic_trace, with_second_boat
 from usvauv.env.record.trace import Trace
 from usvauv.env.render.frames import frames_of
 
-FOLDER = Path(__file__).parent / "usvauv_env" / "pictures"
+FOLDER = Path(__file__).parent / "usvauv_env" / "render" / "pictures"
 FREETYPE = "2.14.3"  # with which the pictures were written
 FAR = 16
 LIMITS = (5e-4, 0.1) if __freetype_version__ == FREETYPE else (0.1, 8.0)  # share of the pixels, mean

@@ -356,7 +356,7 @@ def attributes_changed(r: random.Random, path: Path) -> None:
 def fuzz_attributes(r: random.Random, folder: Path) -> None:
     import numpy as np
 
-    from tests.usvauv_env import ocean_files as ocean
+    from tests.usvauv_env.site import ocean_files as ocean
     from usvauv.env.site.ocean import read_bathymetry, read_flow
 
     path = folder / "case.nc"

@@ -1,0 +1,128 @@
+"""Whether what a scenario simulates occurs at sea: each check on either side of its limit, and how commands say it."""
+
+import math
+
+import pytest
+
+from tests.usvauv_cli.sweep.work import Here
+from usvauv.cli.sweep import perform
+from usvauv.env import Scenario
+from usvauv.env.world import regime
+
+POOL = ["sea.forced_edge=east", "sea.irregular_rms=2", "sea.forcing=elevation", "sea.radiating_edges=[]"]
+DEEP = ["area.depth=6000", "auv.depth=5900"]
+SOUND = ["nodes.frequency=20000", "nodes.bandwidth=10000"]
+
+
+def verdicts(*settings, scenario="ideal"):
+    found = regime.check(Scenario.load(scenario, list(settings)))
+    return {each.field: each for each in found if each.verdict != "fine"}
+
+
+@pytest.mark.parametrize("name", Scenario.shipped())
+def test_what_ships_occurs(name):
+    found = regime.check(Scenario.load(name))
+    assert {each.verdict for each in found} <= {"fine", "convention"}
+    assert name.startswith("paper") == any(each.verdict == "convention" for each in found)
+
+
+def test_a_quarter_wave_pool_resonates():
+    """600 m at 120 m: 4L/c = 69.9 s, and at 75 s |1/cos kL| = 9.6; a wave that leaves has no gain."""
+    area = ["area.width=600", "area.length=600"]
+    found = verdicts(*area, *POOL)["sea.irregular_period_min"]
+    gain = abs(1 / math.cos(2 * math.pi * 600 / (75 * math.sqrt(9.81 * 120))))
+    assert found.verdict == "warning"
+    assert f"{gain:.3g}-fold at a period of 75 s" in str(found)
+    assert "sea.irregular_period_min" not in verdicts(*area, *POOL, "sea.irregular_period_min=160")
+    leaves = ["sea.forcing=incident", "sea.radiating_edges=['west']"]
+    assert "sea.irregular_period_min" not in verdicts(*area, *POOL, *leaves)
+
+
+def test_the_gain_counts_in_the_height():
+    """8 m at the edge are 0.067 of the depth and 9.4 times that at the wall; with less drag more."""
+    area = ["area.width=600", "area.length=600"]
+    found = verdicts(*area, *POOL, "sea.drag=0.002")["sea.equations"]
+    assert found.verdict == "warning"
+    assert float(found.value) == pytest.approx(9.4 * 8 / 120, rel=0.03)
+    assert "sea.equations" not in verdicts(*area, *POOL, "sea.irregular_period_min=160")
+
+
+def test_a_study_warns_once_for_all_its_runs(run_usvauv, tmp_path, monkeypatch):
+    monkeypatch.setattr(perform, "Local", lambda jobs, cores: Here())
+    study = tmp_path / "study.toml"
+    runs = '[common]\nscenario = "extreme"\nset = ["mission.duration=2", "storm.peak_period=8"]\n'
+    study.write_text(runs + '[[runs]]\npolicy = ["straight:1.3", "straight:1.4"]\n[evaluation]\nepisodes = 1\n')
+    code, _, err = run_usvauv("sweep", study, "--out", tmp_path / "done")
+    assert (code, err.count("warning: storm.peak_period: ")) == (0, 1)
+    study.write_text(study.read_text().replace("storm.peak_period=8", "acoustics.source_level=90"))
+    assert run_usvauv("sweep", study, "--out", tmp_path / "never")[0] == 2
+
+
+@pytest.mark.parametrize(
+    ("settings", "field", "verdict"),
+    [
+        (
+            ["sea.forced_edge=east", "sea.irregular_rms=1", "sea.irregular_period_min=40"],
+            "sea.irregular_period_min",
+            "warning",
+        ),
+        (["sea.forced_edge=east", "sea.regular_amplitude=20"], "sea.equations", "warning"),
+        (["storm.spectrum=jonswap", "storm.peak_period=8"], "storm.peak_period", "warning"),
+        (
+            ["storm.spectrum=jonswap", "boat.response_time=0", "boat.windage=0", "boat.dead_band=0"],
+            "boat.response_time",
+            "warning",
+        ),
+        (["current.count=4", "current.circulation_max=600", "boat.top_speed=4"], "auv.speed_max", "warning"),
+        (
+            [
+                "current.count=16",
+                "current.core_radius_min=80",
+                "current.core_radius_max=80",
+                "current.circulation_min=900",
+                "current.circulation_max=900",
+            ],
+            "auv.speed_max",
+            "error",
+        ),
+        ([*SOUND, "nodes.rate_law=shannon"], "nodes.rate_law", "warning"),
+        (["nodes.rate_law=optical", "nodes.attenuation=50"], "nodes.rate_law", "error"),
+        (["acoustics.source_level=90"], "acoustics.source_level", "error"),
+        # At 60 kHz the sea is quieter than at 12 kHz, and absorption silences one of the two AUVs.
+        ([*DEEP, "usbl.carriers=[12000,60000]"], "acoustics.source_level", "warning"),
+        ([*DEEP, "usbl.carriers=[60000,60000]"], "acoustics.source_level", "error"),
+    ],
+)
+def test_what_does_not_occur(settings, field, verdict):
+    assert verdicts(*settings)[field].verdict == verdict
+
+
+@pytest.mark.parametrize("law", ["modem", "optical"])
+def test_what_modems_carry_occurs(law):
+    assert not verdicts(f"nodes.rate_law={law}")
+
+
+def test_check_prints_all(run_usvauv):
+    code, out, err = run_usvauv("scenarios", "wide", "--check", "--set", "nodes.rate_law=shannon", *_set(SOUND))
+    assert (code, err) == (0, "")
+    assert "warning     nodes.rate_law: the data link carries" in out
+    assert out.count("fine  ") > 2
+
+
+def test_an_error_ends_with_2(run_usvauv):
+    assert run_usvauv("scenarios", "ideal", "--check", "--set", "acoustics.source_level=90")[0] == 2
+    assert run_usvauv("scenarios", "--check")[0] == 2
+
+
+def test_commands_warn_once_and_refuse(run_usvauv, tmp_path):
+    command = ["eval", "extreme", "--episodes", "1", "--policy", "straight", "--out", str(tmp_path / "x.csv")]
+    code, out, err = run_usvauv(*command, *_set(["mission.duration=2", "storm.peak_period=8"]))
+    assert (code, err.count("warning: storm.peak_period: ")) == (0, 1)
+    assert "warning" not in out
+    code, _, err = run_usvauv(*command, "--force", "--set", "acoustics.source_level=90")
+    assert code == 2
+    assert "acoustics.source_level: replies can be decoded up to" in err
+
+
+def _set(settings):
+    return [part for setting in settings for part in ("--set", setting)]

@@ -1,0 +1,286 @@
+"""A trace in other tools' formats, read back by a library that did not write it where there is one."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pyarrow.parquet
+import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rerun.chunk import RrdReader
+
+from tests.usvauv_env.record.made_traces import diving, synthetic_trace
+from usvauv.env.exchange import export_trace
+from usvauv.env.exchange.tables import tables
+from usvauv.env.record.metrics import served
+from usvauv.env.record.trace import VARIABLES
+from usvauv.env.render.style import auv_colour
+from usvauv.env.site.site import Site
+
+STEPS = 7
+
+
+@pytest.fixture(scope="module")
+def trace():
+    """Two worlds of 300 m by 200 m across 180°, a step of 0.3 s, a fix missing; AUVs dive."""
+    made = diving(synthetic_trace(steps=STEPS, worlds=2, area=(300.0, 200.0), nodes=4, seed=5))
+    random = np.random.default_rng(4)
+    slope, fix = made.boat_surface.copy(), made.fix.copy()
+    slope[1:, ..., 1:] = random.normal(size=slope[1:, ..., 1:].shape)
+    fix[3, :, 0] = np.nan
+    covariance = random.uniform(1, 3, made.fix_covariance.shape) * (1, 0.2, 1)
+    delivered = np.zeros_like(made.delivered)
+    delivered[4, 1, 1] = 0.5
+    water = made.scenario.water.model_copy(update={"latitude": 22.51, "longitude": 179.999})
+    return replace(
+        made,
+        scenario=made.scenario.model_copy(update={"water": water}),
+        time=0.3 * made.time,
+        fix=fix,
+        boat_surface=slope,
+        fix_covariance=covariance,
+        estimate_covariance=2 * covariance,
+        service_rate=0.25 * (delivered > 0),
+        delivered=delivered,
+        power=random.uniform(90, 200, made.power.shape),
+        backlog=random.uniform(0, 99, made.backlog.shape),
+    )
+
+
+@pytest.fixture(scope="module")
+def bag(trace, tmp_path_factory):
+    """Messages of world 1 by topic, each with its time, ns."""
+    path = tmp_path_factory.mktemp("mcap") / "mission.mcap"
+    export_trace(trace, "mcap", path, world=1)
+    return messages(path)
+
+
+@pytest.fixture(scope="module")
+def scene(trace, tmp_path_factory):
+    """Columns of world 1 by entity, what does not change under (entity, "constant")."""
+    path = tmp_path_factory.mktemp("rrd") / "mission.rrd"
+    export_trace(trace, "rrd", path, world=1)
+    assert len(RrdReader(path).blueprints()) == 1
+    return entities(path)
+
+
+def messages(path):
+    found = {}
+    with path.open("rb") as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        for _, channel, message, content in reader.iter_decoded_messages():
+            found.setdefault(channel.topic, []).append((message.log_time, content))
+    return found
+
+
+def entities(path):
+    found = {}
+    for chunk in RrdReader(path).stream().to_chunks():
+        key = (chunk.entity_path, "constant") if chunk.is_static else chunk.entity_path
+        found.setdefault(key, []).append(chunk.to_record_batch().to_pandas())
+    return {key: tables[0] if isinstance(key, str) else pd.concat(tables, axis=1) for key, tables in found.items()}
+
+
+def rotated(turn, vector):
+    """A vector turned by a quaternion x, y, z, w."""
+    return vector + 2 * np.cross(turn[:3], np.cross(turn[:3], vector) + turn[3] * np.asarray(vector))
+
+
+def numbers(message):
+    """Those of a point, a vector or a quaternion."""
+    return np.array([getattr(message, name) for name in "xyzw" if hasattr(message, name)])
+
+
+class TestTables:
+    def test_each_variable_of_a_thing_is_in_its_table(self, trace):
+        made = tables(trace)
+        dimensions = {name: {*about.dimensions} for name, about in VARIABLES.items() if getattr(trace, name).size}
+        things = {name for name, own in dimensions.items() if {"auv", "boat", "node", "vortex"} & own}
+        columns = {column for table in made.values() for column in table}
+        assert not [name for name in things if not any(column.startswith(name) for column in columns)]
+        assert {"overflowing", "collisions", "packets_created", "packets_lost"} < made["worlds"].keys()
+
+    def test_parts_of_vectors_fixes_and_services(self, trace):
+        made = {name: pd.DataFrame(table) for name, table in tables(trace).items()}
+        node = made["nodes"].set_index(["time", "world", "node"]).loc[(trace.time[6], 1, 3)]
+        assert tuple(node[["node_position_x", "node_position_y"]]) == tuple(trace.node_position[1, 3])
+        assert node["backlog"] == trace.backlog[6, 1, 3]
+        fixes = made["fixes"]
+        assert len(fixes) == STEPS * 2 * 2 - 2
+        row = fixes[(fixes.time == trace.time[5]) & (fixes.world == 1) & (fixes.auv == 1)].iloc[0]
+        assert (row.x, row.y, row.depth) == (*trace.fix[5, 1, 1], trace.auv_depth[5, 1, 1])
+        assert (row.covariance_xx, row.covariance_xy, row.covariance_yy) == tuple(trace.fix_covariance[5, 1, 1])
+        ((step, world, auv, node),) = zip(*served(trace), strict=True)
+        expected = (trace.time[step], world, auv, node, 0.5)
+        assert tuple(made["services"][["time", "world", "auv", "node", "delivered"]].iloc[0]) == expected
+
+    @pytest.mark.parametrize("form", ["csv", "parquet"])
+    def test_files_hold_the_tables(self, trace, tmp_path, form):
+        export_trace(trace, form, tmp_path)
+        for name, table in tables(trace).items():
+            path = tmp_path / f"{name}.{form}"
+            read = pd.read_csv(path) if form == "csv" else pyarrow.parquet.read_table(path).to_pandas()
+            assert [*read] == [*table]
+            for column, values in table.items():
+                np.testing.assert_allclose(read[column], values, rtol=1e-6)
+
+
+class TestMcap:
+    """Written with rosbags, read with the library of MCAP's makers."""
+
+    def test_every_topic_at_every_step(self, trace, bag):
+        poses = {f"/{name}/{of}" for name in ("auv_0", "auv_1", "usv_0") for of in ("pose", "navsat")}
+        sound = {f"/auv_{k}/{of}" for k in (0, 1) for of in ("velocity", "fins", "fix", "estimate")}
+        expected = {"/tf", "/nodes", "/sea", "/usv_0/goal"} | poses | sound
+        assert {topic: len(each) for topic, each in bag.items()} == dict.fromkeys(expected, STEPS) | {
+            "/auv_0/fix": STEPS - 1
+        }
+        for topic, each in bag.items():
+            when, message = each[2]
+            header = message.transforms[0].header if topic == "/tf" else message.header
+            assert header.stamp.sec * 10**9 + header.stamp.nanosec == when == round(trace.time[2] * 1e9), topic
+            assert header.frame_id == "map"
+
+    def test_everything_is_at_its_place_height_and_turn(self, trace, bag):
+        """An AUV has its heading, pitch and roll; boats lie on their slope.
+
+        Their bows point along their headings on level water, and on a slope to what that becomes by the turn of the
+        vertical to the normal.
+        """
+        frame = Site(trace.scenario).frame
+        for t in range(STEPS):
+            elevation, x, y = trace.boat_surface[t, 1, 0]
+            (yaw, pitch, _), (other, nose, roll) = trace.auv_attitude[t, 1]
+            ahead = np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), np.sin(pitch)
+            aside, forth = np.array([(-np.sin(other), np.cos(other), 0.0), (np.cos(other), np.sin(other), 0.0)])
+            risen = np.array([0.0, 0.0, np.cos(nose)]) - np.sin(nose) * forth
+            port = np.cos(roll) * aside + np.sin(roll) * risen  # it rises as starboard goes down
+            up = np.array([-x, -y, 1.0]) / np.sqrt(1 + x * x + y * y)
+            expected = {
+                "auv_0": ((*trace.auv_position[t, 1, 0], -trace.auv_depth[t, 1, 0]), (1.0, 0, 0), ahead),
+                "auv_1": ((*trace.auv_position[t, 1, 1], -trace.auv_depth[t, 1, 1]), (0, 1.0, 0), port),
+                "usv_0": ((*trace.boat_position[t, 1, 0], elevation), (0, 0, 1.0), up),
+            }
+            transforms = {each.child_frame_id: each.transform for each in bag["/tf"][t][1].transforms}
+            assert [*transforms] == [*expected]
+            bow, heading = numbers(bag["/usv_0/pose"][t][1].pose.orientation), trace.boat_heading[t, 1, 0]
+            level, axis = np.array([np.cos(heading), np.sin(heading), 0.0]), np.cross((0, 0, 1.0), up)
+            turn = np.array([*axis, 1 + up[2]])  # of which the angle has this half tangent
+            turn /= np.linalg.norm(turn)
+            np.testing.assert_allclose(rotated(bow, (1.0, 0, 0)), rotated(turn, level), atol=1e-6)
+            for name, (place, axis, turned) in expected.items():
+                pose, transform = bag[f"/{name}/pose"][t][1].pose, transforms[name]
+                np.testing.assert_allclose(numbers(pose.position), place)
+                np.testing.assert_allclose(rotated(numbers(pose.orientation), axis), turned, atol=1e-12)
+                np.testing.assert_array_equal(numbers(transform.translation), numbers(pose.position))
+                np.testing.assert_array_equal(numbers(transform.rotation), numbers(pose.orientation))
+                earth = bag[f"/{name}/navsat"][t][1]
+                assert abs(earth.longitude) <= 180
+                back = frame.to_local(np.array(earth.longitude), np.array(earth.latitude))
+                np.testing.assert_allclose([*back, earth.altitude], place, atol=1e-6)
+            goal = numbers(bag["/usv_0/goal"][t][1].point)
+            np.testing.assert_allclose(goal, [*trace.boat_goal[t, 1, 0], 0])
+            fins, (rudder, stern, turns) = bag["/auv_1/fins"][t][1], trace.auv_fins[t, 1, 1]
+            assert fins.name == ["rudder", "stern_plane", "propeller"]
+            np.testing.assert_allclose(fins.position, [rudder, stern, np.nan])
+            np.testing.assert_allclose(fins.velocity, [np.nan, np.nan, 2 * np.pi * turns])
+            velocity = numbers(bag["/auv_0/velocity"][t][1].twist.linear)
+            climb = (trace.auv_depth[max(t - 1, 0), 1, 0] - trace.auv_depth[t, 1, 0]) / trace.scenario.mission.step
+            np.testing.assert_allclose(velocity, [*trace.auv_velocity[t, 1, 0], climb])
+
+    @pytest.mark.parametrize(
+        ("name", "place", "covariance"),
+        [("fix", "fix", "fix_covariance"), ("estimate", "estimate", "estimate_covariance")],
+    )
+    def test_positions_have_their_covariance_and_an_unknown_attitude(self, trace, bag, name, place, covariance):
+        pose = bag[f"/auv_1/{name}"][4][1].pose
+        expected = (*getattr(trace, place)[4, 1, 1], -trace.auv_depth[4, 1, 1])
+        np.testing.assert_allclose(numbers(pose.pose.position), expected)
+        matrix, (xx, xy, yy) = np.reshape(pose.covariance, (6, 6)), getattr(trace, covariance)[4, 1, 1]
+        np.testing.assert_array_equal(matrix[:2, :2], [[xx, xy], [xy, yy]])
+        assert (matrix.diagonal()[3:] > 1e3).all()
+        np.testing.assert_array_equal(matrix[:3] != 0, np.pad(np.ones((2, 2), bool), ((0, 1), (0, 4))))
+
+    def test_clouds(self, trace, bag):
+        rows, columns = np.indices(trace.surface.shape[1:])
+        sea = [(columns + 0.5) * 300 / columns.shape[1], (rows + 0.5) * 200 / rows.shape[0], trace.surface[4]]
+        nodes = [*trace.node_position[1].T, -Site(trace.scenario).depth_at(trace.node_position[1]), trace.backlog[4, 1]]
+        for topic, expected in (("/sea", sea), ("/nodes", nodes)):
+            cloud, step = bag[topic][4][1], 4 * len(expected)
+            assert [field.name for field in cloud.fields] == ["x", "y", "z", "backlog"][: len(expected)]
+            assert {(field.offset % 4, field.datatype, field.count) for field in cloud.fields} == {(0, 7, 1)}  # FLOAT32
+            assert (cloud.height, cloud.point_step, cloud.row_step) == (1, step, step * cloud.width)
+            points = np.frombuffer(bytes(cloud.data), "<f4").reshape(cloud.width, len(expected))
+            np.testing.assert_allclose(points, np.stack(expected, -1).reshape(points.shape), rtol=1e-6)
+
+
+class TestRerun:
+    def test_curves_fixes_and_places(self, trace, scene):
+        for k in (0, 1):
+            error = np.linalg.norm(trace.estimate - trace.auv_position, axis=-1)[:, 1, k]
+            for name, values in (
+                ("error", error),
+                ("power", trace.power[:, 1, k]),
+                ("depth", trace.auv_depth[:, 1, k]),
+            ):
+                np.testing.assert_allclose(np.concatenate(scene[f"/{name}/auv_{k}"]["Scalars:scalars"]), values)
+            fixes, colour = scene[f"/scene/fixes/auv_{k}"], scene[f"/scene/fixes/auv_{k}", "constant"]
+            assert int(colour["Ellipsoids3D:colors"][0][0]).to_bytes(4)[0] == auv_colour(k)[2]  # red
+            made = np.flatnonzero(np.isfinite(trace.fix[:, 1, k, 0]))
+            assert len(fixes) == len(made)
+            for row, t in enumerate(made):
+                parts = (fixes[f"Ellipsoids3D:{name}"][row][0] for name in ("centers", "half_sizes", "quaternions"))
+                centre, half, turn = (np.asarray(part, float) for part in parts)
+                axes = np.array([rotated(turn, axis) for axis in np.eye(3)[:2]])[:, :2]
+                xx, xy, yy = trace.fix_covariance[t, 1, k]
+                np.testing.assert_allclose(axes.T @ np.diag(half[:2] ** 2 / 4) @ axes, [[xx, xy], [xy, yy]], rtol=1e-5)
+                np.testing.assert_allclose(centre[:2], trace.fix[t, 1, k], rtol=1e-6)
+        np.testing.assert_allclose(np.concatenate(scene["/backlog"]["Scalars:scalars"]), trace.backlog[:, 1].sum(1))
+        bow, heading = scene["/scene/usv_0/bow"]["Arrows3D:vectors"][0][0], trace.boat_heading[0, 1, 0]
+        np.testing.assert_allclose(bow / np.linalg.norm(bow), [np.cos(heading), np.sin(heading), 0], atol=1e-6)
+        latitude, longitude = np.stack(scene["/earth/usv_0"]["GeoPoints:positions"][2])[0]
+        assert (abs(longitude) <= 180).all()
+        back = Site(trace.scenario).frame.to_local(longitude, latitude)
+        np.testing.assert_allclose(back, trace.boat_position[2, 1, 0], atol=1e-6)
+
+    def test_a_run_without_sea_fixes_or_place_has_none(self, trace, tmp_path):
+        calm = replace(synthetic_trace(steps=2, sea=False), fix=np.full((2, 1, 2, 2), np.nan))
+        for form in ("rrd", "mcap"):
+            export_trace(calm, form, tmp_path / f"calm.{form}")
+        assert not {"/sea", "/auv_0/fix", "/auv_0/navsat"} & messages(tmp_path / "calm.mcap").keys()
+        found = {key if isinstance(key, str) else key[0] for key in entities(tmp_path / "calm.rrd")}
+        assert not {"/scene/sea", "/scene/fixes/auv_0", "/earth/auv_0"} & found
+        assert {"/scene/auv_1", "/scene/usv_0", "/error/auv_0"} < found
+
+
+class TestCommand:
+    @pytest.fixture
+    def saved(self, trace, tmp_path):
+        trace.save(tmp_path / "m.nc")
+
+    @pytest.mark.parametrize("form", ["mcap", "csv"])
+    def test_writes_beside_the_caller(self, run_usvauv, saved, tmp_path, form):
+        expected = {"mcap": tmp_path / "m.mcap", "csv": tmp_path / "m"}[form]
+        assert run_usvauv("export", "m.nc", "--to", form) == (0, f"{form}: {expected}\n", "")
+        assert expected.is_file() if form == "mcap" else (expected / "fixes.csv").is_file()
+
+    @pytest.mark.parametrize(
+        ("arguments", "message"),
+        [
+            ("m.nc --to pdf", "--to 'pdf': allowed are csv, parquet, mcap, rrd"),
+            ("m.nc --to mcap --out a.rrd", "--out a.rrd: the ending must be .mcap"),
+            ("m.nc --to mcap --episode 2", "--episode 2: m.nc has episodes 0 to 1"),
+            ("m.nc --to csv --set auv.count=1", "--set auv.count=1: is for a policy; --to writes a trace"),
+            ("sac-ideal --out a.mcap", "--out a.mcap: is for a trace, which needs --to; a policy is written by --onnx"),
+        ],
+    )
+    def test_refusals(self, run_usvauv, saved, tmp_path, arguments, message):
+        before = {*tmp_path.iterdir()}
+        assert run_usvauv("export", *arguments.split()) == (2, "", f"error: {message}\n")
+        assert {*tmp_path.iterdir()} == before
+
+    def test_a_missing_library_is_named_with_its_extra(self, run_usvauv, saved, monkeypatch):
+        monkeypatch.setitem(__import__("sys").modules, "mcap", None)
+        message = '--to mcap: needs the extra export (mcap is missing): pip install "usvauv[export]"'
+        assert run_usvauv("export", "m.nc", "--to", "mcap") == (2, "", f"error: {message}\n")

@@ -1,0 +1,125 @@
+"""Moments between the steps of a mission: sea, vehicles, what a frame differs by from the next, a moving view."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from tests.usvauv_env.record.made_traces import synthetic_trace
+from usvauv.env import Scenario, Trace, World
+from usvauv.env.record.recorder import record
+from usvauv.env.render.frames import frames_of
+from usvauv.env.render.layout import Layout, Rectangle
+from usvauv.env.render.mission import Playback, RecordedSea, Series, Vehicle
+from usvauv.env.render.perspective import PerspectiveView
+from usvauv.kernels.errors import UserError
+
+STEPS = 12
+STORM = ["sea.fine_cells=128", f"mission.duration={STEPS}"]
+
+
+def still(observation: torch.Tensor) -> torch.Tensor:
+    return torch.zeros(1, 2, 2)
+
+
+@pytest.fixture(scope="module")
+def trace() -> Trace:
+    """A mission in the storm of `extreme`, with its sea."""
+    return record(World(Scenario.load("extreme", STORM), 1, 3, fine_sea=True), still, "still", surface=True)
+
+
+class TestSea:
+    def test_at_a_step_it_is_the_recorded_one(self, trace):
+        sea = RecordedSea(trace)
+        for t in (0, 5, 3, STEPS - 1):
+            np.testing.assert_array_equal(sea.at(t), trace.surface[t])
+
+    def test_in_between_it_is_that_of_a_simulation_with_half_the_step(self, trace):
+        """Of another solver, of which the long waves are advanced twice as often; to a centimetre in waves of 6.5 m.
+
+        The mean of the recorded seas before and after would be off by more than twenty times that.
+        """
+        scenario = Scenario.load("extreme", [*STORM, "mission.step=0.5", "sea.update_interval=0.5"])
+        world, sea = World(scenario, 1, 3, fine_sea=True), RecordedSea(trace)
+        world.reset()
+        for half in range(1, 2 * STEPS + 1):
+            world.step(still(world.observation))
+            t = half / 2 - 1
+            if 1 <= t <= STEPS - 3:
+                apart = np.abs(sea.at(t) - world.surface(128)).max()
+                assert apart < 0.01, t
+                if half % 2:
+                    mean = (trace.surface[int(t)] + trace.surface[int(t) + 1]) / 2
+                    assert np.abs(mean - world.surface(128)).max() > 20 * apart
+
+    def test_on_a_finer_grid_it_is_the_sum_of_its_waves_and_the_long_ones(self, trace):
+        x, y = np.linspace(40.0, 60.0, 21), np.linspace(120.0, 130.0, 11)
+        a, kx, ky, omega, phase = trace.storm.T[:, :, None, None]
+        waves = (a * np.cos(kx * x + ky * y[:, None] - omega * (1.0 + 4.4) + phase)).sum(axis=0)
+        long = RecordedSea(trace).on(4.4, x, y) - waves
+        assert np.ptp(long) < 0.03, "hardly changes over 20 m"
+        assert abs(long.mean()) < 0.5
+        pixels = (np.arange(128) + 0.5) * 200 / 128
+        np.testing.assert_allclose(RecordedSea(trace).on(4.4, pixels, pixels), RecordedSea(trace).at(4.4), atol=1e-4)
+
+    def test_without_a_record_of_the_storm_it_is_between_the_recorded_ones(self, trace):
+        sea = RecordedSea(replace(trace, storm=np.zeros((0, 5))))
+        near = sea.at(5.001)
+        np.testing.assert_allclose(near, trace.surface[5], atol=0.02)
+        assert not np.array_equal(near, trace.surface[5])
+        nothing = RecordedSea(replace(trace, surface=np.zeros((0, 0, 0), np.float32)))
+        assert nothing.at(2.5).size == 0
+        assert not nothing.on(2.5, np.arange(3.0), np.arange(2.0)).any()
+
+
+class TestSeries:
+    def test_vehicles_move_evenly_where_their_speed_changes_evenly(self):
+        t = np.arange(9.0)
+        way = Series(np.stack([3 + 2 * t - 0.25 * t**2, -t], 1), smooth=True)
+        for moment in (1.0, 3.25, 6.999, 8.0):
+            np.testing.assert_allclose(way.at(moment), [3 + 2 * moment - 0.25 * moment**2, -moment], atol=1e-12)
+        np.testing.assert_allclose(way.until(4.5, np.array([2, 4]))[:, 1], [-2, -4, -4.5])
+        assert way.until(4.0, np.array([2, 4])).shape == (2, 2)
+        np.testing.assert_allclose(Series(t**2).at(2.5), 6.5, err_msg="linear")
+
+
+class TestFrames:
+    @pytest.mark.parametrize("follow", ["", "usv", "auv:2"])
+    def test_frames_depend_on_the_moment_alone(self, trace, follow):
+        one, other = (frames_of([trace], (640, 360), "sea", "dark", 4.0, 0.2, follow) for _ in range(2))
+        for t in (0.2, 1.4, 2.6):
+            kept = one.frame(t).copy()
+        np.testing.assert_array_equal(other.frame(2.6), kept)
+
+
+class TestFollowing:
+    BOX = Rectangle(10, 20, 600, 300)
+
+    def test_the_vehicle_is_in_the_middle_of_the_view(self, trace):
+        play, layout = Playback(trace), Layout(640, 360, 0.8, {})
+        for name, depth in (("usv", 0.0), ("auv:2", -trace.scenario.auv.depth)):
+            vehicle = Vehicle.parse(name, trace.scenario)
+            view = PerspectiveView(play, self.BOX, layout, vehicle)
+            for t in (0.0, 4.3):
+                place = np.append(vehicle.way(trace).at(t) - 100.0, depth * view.scene.depths)
+                np.testing.assert_allclose(view.camera(t).pixel(place), (300, 150), atol=1e-9)
+
+    def test_a_map_shows_a_third_around_it_and_ends_at_the_border(self):
+        made = synthetic_trace(steps=8)
+        boat = np.linspace((100.0, 100.0), (198.0, 60.0), 8)[:, None, None]
+        frames = frames_of([replace(made, boat_position=boat)], (640, 360), follow="usv")
+        frames.frame(0)
+        np.testing.assert_allclose(frames.map.view.bounds, [[100 - 200 / 6] * 2, [100 + 200 / 6] * 2])
+        frames.frame(7)
+        np.testing.assert_allclose(frames.map.view.bounds, [[200 - 200 / 3, 60 - 200 / 6], [200, 60 + 200 / 6]])
+        box = frames.layout.map
+        middle = box.right - 0.5, box.top + 0.5 * box.height - 0.5
+        np.testing.assert_allclose(frames.map.view.pixel(np.array([200.0, 60.0])), middle)
+
+    @pytest.mark.parametrize("name", ["", "boat", "usv:2", "usv:0", "auv", "auv:0", "auv:3", "auv:1 ", "auv:01"])
+    def test_a_vehicle_that_is_not_there_is_refused(self, name):
+        with pytest.raises(UserError, match=r"must be usv, or auv:1 to auv:2"):
+            Vehicle.parse(name, Scenario.load("extreme"))
