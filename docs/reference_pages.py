@@ -1,4 +1,4 @@
-"""Pages made from the program while the site is built: options of the commands, and fields of a scenario."""
+"""Pages made from the program while the site is built: options of the commands, fields of a scenario and of a trace."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from typer.cli import get_docs_for_click
 
 from usvauv.cli.app import parser
 from usvauv.env import Scenario
+from usvauv.env.record.trace import VARIABLES
 
 if TYPE_CHECKING:
     from sphinx.application import Sphinx
@@ -87,6 +88,16 @@ def scenario_fields() -> str:
     return "\n".join(lines) + "\n"
 
 
+def trace_variables() -> str:
+    """Every variable of a trace: dimensions, unit, meaning."""
+    rows = (
+        f"| `{name}` | {', '.join(about.dimensions)} | {about.units or '–'} | {about.long_name} |"
+        for name, about in VARIABLES.items()
+    )
+    head = ["# Variables of a trace", "", "| variable | dimensions | unit | meaning |", "| --- | --- | --- | --- |"]
+    return "\n".join([*head, *rows]) + "\n"
+
+
 def _table(fields: dict[str, dict[str, Any]], prefix: str = "") -> Iterator[str]:
     yield "| field | type | unit | allowed | default | meaning |"
     yield "| --- | --- | --- | --- | --- | --- |"
@@ -104,8 +115,9 @@ def _sentence(text: str) -> str:
 def _write(app: Sphinx) -> None:
     folder = Path(app.srcdir) / "reference"
     folder.mkdir(exist_ok=True)
-    for name, text in (("command-line.md", command_line()), ("scenario.md", scenario_fields())):
-        (folder / name).write_text(text, encoding="utf-8")
+    pages = {"command-line": command_line(), "scenario": scenario_fields(), "trace": trace_variables()}
+    for name, text in pages.items():
+        (folder / f"{name}.md").write_text(text, encoding="utf-8")
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
