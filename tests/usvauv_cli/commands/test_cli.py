@@ -15,11 +15,10 @@ import matplotlib
 import pytest
 
 from usvauv import env, policies
-from usvauv.env import Scenario, Trace, World, plugins
+from usvauv.env import Trace, World, plugins
 from usvauv.env.record.metrics import COLUMNS
 from usvauv.env.render import style
 from usvauv.env.storage.files import locked
-from usvauv.env.world.tables import first_vortices
 
 COMMAND = [sys.executable, "-c", "from usvauv.cli.app import main; main()"]
 EXTREME = Path(env.__file__).parent / "scenarios" / "extreme.toml"
@@ -190,13 +189,6 @@ def test_simulate_shows_another_boat_in_the_same_world_beside_it(tmp_path, run_u
     assert "boat hold:100,100" in stdout
     assert "boat hold:9,9" in stdout
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.nc", "a.webm"]
-
-
-def test_the_sea_alone_begins_with_the_vortices_of_a_mission():
-    scenario = Scenario.load("extreme", HELD[1:])
-    world = World(scenario, 1, 3)
-    world.reset()
-    assert world.vortex.equal(first_vortices(scenario, 3))
 
 
 def test_eval_pairs_worlds(tmp_path, run_usvauv):
