@@ -168,12 +168,6 @@ class TestFile:
         expected = {(m, t): count for m, count in methods.items() for t in ("ideal", "ideal · mine.toml")}
         assert Counter((piece.method, piece.task) for piece in runs) == expected
 
-    def test_of_powershell_is_a_study(self, tmp_path):
-        text = "[[runs]]\npolicy = 'clear'\nname = 'Größe'\n"
-        (tmp_path / "study.toml").write_bytes(text.encode("utf-16"))
-        study = read(tmp_path / "study.toml")
-        assert (study.text, study.runs[0].method) == (text, "Größe")
-
 
 class TestKey:
     def test_is_that_of_what_decides_the_results(self):
