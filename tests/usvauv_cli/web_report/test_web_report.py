@@ -203,7 +203,7 @@ def test_stations_have_no_figures_of_data(run_usvauv, tmp_path):
 
 def test_a_figure_that_no_episode_has_is_a_dash(run_usvauv, tmp_path):
     """Two steps are too short for a service, and fixes that never arrive have no error to draw."""
-    none = ["--set", "mission.duration=2", "--set", "usbl.packet_loss=0.999999", "--episodes", 2]
+    none = ["--set", "mission.duration=2", "--set", "usbl.packet_loss=0.999999", "--episodes", 2, "--usv", "hold:0,0"]
     code, said, _ = run_usvauv("eval", "ideal", "--policy", "straight", *none, "--report", "report", "--wide")
     assert code == 0
     *_, line = (line for line in said.splitlines() if line.startswith("straight"))
