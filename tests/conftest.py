@@ -22,7 +22,7 @@ LONG = (
     "test_tour.py",
     "test_docs.py",
     "kernels/mission/test_fixes.py",
-    "usvauv_env/world/test_boats.py",
+    "usvauv_env/world/boats/test_boats.py",
     "usvauv_cli/sweep/test_engines.py",
     "kernels/test_runtime.py",
     "kernels/mission/test_target_rules.py",

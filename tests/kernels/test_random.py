@@ -1,16 +1,11 @@
 """Counter-based random numbers: the published vectors, the distributions, and that a draw knows only its address."""
 
-import ast
-import collections
-
 import numpy as np
 import taichi as ti
 import torch
 from scipy import stats
 
-from tests.import_graph import sources
 from usvauv.kernels import random
-from usvauv.kernels.mission.columns import Draw
 
 
 @ti.kernel
@@ -105,24 +100,3 @@ class TestAddress:
 
     def test_another_seed_is_another_sequence(self, device):
         assert not np.any(draw(device, 1000, seed=1) == draw(device, 1000, seed=2))
-
-
-def test_each_purpose_of_a_draw_is_one_functions():
-    """Two that drew the same numbers would err alike; those that share a purpose never draw in the same step."""
-    drawing = collections.defaultdict(set)
-    texts = {name: path.read_text(encoding="utf-8") for name, path in sources().items()}
-    for name, text in texts.items():
-        for function in ast.walk(ast.parse(text)) if "Draw." in text else ():
-            for node in ast.walk(function) if isinstance(function, ast.FunctionDef) else ():
-                if isinstance(node, ast.Attribute) and ast.unparse(node.value) == "Draw":
-                    drawing[node.attr].add(f"{name.rpartition('.')[2]}.{function.name}")
-    shared = {
-        "node": {"data_collection.place_nodes", "station_keeping.place_stations"},  # of two tasks
-        "loss": {"fixes.is_lost", "fixes.take_fix"},  # of two schedules
-        "navigation": {"motion.begin_reckoning", "motion.reckon"},  # at the start and later
-        "attitude": {"reception.array_pose", "reception_in_lanes.fix_each"},  # of a fix, and of several side by side
-        "fix": {"reception.receive", "reception.make_fix", "reception_in_lanes.fix_each"},  # the first: disturbed sound
-        "residual": {"reception.receive", "reception.make_fix", "reception_in_lanes.fix_each"},
-    }
-    assert set(drawing) == set(Draw.names) - {"decision"}  # which keeps the places of those after it
-    assert {name: users for name, users in drawing.items() if len(users) > 1} == shared

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from tests.cases.plain import ROUNDING, SIDES, PlainScheme, centres, rough_bed, waves
-from usvauv.kernels.shallow_water import discretisation, linear
+from usvauv.kernels.shallow_water import linear
 from usvauv.kernels.shallow_water.linear import ShallowWater
 
 KINDS = ("forced", "incident", "radiating", "sponge")
@@ -125,22 +125,6 @@ class TestBoundaries:
 
 
 class TestDiagnostics:
-    def test_chunks_of_rows_change_nothing(self, monkeypatch):
-        """The host works on a few rows at a time: here on one, and on all."""
-        boundaries = dict(zip(SIDES, KINDS, strict=True))
-        seen = []
-        for chunk in (1, 10**9):
-            monkeypatch.setattr(discretisation, "CHUNK", chunk)
-            solver = open_sea(boundaries, depth=rough_bed(37, 29), interval=0.5, num_seas=2, drag=0.01)
-            random = np.random.default_rng(2)
-            solver.set_forcing(*waves(1.0, 9.0, 0.3, 2))
-            u, v = random.normal(size=(2, 29, 38)), random.normal(size=(2, 30, 37))
-            solver.set_state(random.normal(size=(2, 29, 37)), u, v)
-            solver.advance()
-            seen.append([solver.elevation(), *solver.velocity(), solver.mass(), solver.energy()])
-        for one, other in zip(*seen, strict=True):
-            np.testing.assert_allclose(one, other, rtol=1e-12)
-
     @pytest.mark.parametrize("boundaries", [{}, {"south": "forced", "east": "forced"}])
     def test_mass_and_energy_are_those_of_the_integrals(self, boundaries):
         """Of two seas with a wave and an even current, in cells that are no squares."""
@@ -185,7 +169,7 @@ def sea(n):
     depth = np.full((n, n), 50, np.float32) + np.arange(n, dtype=np.float32)[:, None] / n
     eta = np.ones((1, n, n), np.float32)
     solver = yield depth, eta
-    solver = ShallowWater(size=(n, n), cells=(n, n), depth=depth, interval=1.0, boundaries={"west": "radiating"})
+    solver = ShallowWater(size=(n, n), cells=(n, n), depth=depth, interval=0.1, boundaries={"west": "radiating"})
     solver.set_state(eta)
     solver.advance()
     yield solver

@@ -92,20 +92,12 @@ class TestLists:
     ("arguments", "guess"),
     [
         ("simulate extrem", "extreme"),
-        ("simulate --policy cleer", "clear"),
         ("simulate --compare usv=feem", "fim"),
         ("simulate --view se", "sea"),
-        ("simulate --arch vulcan", "vulkan"),
         ("simulate --set target_rule=tour", "nodes.target_rule"),
         ("simulate --set sea.forced_edge=souht", "south"),
-        ("simulate --set task=station-keping", "station-keeping"),
-        ("eval --score arsp", "arps"),
-        ("eval --against claer", "clear"),
-        ("train --algorithm sca", "sac"),
         ("train --learn hiden=8", "hidden"),
-        ("plan --auv 9,9,9 --objective sun", "sum"),
         ("export x.nc --to mcpa", "mcap"),
-        ("reproduce tabel2 --out a", "table2"),
     ],
 )
 def test_a_name_that_is_mistyped_is_guessed(refused, arguments, guess):

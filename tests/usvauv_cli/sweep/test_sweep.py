@@ -26,7 +26,8 @@ from usvauv.kernels.errors import UserError
 from usvauv.policies import checkpoint
 
 ROOT = Path(__file__).parents[3]
-SHORT = 'set = ["mission.duration=12"]'
+HELD = "mission.duration=12", "boat.strategy=hold:0,0"  # compiles soonest
+SHORT = f"set = {json.dumps(HELD)}"
 MINE = """
 import os, signal
 from pathlib import Path
@@ -168,12 +169,6 @@ class TestFile:
         expected = {(m, t): count for m, count in methods.items() for t in ("ideal", "ideal · mine.toml")}
         assert Counter((piece.method, piece.task) for piece in runs) == expected
 
-    def test_of_powershell_is_a_study(self, tmp_path):
-        text = "[[runs]]\npolicy = 'clear'\nname = 'Größe'\n"
-        (tmp_path / "study.toml").write_bytes(text.encode("utf-16"))
-        study = read(tmp_path / "study.toml")
-        assert (study.text, study.runs[0].method) == (text, "Größe")
-
 
 class TestKey:
     def test_is_that_of_what_decides_the_results(self):
@@ -219,7 +214,7 @@ def test_a_file_that_changes_during_a_run_fails_it(tmp_path, monkeypatch):
     Path("touched.py").write_text(
         "class Best:\n    def __init__(self, world): ...\n    def act(self, o): return 0 * o[..., :2]\n"
     )
-    settings = StudyRun(scenario="ideal", set=("mission.duration=12",), policy="touched:Best")
+    settings = StudyRun(scenario="ideal", set=HELD, policy="touched:Best")
     piece = Piece(definition=define(settings, Evaluation(episodes=1), "here"), method="", task="")
     signs = SimpleNamespace(advance=lambda units: None, stopping=lambda: False)
     Path("touched.py").write_text("")
@@ -354,7 +349,7 @@ def test_a_stopped_training_ends_as_one_in_one_go(tmp_path, monkeypatch):
     """During training; the evaluation of the untrained policy takes the first 12 reports."""
     monkeypatch.setattr("usvauv.policies.training.batched_runs.WINDOW", 5)
     fields = {"steps": 160, "worlds": 4, "learn": ("hidden=8", "batch=16", "warmup=40", "n_step=2", "replay=400")}
-    settings = StudyRun(scenario="ideal", set=("mission.duration=12",), algorithm="ddpg", **fields)
+    settings = StudyRun(scenario="ideal", set=HELD, algorithm="ddpg", **fields)
     piece = Piece(definition=define(settings, Evaluation(episodes=2), "here"), method="", task="")
 
     class Signs:

@@ -27,29 +27,6 @@ FRAME = """<!DOCTYPE html><body><pre></pre><script>
 addEventListener("message", (event) => { document.querySelector("pre").textContent = event.data; });
 </script><iframe src="page.html" style="border:0;width:WIDTHpx;height:800px"></iframe>"""
 
-NODE = shutil.which("node")
-STUB = """
-const data = DATA, across = ACROSS, draws = [], elements = {};
-const least = { arc: [2], ellipse: [2, 3] };  // which arguments of the canvas must not be below 0
-const context = new Proxy({}, { set: () => true, get: (_, name) => (...values) => {
-  if ((least[name] ?? []).some((i) => values[i] < 0)) throw new RangeError(`${name}(${values})`);
-  draws.push([name, ...values]);
-} });
-const canvas = { clientWidth: across, style: {}, getContext: () => context };
-const element = (more) => ({ value: 1, checked: true, addEventListener() {}, replaceChildren() {}, ...more });
-const view = () => element({ querySelector: (what) => (what === "canvas" ? canvas : element()) });
-Object.assign(globalThis, {
-  window: { devicePixelRatio: 1.5, innerHeight: 600 }, Option: Object, addEventListener() {},
-  matchMedia: () => element(), getComputedStyle: () => ({ getPropertyValue: () => "#123456" }),
-  document: {
-    getElementById: (id) => (elements[id] ??= element({ textContent: id === "data" ? JSON.stringify(data) : "" })),
-    querySelectorAll: () => [view(), view()],
-  },
-});
-SCRIPT
-console.log(JSON.stringify(draws));
-"""
-
 
 class Elements(HTMLParser):
     """Every element of a page with its attributes, and the rows of its tables as lists of texts."""
@@ -139,12 +116,3 @@ def in_browser(text: str, folder: Path, width: int, script: str = "") -> dict[st
     assert answer["inner"] == width
     assert answer["wide"] <= width
     return answer
-
-
-def drawn_by_node(script: str, data: dict[str, Any], across: int) -> list[list[Any]]:
-    """What the player draws at first on canvases of that width, px: methods of their contexts with their arguments."""
-    assert NODE
-    program = STUB.replace("DATA", json.dumps(data)).replace("ACROSS", str(across)).replace("SCRIPT", script)
-    done = subprocess.run([NODE, "-"], input=program, capture_output=True, text=True, check=False, timeout=60)
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)

@@ -15,11 +15,9 @@ from scipy import stats
 
 from tests.usvauv_cli.web_report.pages import (
     CHROMIUM,
-    NODE,
     Elements,
     check_alone,
     check_figures,
-    drawn_by_node,
     in_browser,
 )
 from usvauv import play, policies
@@ -134,8 +132,6 @@ class TestPage:
 
     def test_figures_are_described_and_follow_the_theme(self, made):
         check_figures(made.folder, {"ages", "errors", "front", "trajectories"})
-        assert document.LIGHT.keys() == document.DARK.keys()
-        assert len(set(document.LIGHT.values())) == len(document.LIGHT)
 
     def test_names_are_escaped(self, made, tmp_path):
         name, recordings = "</script><b>policy & 1", Recordings(2)
@@ -207,7 +203,7 @@ def test_stations_have_no_figures_of_data(run_usvauv, tmp_path):
 
 def test_a_figure_that_no_episode_has_is_a_dash(run_usvauv, tmp_path):
     """Two steps are too short for a service, and fixes that never arrive have no error to draw."""
-    none = ["--set", "mission.duration=2", "--set", "usbl.packet_loss=0.999999", "--episodes", 2]
+    none = ["--set", "mission.duration=2", "--set", "usbl.packet_loss=0.999999", "--episodes", 2, "--usv", "hold:0,0"]
     code, said, _ = run_usvauv("eval", "ideal", "--policy", "straight", *none, "--report", "report", "--wide")
     assert code == 0
     *_, line = (line for line in said.splitlines() if line.startswith("straight"))
@@ -273,16 +269,6 @@ def test_in_a_browser(made, tmp_path, width):
     assert (across, unlike) == (own, True)
     assert (answer["same"], answer["alone"]) == (True, 0)
     assert answer["scrolls"] == 0
-
-
-@pytest.mark.skipif(NODE is None, reason="needs Node.js")
-@pytest.mark.parametrize("across", [1, 20, 51, 360])
-def test_the_map_fits_a_canvas_of_any_width(made, across):
-    draws = drawn_by_node(document.text("web_report/player.js"), embedded(made.text), across)
-    ((left, _, wide, tall), *_) = ([*each[1:]] for each in draws if each[0] == "rect")  # the area
-    shift = next(each[5] for each in draws if each[0] == "setTransform") / 1.5
-    assert 0 <= left + shift < left + shift + wide <= across
-    assert tall == pytest.approx(wide)  # extreme is a square
 
 
 def in_cell(*traces) -> str:

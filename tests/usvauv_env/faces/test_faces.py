@@ -14,7 +14,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from pettingzoo.test import parallel_api_test, parallel_seed_test, render_test, state_test
 from pettingzoo.utils import parallel_to_aec
 
-from tests.usvauv_env.world.test_faults import until_seen
+from tests.usvauv_env.world.faults.test_faults import until_seen
 from usvauv.env import Scenario, ScenarioError, World, parallel_env
 from usvauv.env.faces.gymnasium_env import DataCollectionEnv, DataCollectionVectorEnv
 from usvauv.env.site.site import Site

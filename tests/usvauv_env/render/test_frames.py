@@ -8,7 +8,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from tests.pictures import FOLDER, LIMITS, cases, differences, drawn
+from tests.pictures import LIMITS, cases, differences, drawn
 from tests.usvauv_env.record.made_traces import keeping_station, paint, synthetic_trace
 from usvauv.env import Scenario
 from usvauv.env.record.metrics import episode_metrics
@@ -38,9 +38,7 @@ class TestFrames:
             np.testing.assert_array_equal(value, getattr(trace, name), err_msg=name)
 
     @pytest.mark.parametrize(("view", "traces"), VIEWS)
-    @pytest.mark.parametrize(
-        "size", [(1280, 720), (640, 360), (480, 270), (1920, 400), (720, 720), (360, 640), (240, 240)]
-    )
+    @pytest.mark.parametrize("size", [(1280, 720), (1920, 400), (360, 640), (240, 240)])
     @pytest.mark.parametrize("area", [(200.0, 200.0), (2000.0, 200.0), (50.0, 1000.0)])
     def test_any_size_and_area_is_divided_into_boxes_that_keep_apart(self, view, traces, size, area):
         names = ["SDR, Mbit/s", "EC, W", "services", "delivered, Mbit", "full nodes"]
@@ -154,7 +152,3 @@ def test_a_frame_is_the_stored_picture(name):
     differ, mean = differences(name, drawn(CASES[name]))
     assert differ <= LIMITS[0]
     assert mean <= LIMITS[1]
-
-
-def test_each_stored_picture_is_compared():
-    assert {path.stem for path in FOLDER.iterdir()} == CASES.keys()

@@ -184,13 +184,9 @@ class TestPartitions:
         ("names", "units", "values", "period", "moment"),
         [
             (("hs", "fp", "dir", "spr"), ("m", "s-1", "degree", "degree"), (3.0, 0.1, 180.0, 25.0), 10.0, 0),
-            (("hs", "tps", "theta0", "spread"), ("m", "s", "degree", "degree"), (3.0, 10.0, 180.0, 25.0), 10.0, 0),
             (("hs", "t0m1", "dir"), ("m", "s", "degree"), (3.0, 9.0, 180.0), 9.0, -1),
             (("VHM0", "VTPK", "VMDR", "VHM0_WW"), ("m", "s", "degree", "m"), (3.0, 10.0, 180.0, 2.0), 10.0, 0),
-            (("VHM0", "VTM10", "VMDR"), ("m", "s", "degree"), (3.0, 9.0, 180.0), 9.0, -1),
             (("swh", "mwp", "mwd", "shww"), ("m", "s", "Degree true", "m"), (3.0, 9.0, 180.0, 1.0), 9.0, -1),
-            (("swh", "perpw", "dirpw"), ("m", "s", "Degree true"), (3.0, 10.0, 180.0), 10.0, 0),
-            (("Thgt", "Tper", "Tdir"), ("meters", "seconds", "degrees"), (3.0, 10.0, 180.0), 10.0, 0),
             (
                 ("wave_height", "dominant_wpd", "mean_wave_dir"),
                 ("meters", "seconds", "degrees_true"),

@@ -177,10 +177,6 @@ class TestLock:
         with locked(tmp_path):
             assert (tmp_path / LOCK).read_text() == str(os.getpid())
 
-    def test_a_folder_that_is_gone_is_named(self, tmp_path):
-        with pytest.raises(OutputError, match="gone: cannot be written"), locked(tmp_path / "gone"):
-            pass
-
     @pytest.mark.parametrize(("number", "said"), [(errno.ENOLCK, None), (errno.EIO, "cannot be written: Input/output")])
     def test_a_file_system_without_locks_keeps_nobody_out(self, tmp_path, monkeypatch, number, said):
         def refuse(file, operation):
@@ -190,9 +186,8 @@ class TestLock:
         with pytest.raises(OutputError, match=said) if said else nullcontext(), locked(tmp_path):
             assert (tmp_path / LOCK).read_text() == str(os.getpid())
 
-    @pytest.mark.parametrize("new", [True, False])
-    def test_a_file_that_its_holder_has_removed_locks_nothing(self, tmp_path, monkeypatch, new):
-        """It is opened anew, whether or not another process has made one since: two would hold files of one name."""
+    def test_a_file_that_its_holder_has_removed_locks_nothing(self, tmp_path, monkeypatch):
+        """It is opened anew where another process has made one since: two would hold files of one name."""
         flock, opened = fcntl.flock, []
 
         def removed_meanwhile(file, operation):
@@ -200,23 +195,12 @@ class TestLock:
             opened.append(os.fstat(file).st_ino)
             if len(opened) == 1:
                 (tmp_path / LOCK).unlink()
-                if new:
-                    (tmp_path / "other").write_text("")
-                    (tmp_path / "other").rename(tmp_path / LOCK)
+                (tmp_path / LOCK).write_text("")
 
         monkeypatch.setattr(fcntl, "flock", removed_meanwhile)
         with locked(tmp_path):
-            assert len(opened) == 2
-            assert opened[1] == (tmp_path / LOCK).stat().st_ino
+            assert (tmp_path / LOCK).stat().st_ino == opened[1]
         assert list(tmp_path.iterdir()) == []
-
-    def test_all_may_hold_the_lock_of_a_folder_that_all_may_write(self, tmp_path):
-        before = os.umask(0)
-        try:
-            with locked(tmp_path):
-                assert (tmp_path / LOCK).stat().st_mode & 0o777 == 0o666
-        finally:
-            os.umask(before)
 
 
 @pytest.mark.parametrize("place", [{"\ud800": 1}, {"a": "\ud800"}, {"a": [1, ("b", {"c": "\ud800"})]}])
@@ -252,16 +236,12 @@ def test_what_is_no_table(text, language, said):
         parse_text(text, language)
 
 
-def test_ends_of_lines_of_windows():
-    assert parse_text("a = '''x\r\ny'''\r\n", "TOML") == {"a": "x\ny"}
-
-
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be"])
 def test_text_with_a_mark_and_as_powershell_writes_it(tmp_path, encoding):
     path = tmp_path / "a.toml"
-    path.write_bytes("name = 'Größe 海'\r\n[auv]\r\ncount = 3\r\n".encode(encoding))
+    path.write_bytes("name = 'Größe 海'\r\ndescription = '''x\r\ny'''\r\n[auv]\r\ncount = 3\r\n".encode(encoding))
     scenario = Scenario.load(str(path))
-    assert (scenario.name, scenario.auv.count) == ("Größe 海", 3)
+    assert (scenario.name, scenario.description, scenario.auv.count) == ("Größe 海", "x\ny", 3)
 
 
 @pytest.mark.parametrize(
@@ -274,10 +254,3 @@ def test_text_with_a_mark_and_as_powershell_writes_it(tmp_path, encoding):
 def test_text_in_another_encoding_is_one_line(tmp_path, run_usvauv, content, said):
     (tmp_path / "a.toml").write_bytes(content)
     assert run_usvauv("scenarios", "a.toml") == (2, "", f"error: a.toml: {said}; save the file as UTF-8\n")
-
-
-def test_what_is_no_file(tmp_path):
-    os.mkfifo(tmp_path / "pipe")
-    for path in (tmp_path / "pipe", tmp_path, tmp_path / "none", "a\0b"):
-        with pytest.raises(FileNotFoundError, match="is no file"):
-            read_text(path, "TOML")

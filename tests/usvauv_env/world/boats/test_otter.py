@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from tests.usvauv_env.world.test_boat_motion import PLACE, sailed
+from tests.usvauv_env.world.boats.test_boat_motion import PLACE, sailed
 from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.record.recorder import record
 from usvauv.env.scenario.team import Otter
