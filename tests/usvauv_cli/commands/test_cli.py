@@ -234,7 +234,7 @@ def test_a_policy_of_ones_own_that_fails_is_one_line(tmp_path, run_usvauv, monke
     [("wandb", "--log wandb: needs the extra 'wandb'"), ("tensorbord", "did you mean 'tensorboard'")],
 )
 def test_a_log_that_cannot_be_is_refused_in_one_line(tmp_path, refused, monkeypatch, log, said):
-    monkeypatch.setattr("usvauv.policies.training.figures.find_spec", lambda name: None)
+    monkeypatch.setattr("usvauv.policies.training.meter.find_spec", lambda name: None)
     assert said in refused("train", "ideal", "--log", log, "--out", "run")
     assert not (tmp_path / "run").exists()
 

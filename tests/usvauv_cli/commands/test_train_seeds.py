@@ -11,8 +11,8 @@ from tests.policies.test_seeds import same_runs
 from usvauv import policies
 from usvauv.env import Scenario, World
 from usvauv.policies import TrainingConfig, checkpoint
-from usvauv.policies.training.batched_runs import BatchedRuns
 from usvauv.policies.training.figures import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
+from usvauv.policies.training.trainer import SeedStack
 
 BEGIN = ["train", "ideal", "--worlds", "4", "--set", "mission.duration=12"]
 SMALL = {"hidden": (8, 8), "batch": 16, "n_step": 2, "warmup": 24, "replay": 4000}
@@ -54,15 +54,15 @@ def test_stopped_or_killed_they_go_on(tmp_path, run_usvauv, quick, monkeypatch):
     """To the bit after Ctrl-C; one that was not saved before a kill begins anew."""
     begin = [*BEGIN, "--steps", 80, "--seeds", 2]
     assert run_usvauv(*begin, "--out", "whole")[0] == 0
-    advance = BatchedRuns.advance
+    step = SeedStack.step
 
-    def advance_and_stop(runs, pool, total):
-        if runs.first.steps == 40:
+    def step_and_stop(stack, pool, total):
+        if stack.runs[0].steps == 40:
             signal.raise_signal(signal.SIGINT)
-        advance(runs, pool, total)
+        step(stack, pool, total)
 
     with monkeypatch.context() as patch:
-        patch.setattr(BatchedRuns, "advance", advance_and_stop)
+        patch.setattr(SeedStack, "step", step_and_stop)
         code, shown, _ = run_usvauv(*begin, "--out", "parts")
     assert code == 130
     assert "stopped at 44 of 80 world-steps; go on with: --out parts --resume" in shown
