@@ -9,11 +9,11 @@ import torch
 from torch import Tensor
 
 from usvauv.env.scenario import Scenario
+from usvauv.kernels.errors import UserError
 from usvauv.kernels.guidance import HOPELESS, LEAST, LEAST_ADVANCE, NEAREST
 from usvauv.kernels.mission.motion import travelling_power
 from usvauv.kernels.vehicles.fleet import Fleet
 from usvauv.kernels.vehicles.vehicle import Actuators, Command
-from usvauv.policies.policy import PolicyError
 
 LEVEL_TIME = 1.0  # s
 SPEEDS = 33  # number of speeds among which `SpeedToFly` chooses
@@ -99,11 +99,11 @@ def command(direction: Tensor, speed: Tensor | float, scenario: Scenario) -> Ten
     Its shape is (..., 2), or (..., 3) with the cruise depth if actions include a depth.
 
     Raises:
-        PolicyError: actions are those of fins.
+        UserError: actions are those of fins.
     """
     auv = scenario.auv
     if auv.action == "fins":
-        raise PolicyError('auv.action = "fins": this policy commands course and speed: use "vector" or "vector-depth"')
+        raise UserError('auv.action = "fins": this policy commands course and speed: use "vector" or "vector-depth"')
     each = speed if isinstance(speed, Tensor) else torch.full_like(direction[..., 0], speed)
     if auv.action != "polar":
         velocity = (direction * (each / auv.speed_max)[..., None]).clip(-1.0, 1.0)

@@ -13,7 +13,6 @@ import torch
 from torch import Tensor
 
 from usvauv.policies.algorithms.learner import Batch, Learner, Rollout, Settings
-from usvauv.policies.algorithms.sac import SAC
 from usvauv.policies.networks import GaussianActor, Sizes, StackedMLP
 
 CLIP = 0.2  # largest change of a probability's ratio that is learned from
@@ -58,7 +57,7 @@ class PPO(Learner[GaussianActor]):
 
     @staticmethod
     def make_actor(sizes: Sizes, config: Settings, generator: torch.Generator) -> GaussianActor:
-        actor = SAC.make_actor(sizes, config, generator)
+        actor = GaussianActor.near_zero(sizes, config.hidden, generator)
         actor.set_deviation(DEVIATION)
         return actor
 

@@ -28,7 +28,7 @@ from usvauv.kernels.positioning.sonar import ambient_noise_laws
 from usvauv.kernels.types import vec2
 from usvauv.policies import PolicyError, Trainer, TrainingRun
 from usvauv.policies.algorithms import ALGORITHMS
-from usvauv.policies.algorithms.ddpg import DDPG
+from usvauv.policies.algorithms.deterministic import DDPG
 from usvauv.policies.frames import FRAMES, Frame
 from usvauv.policies.heuristics import HEURISTICS, Heuristic
 

@@ -14,7 +14,7 @@ from usvauv.env import Scenario, World
 from usvauv.kernels.errors import DivergenceError
 from usvauv.policies import PolicyError, Trainer, TrainingConfig, TrainingRun, resume
 from usvauv.policies.algorithms import ALGORITHMS
-from usvauv.policies.algorithms.ddpg import DDPG
+from usvauv.policies.algorithms.deterministic import DDPG
 from usvauv.policies.checkpoint import POLICY, TRAINING, read
 from usvauv.policies.networks import stack, unstack
 
