@@ -74,7 +74,7 @@ def along_and_left(vector: Tensor, direction: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def unrotate(vector: Tensor, direction: Tensor) -> Tensor:
-    """`along_and_left` as vectors (..., 2)."""
+    """Components along and left of `direction`, as vectors (..., 2), of a vector given in world axes."""
     return components(*along_and_left(vector, direction))
 
 
@@ -126,7 +126,7 @@ def crab(track: Tensor, speed: Tensor, current: Tensor) -> Tensor:
 
 
 def _crab(track: Tensor, speed: Tensor, across: Tensor) -> Tensor:
-    """The same by the component of the current across the track, (...)."""
+    """Heading of `crab` for the component of the current across the track, (...)."""
     sine = (-across / speed).clip(-1.0, 1.0)
     return turn(track, torch.sqrt((1.0 - sine * sine).clip(0.0)), sine)
 

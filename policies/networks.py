@@ -258,7 +258,7 @@ class Critic(nn.Module):
 
 
 def stack(value: Tensor, shared: bool, seeds: int = 1) -> Tensor:
-    """(W, K, ...) → (K, W, ...) for a network of each AUV, or (1, W K, ...) for a shared one.
+    """Rows (W, K, ...) in stacks (K, W, ...) for a network of each AUV, or (1, W K, ...) for a shared one.
 
     For N seeds, each with its own networks and the next W worlds: (N W, K, ...) → (N K, W, ...) or (N, W K, ...).
     """

@@ -96,8 +96,10 @@ def number(text: str, expected: str) -> float:
 
 
 def by_component(value: Tensor) -> Tensor:
-    """The same numbers (..., n), with each component of all AUVs contiguous in memory; operations on a component take
-    a fraction of the time."""
+    """A copy of numbers (..., n) with each component of all AUVs contiguous in memory.
+
+    Operations on a component take a fraction of the time.
+    """
     return value.movedim(-1, 0).contiguous().movedim(0, -1)
 
 

@@ -92,7 +92,7 @@ class Crab(ConstantSpeed):
 
 
 class Pace(Heuristic):
-    """As `crab`, at the most economical speed for a price of time. See `guidance.SpeedToFly`.
+    """Steers as `crab` does, at the most economical speed for a price of time. See `guidance.SpeedToFly`.
 
     Attributes:
         reference: field of the scenario's section `reference` with the default price.
@@ -129,7 +129,7 @@ class Pace(Heuristic):
 
 
 class Clear(Pace):
-    """As `pace`, and keeps clear of the nearest other AUV.
+    """Steers as `pace` does, and keeps clear of the nearest other AUV.
 
     That AUV repels the track over ground, see `guidance.clear_of_others`; positions are estimates.
     """

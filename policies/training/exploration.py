@@ -52,7 +52,7 @@ class TrainingWorld(Protocol):
         ...
 
     def load_state(self, state: dict[str, Tensor], /) -> None:
-        """Restore a state."""
+        """Restore a state that `state` returned."""
         ...
 
 

@@ -28,7 +28,7 @@ class Meter:
         self.reset()
 
     def reset(self) -> None:
-        """Begin a new window."""
+        """Begin a new window of steps."""
         device = self.world.device
         self.terms = torch.zeros(len(self.world.reward_names), dtype=torch.float64, device=device)
         self.measures = torch.zeros(len(self.world.measure_names), dtype=torch.float64, device=device)

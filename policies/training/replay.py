@@ -178,5 +178,5 @@ class Replay:
         return Rollout(**tensors, follows=later, parts=parts)
 
     def _stack(self, value: Tensor) -> Tensor:
-        """(B, K, ...) → (S, B, ...)"""
+        """Values (S, B, ...) of the learners, from those (B, K, ...) of AUVs."""
         return stack(value, self.shared, self.seeds)

@@ -49,7 +49,7 @@ class SeedStack:
 
     Args:
         runs: begun or resumed. Their replays become parts of one; their learners and observations are up to date after
-            `hand_out`.
+            `write_back`.
 
     Raises:
         PolicyError: the algorithm has a tensor without the networks' axis.
@@ -108,7 +108,7 @@ class SeedStack:
         try:
             steps = stepping.result()
         except ValueError:  # most likely an action that is not finite, because a weight is not
-            self.hand_out()
+            self.write_back()
             for run in runs:
                 run.check_finite()
             raise
@@ -187,7 +187,7 @@ class SeedStack:
             self.standardizer.copy_(self._joint_standardizer())
         return torch.cat(parts)
 
-    def hand_out(self) -> None:
+    def write_back(self) -> None:
         """Bring learner, replay and observation of every run up to date."""
         tensors, observations = self.learner.tensors(), self.observation.chunk(self.count)
         for index, run in enumerate(self.runs):
@@ -349,7 +349,7 @@ class Trainer:
                 if not (due or over or first.meter.rows == WINDOW):
                     continue
                 for each in stacks:
-                    each.hand_out()
+                    each.write_back()
                 figures = {}
                 for run, seconds in zip(runs, before, strict=True):
                     if due:  # also when stopped, because a resumed run begins after this step
@@ -383,7 +383,7 @@ def naming(run: TrainingRun) -> Iterator[None]:
 
 
 def renewed(run: TrainingRun, reward: Tensor, horizon_ended: Tensor, info: dict[str, Tensor]) -> Tensor:
-    """Where the value's horizon ends; with renewal also at services, and the average reward learns from `reward`."""
+    """Ends (W, K) of the value's horizon, with renewal also at services; updates the average reward by `reward`."""
     if not run.config.renewal or run.world.scenario.reward.service_terminates:
         return horizon_ended
     run.gain += GAIN_RATE * (reward.mean().double() - run.gain)

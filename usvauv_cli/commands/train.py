@@ -131,7 +131,9 @@ def train(
         folders = _folders(place)
         if not resume:
             if any(path_of(folder, LAST).exists() for folder in (place, *folders.values())):
-                raise UserError(f"--out {place}: holds a run already; go on with --resume, or choose another folder")
+                raise UserError(
+                    f"--out {place}: holds a run already; continue it with --resume, or choose another folder"
+                )
             folders = {own: place / f"{FOLDER}{own}" for own in range(seed, last + 1)} if seeds > 1 else {}
         for folder in folders.values():
             options.make_folder(inside(place, folder))
@@ -150,7 +152,7 @@ def train(
         for folder, (setting, config, begun) in found.items():
             if different := changed(begun, files):
                 typer.echo(
-                    f"warning: {', '.join(different)}: changed since {folder} was saved; the run goes on with what is"
+                    f"warning: {', '.join(different)}: changed since {folder} was saved; the run continues with what is"
                     " there now, and its result is of both; another --out begins anew",
                     err=True,
                 )
@@ -160,7 +162,7 @@ def train(
             if begun:
                 policies.resume(runs[-1])
         if (done := min(run.steps for run in runs)) >= total:
-            typer.echo(f"nothing is left to do: of {total} world-steps {done} are done; a larger --steps goes on")
+            typer.echo(f"nothing to do: {done} of {total} world-steps are done; a larger --steps continues the run")
             return
         several, first, config = place not in found, runs[0], runs[0].config
         trainer = policies.Trainer(*runs, log=log, threads=runtime.start(arch).threads)
@@ -195,7 +197,7 @@ def train(
         if trainer.stopped:
             again = "".join(f" --plugin {file}" for file in plugins or ())
             done = min(run.steps for run in runs)
-            typer.echo(f"stopped at {done} of {total} world-steps; go on with: --out {place} --resume{again}")
+            typer.echo(f"stopped at {done} of {total} world-steps; continue with: --out {place} --resume{again}")
         bests = [max(run.history, key=lambda row: row["arps"]) for run in runs]
         learned = all(best["updates"] > 0 for best in bests)
         shown = training_table.evaluation(training_table.of_seeds([{"evaluation": best} for best in bests]), name)

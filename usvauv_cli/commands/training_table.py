@@ -92,7 +92,7 @@ def _score(figures: dict) -> str:
 
 
 def _share(figures: dict) -> str:
-    """How much of a run is done, and the time left."""
+    """The share of a run that is done, and the time left."""
     left = f", {duration(figures['eta'], rough=True)} left" if figures["steps"] < figures["total"] else ""
     return f"{min(figures['steps'] / figures['total'], 1):.0%}{left}"
 

@@ -65,7 +65,7 @@ def test_stopped_or_killed_they_go_on(tmp_path, run_usvauv, quick, monkeypatch):
         patch.setattr(SeedStack, "step", step_and_stop)
         code, shown, _ = run_usvauv(*begin, "--out", "parts")
     assert code == 130
-    assert "stopped at 44 of 80 world-steps; go on with: --out parts --resume" in shown
+    assert "stopped at 44 of 80 world-steps; continue with: --out parts --resume" in shown
     assert run_usvauv("train", "--out", "parts", "--resume")[0] == 0
     for seed in (0, 1):
         same_runs(tmp_path / f"whole/seed-{seed}", tmp_path / f"parts/seed-{seed}", tolerance=0.0)
@@ -81,8 +81,8 @@ def test_stopped_or_killed_they_go_on(tmp_path, run_usvauv, quick, monkeypatch):
         (["--seeds", "0"], "--seeds 0: must be from 1 to 1024"),
         (["--seed", str(2**63 - 1), "--seeds", "2"], f"seed = {2**63}: must be from 0 to 2**63 - 1"),
         (["--seeds", "2", "--resume"], "--seeds: a resumed run keeps the seeds it was begun with"),
-        (["--seeds", "2", "--out", "held"], "--out held: holds a run already; go on with --resume"),
-        (["--out", "held"], "--out held: holds a run already; go on with --resume"),
+        (["--seeds", "2", "--out", "held"], "--out held: holds a run already; continue it with --resume"),
+        (["--out", "held"], "--out held: holds a run already; continue it with --resume"),
         (["--out", "empty", "--resume"], "empty/seed-5/last.safetensors: checkpoint is missing"),
     ],
 )
