@@ -13,8 +13,8 @@ from time import perf_counter
 
 from benchmarks.machine import command_line, describe, parse, show
 from usvauv.env import Scenario, World
-from usvauv.policies import Trainer, TrainingConfig
-from usvauv.policies.training.batched_runs import WINDOW
+from usvauv.policies import Trainer, TrainingConfig, TrainingRun
+from usvauv.policies.training.trainer import WINDOW
 
 SIZES = ((128, 512), (256, 256), (1024, 4096), (8192, 16384))  # worlds, and transitions of each AUV in an update
 
@@ -22,10 +22,11 @@ SIZES = ((128, 512), (256, 256), (1024, 4096), (8192, 16384))  # worlds, and tra
 def updates_per_second(worlds: int, batch: int, updates: int) -> float:
     """From the first report on of about as many updates after those of the first steps."""
     config = TrainingConfig(num_worlds=worlds, batch=batch)
-    trainer = Trainer(World(Scenario.load("extreme"), worlds, config.seed), config)
+    run = TrainingRun(World(Scenario.load("extreme"), worlds, config.seed), config)
+    trainer = Trainer(run)
     trainer.train(config.before_learning + WINDOW * worlds)
     marks: list[tuple[float, int]] = []
-    trainer.train(trainer.steps + updates * worlds, lambda figures: marks.append((perf_counter(), figures["updates"])))
+    trainer.train(run.steps + updates * worlds, lambda figures: marks.append((perf_counter(), run.learner.updates)))
     (begin, before), (end, after) = marks[0], marks[-1]
     return (after - before) / (end - begin)
 

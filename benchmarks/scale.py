@@ -34,9 +34,9 @@ from usvauv.env import Scenario, World
 from usvauv.kernels import runtime
 from usvauv.kernels.errors import UserError
 from usvauv.policies import TrainingConfig
-from usvauv.policies.training.batched_runs import BatchedRuns
 from usvauv.policies.training.figures import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
-from usvauv.policies.training.trainer import EVALUATIONS
+from usvauv.policies.training.saving import save
+from usvauv.policies.training.trainer import EVALUATIONS, SeedStack
 
 ROOT = Path(__file__).parents[1]
 SCENARIO = "extreme"
@@ -102,9 +102,9 @@ def costs() -> Costs:
     world = World(scenario, config.num_worlds, config.seed)
     judges = World(scenario, EVALUATION_EPISODES, config.seed + EVALUATION_SEED_OFFSET)
     with TemporaryDirectory() as folder:
-        trainer = policies.Trainer(world, config, Path(folder))
-        trainer.train(config.before_learning + 20 * config.num_worlds)
-        batch = partial(trainer.replay.sample, config.batch, config.n_step, config.gamma, trainer.generator)
+        run = policies.TrainingRun(world, config, Path(folder))
+        policies.Trainer(run).train(config.before_learning + 20 * config.num_worlds)
+        batch = partial(run.replay.sample, config.batch, config.n_step, config.gamma, [run.generator])
         action = torch.zeros(config.num_worlds, world.num_auvs, 2, device=world.device)
 
         def episode() -> None:
@@ -112,18 +112,18 @@ def costs() -> Costs:
             for _ in range(world.steps):
                 world.step(action)
 
-        policy, optimisers = trainer.policy(), trainer.learner.optimisers.values()
+        policy, optimisers = run.policy(), run.learner.optimisers.values()
         with ThreadPoolExecutor(1) as pool:
-            together = best_time(partial(BatchedRuns([trainer]).advance, pool, STEPS))
+            together = best_time(partial(SeedStack([run]).step, pool, STEPS))
         return Costs(
             start=min(child(IMPORTS)[0] for _ in range(3)),
             compiling=float(child(FIRST_STEP, TI_OFFLINE_CACHE_FILE_PATH=str(Path(folder, "cache")))[1]),
             cached=min(float(child(FIRST_STEP)[1]) for _ in range(3)),
             step=best_time(episode) / world.steps,
-            update=best_time(lambda: trainer.learner.learn(batch(trainer.scaled_gain))),
+            update=best_time(lambda: run.learner.learn(batch(run.scale * run.gain))),
             together=together,
             evaluation=best_time(lambda: policies.figures_of_merit(judges, policy), rounds=1),
-            save=best_time(trainer.save),
+            save=best_time(lambda: save(run)),
             bytes=Path(folder, "last.safetensors").stat().st_size,
             gradients=sum(4 * value.numel() for each in optimisers for value in each.parameters),
             exchanges=len(optimisers),

@@ -17,7 +17,7 @@ from dataclasses import replace
 from benchmarks.machine import command_line, describe
 from usvauv.env import Scenario, World
 from usvauv.kernels import runtime
-from usvauv.policies import Seeds, Trainer, TrainingConfig
+from usvauv.policies import Trainer, TrainingConfig, TrainingRun
 
 SCENARIO = "extreme"
 
@@ -27,44 +27,30 @@ def clocks() -> tuple[float, float]:
     return time.perf_counter(), time.process_time()
 
 
-class Turns:
-    """Training that is timed piece by piece, without what begins and ends a piece.
+def piece(trainer: Trainer, updates: int) -> tuple[float, float]:
+    """Train another piece; time and processor time between its first report and its last, s.
 
     Args:
-        trainer: of one or of several runs.
-        first: one of the runs.
-        updates: steps of all worlds in a piece, a multiple of what lies between two reports.
+        updates: steps of all worlds in a piece, a multiple of those between two reports.
     """
-
-    def __init__(self, trainer: Trainer | Seeds, first: Trainer, updates: int) -> None:
-        self.trainer, self.first, self.updates = trainer, first, updates
-        self.trainer.train(first.config.before_learning + first.world.num_worlds)
-
-    def take(self) -> tuple[float, float]:
-        """Train another piece; time and processor time between its first report and its last, s."""
-        marks: list[tuple[float, float]] = []
-        steps = self.updates * self.first.world.num_worlds
-        self.trainer.train(self.first.steps + steps, lambda figures: marks.append(clocks()))
-        return marks[-1][0] - marks[0][0], marks[-1][1] - marks[0][1]
+    marks: list[tuple[float, float]] = []
+    first = trainer.runs[0]
+    trainer.train(first.steps + updates * first.config.num_worlds, lambda figures: marks.append(clocks()))
+    return marks[-1][0] - marks[0][0], marks[-1][1] - marks[0][1]
 
 
 def measure(config: TrainingConfig, seeds: int, pairs: int, updates: int) -> list[tuple[float, float]]:
     """For each pair the ratios of times and of processor times."""
-    scenario = Scenario.load(SCENARIO)
-
-    def runs(count: int) -> list[Trainer]:
+    scenario, place = Scenario.load(SCENARIO), runtime.start()
+    trainers = []
+    for count in (1, seeds):
         own = [replace(config, seed=seed) for seed in range(count)]
-        return [Trainer(World(scenario, each.num_worlds, each.seed), each) for each in own]
-
-    one, many = runs(1)[0], runs(seeds)
-    place = runtime.start()
-    turns = [
-        Turns(trainer, first, updates)
-        for trainer, first in ((one, one), (Seeds(many, place.threads if place.torch_on_host else 1), many[0]))
-    ]
+        runs = [TrainingRun(World(scenario, each.num_worlds, each.seed), each) for each in own]
+        trainers.append(Trainer(*runs, threads=place.threads if place.torch_on_host else 1))
+        trainers[-1].train(config.before_learning + config.num_worlds)
     found = []
     for _ in range(pairs):
-        (alone, alone_busy), (together, together_busy) = (turn.take() for turn in turns)
+        (alone, alone_busy), (together, together_busy) = (piece(trainer, updates) for trainer in trainers)
         found.append((together / alone, together_busy / alone_busy))
     return found
 

@@ -41,7 +41,7 @@ from benchmarks.machine import command_line, describe, show
 from usvauv import policies
 from usvauv.env import Scenario, World
 from usvauv.policies.algorithms import ALGORITHMS
-from usvauv.policies.training.figures import Meter
+from usvauv.policies.training.meter import Meter
 
 SCENARIO = "extreme"
 EPISODES = 32
@@ -129,13 +129,13 @@ class Course:
 
 def train_ours(course: Course, config: policies.TrainingConfig) -> None:
     """Train with our trainer until the course is over."""
-    trainer = policies.Trainer(World(Scenario.load(SCENARIO), config.num_worlds, config.seed), config)
-    course.look(trainer.policy().act, 0, 0)
-    over = False
+    run = policies.TrainingRun(World(Scenario.load(SCENARIO), config.num_worlds, config.seed), config)
+    trainer, over = policies.Trainer(run), False
+    course.look(run.policy().act, 0, 0)
 
-    def look(figures: dict[str, Any]) -> None:
+    def look(figures: list[dict[str, Any]]) -> None:
         nonlocal over
-        over = course.look(trainer.policy().act, figures["updates"], figures["steps"])
+        over = course.look(run.policy().act, run.learner.updates, run.steps)
         if over:
             trainer.stop()
 

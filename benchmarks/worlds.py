@@ -83,10 +83,11 @@ def rates(world: World, act: Callable[[torch.Tensor], torch.Tensor] | None, seco
 def training_rates(world: World, seconds: float) -> dict[str, float]:
     """World-steps and agent-steps a second of the trainer, once it learns."""
     config = policies.TrainingConfig(num_worlds=world.num_worlds, warmup=0)
-    trainer = policies.Trainer(world, config)
+    run = policies.TrainingRun(world, config)
+    trainer = policies.Trainer(run)
     trainer.train(3 * config.n_step * world.num_worlds)
     stretch = TRAINING_STEPS * world.num_worlds
-    per_second = stretch / best_time(lambda: trainer.train(trainer.steps + stretch), seconds)
+    per_second = stretch / best_time(lambda: trainer.train(run.steps + stretch), seconds)
     return {"world_steps_per_second": per_second, "agent_steps_per_second": per_second * world.num_auvs}
 
 

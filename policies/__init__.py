@@ -16,15 +16,19 @@ from usvauv.policies.config import TrainingConfig
 from usvauv.policies.learned import LearnedPolicy
 from usvauv.policies.loading import about, acting, available, check, default, load, load_learned, named, trained
 from usvauv.policies.policy import Policy, PolicyError
-from usvauv.policies.training import Seeds, Trainer, TrainingWorld, evaluated, figures_of_merit
+from usvauv.policies.training.exploration import TrainingWorld
+from usvauv.policies.training.figures import evaluated, figures_of_merit
+from usvauv.policies.training.saving import resume
+from usvauv.policies.training.trainer import Trainer
+from usvauv.policies.training.training_run import TrainingRun
 
 __all__ = [
     "LearnedPolicy",
     "Policy",
     "PolicyError",
-    "Seeds",
     "Trainer",
     "TrainingConfig",
+    "TrainingRun",
     "TrainingWorld",
     "about",
     "acting",
@@ -38,5 +42,6 @@ __all__ = [
     "named",
     "read_history",
     "read_run",
+    "resume",
     "trained",
 ]

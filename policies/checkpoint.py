@@ -378,7 +378,7 @@ def read_run(run: Path) -> tuple[Scenario, TrainingConfig, dict[str, Any]]:
 
 
 def read_history(run: Path) -> list[dict[str, float]]:
-    """The evaluations of a training run, oldest first, see `Trainer.history`; none before its first save.
+    """The evaluations of a training run, oldest first, see `TrainingRun.history`; none before its first save.
 
     Raises:
         PolicyError: the checkpoint is damaged.
@@ -404,5 +404,5 @@ def close_run(run: Path) -> None:
 
 
 def _is_row(row: object) -> bool:
-    """Whether this is a row of `Trainer.history`."""
+    """Whether this is a row of `TrainingRun.history`."""
     return isinstance(row, dict) and all(type(value) in (int, float) for value in row.values())

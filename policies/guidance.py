@@ -9,11 +9,11 @@ import torch
 from torch import Tensor
 
 from usvauv.env.scenario import Scenario
+from usvauv.kernels.errors import UserError
 from usvauv.kernels.guidance import HOPELESS, LEAST, LEAST_ADVANCE, NEAREST
 from usvauv.kernels.mission.motion import travelling_power
 from usvauv.kernels.vehicles.fleet import Fleet
 from usvauv.kernels.vehicles.vehicle import Actuators, Command
-from usvauv.policies.policy import PolicyError
 
 LEVEL_TIME = 1.0  # s
 SPEEDS = 33  # number of speeds among which `SpeedToFly` chooses
@@ -74,7 +74,7 @@ def along_and_left(vector: Tensor, direction: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def unrotate(vector: Tensor, direction: Tensor) -> Tensor:
-    """`along_and_left` as vectors (..., 2)."""
+    """Components along and left of `direction`, as vectors (..., 2), of a vector given in world axes."""
     return components(*along_and_left(vector, direction))
 
 
@@ -99,11 +99,11 @@ def command(direction: Tensor, speed: Tensor | float, scenario: Scenario) -> Ten
     Its shape is (..., 2), or (..., 3) with the cruise depth if actions include a depth.
 
     Raises:
-        PolicyError: actions are those of fins.
+        UserError: actions are those of fins.
     """
     auv = scenario.auv
     if auv.action == "fins":
-        raise PolicyError('auv.action = "fins": this policy commands course and speed: use "vector" or "vector-depth"')
+        raise UserError('auv.action = "fins": this policy commands course and speed: use "vector" or "vector-depth"')
     each = speed if isinstance(speed, Tensor) else torch.full_like(direction[..., 0], speed)
     if auv.action != "polar":
         velocity = (direction * (each / auv.speed_max)[..., None]).clip(-1.0, 1.0)
@@ -126,7 +126,7 @@ def crab(track: Tensor, speed: Tensor, current: Tensor) -> Tensor:
 
 
 def _crab(track: Tensor, speed: Tensor, across: Tensor) -> Tensor:
-    """The same by the component of the current across the track, (...)."""
+    """Heading of `crab` for the component of the current across the track, (...)."""
     sine = (-across / speed).clip(-1.0, 1.0)
     return turn(track, torch.sqrt((1.0 - sine * sine).clip(0.0)), sine)
 

@@ -49,8 +49,8 @@ class Standardizer:
         return ((features - self.mean) / self.deviation).clamp(-CLIP, CLIP)
 
 
-class _Way(threading.local):
-    """How a policy acts, with separate memory in each thread.
+class _Workspace(threading.local):
+    """The compiled form of a policy and its memory, separate in each thread.
 
     Attributes:
         act: actions (W, K, A) for observations (W, K, O).
@@ -91,7 +91,7 @@ class LearnedPolicy(Policy):
         self.shared = shared
         self.about = about
         self.any_team = shared and self.frame.any_team
-        self._way = _Way()
+        self._workspace = _Workspace()
 
     def __reduce__(self) -> tuple[Any, ...]:
         """A copy, also by `pickle` in another process, is made anew, as kernels and their memory cannot be copied."""
@@ -99,7 +99,7 @@ class LearnedPolicy(Policy):
         return type(self), (*made_of, dict(self.about))
 
     def for_scenario(self, scenario: Scenario) -> LearnedPolicy:
-        """The same actors in another scenario.
+        """A policy of the same actors in another scenario.
 
         Raises:
             PolicyError: task, number of AUVs, observed terms or form of the action differ.
@@ -121,17 +121,18 @@ class LearnedPolicy(Policy):
         )
 
     def act(self, observation: Tensor) -> Tensor:
-        way, layers = self._way, self.actor.layers()
+        own, layers = self._workspace, self.actor.layers()
         # Torch moves tensors that it sends to another process.
         parts = self.standardizer.mean, self.standardizer.deviation, *layers[0], *layers[1]
         bound = observation.shape, [part.data_ptr() for part in parts]
-        if way.bound != bound:
-            way.act, way.bound = self._way_for(observation.shape), bound
+        if own.bound != bound:
+            own.act, own.bound = self._compiled(observation.shape), bound
         with FRAMES.calling(self.frame_name):
-            return way.act(observation.detach())
+            return own.act(observation.detach())
 
-    def _way_for(self, shape: torch.Size) -> Callable[[Tensor], Tensor]:
-        """How it acts for observations of a shape: on a CPU by kernels, whose results for a world depend only on it.
+    def _compiled(self, shape: torch.Size) -> Callable[[Tensor], Tensor]:
+        """A function that acts for observations of a shape: on a CPU by kernels, whose results for a world depend only
+        on it.
 
         A matrix product of torch gives other bits in batches of other sizes.
         """
@@ -162,7 +163,7 @@ class LearnedPolicy(Policy):
         return act
 
     def actions(self, observation: Tensor) -> Tensor:
-        """The same for all worlds at once in torch, with gradients."""
+        """Actions for observations of all worlds at once in torch, with gradients."""
         with FRAMES.calling(self.frame_name):
             shared = self.frame.shared(observation)
             features = self.standardizer(self.frame.encode(observation, *shared))

@@ -146,7 +146,7 @@ def load(name: str | Path, world: World) -> Policy:
 
 
 def acting(name: str | Path, world: World) -> Act:
-    """`act` of the policy that `load` returns; actions of a policy from outside the package are checked.
+    """The function `act` of the policy that `load` returns; actions of one from outside the package are checked.
 
     Raises:
         PolicyError: as `load`; and from the function, if such a policy fails or does not return actions.

@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
+from typing import Any, ClassVar, Self
 
 import torch
 from torch import Tensor, nn
@@ -158,15 +158,35 @@ def _centred(value: Tensor) -> Tensor:
     return value - value.mean(-1, keepdim=True)
 
 
-class DeterministicActor(StackedMLP):
+class StackedActor(StackedMLP):
+    """Networks of features (S, B, F) that give actions.
+
+    Attributes:
+        outputs: numbers that the network gives for each component of an action.
+    """
+
+    outputs: ClassVar[int]
+
+    @classmethod
+    def near_zero(cls, sizes: Sizes, hidden: Sequence[int], generator: torch.Generator) -> Self:
+        """Untrained actors, whose first actions are near zero."""
+        layers = (sizes.observation, *hidden, cls.outputs * sizes.action)
+        return cls(sizes.stack, layers, generator, output_gain=0.01)
+
+
+class DeterministicActor(StackedActor):
     """Actions (S, B, A) in [−1, 1] by a tanh at the output, as in DDPG and TD3."""
+
+    outputs = 1
 
     def forward(self, observation: Tensor, /) -> Tensor:
         return torch.tanh(super().forward(observation))
 
 
-class GaussianActor(StackedMLP):
+class GaussianActor(StackedActor):
     """A normal distribution squashed by tanh, as in SAC; the network gives its mean and log deviation."""
+
+    outputs = 2
 
     def _distribution(self, observation: Tensor) -> tuple[Tensor, Tensor]:
         mean, log_std = super().forward(observation).chunk(2, dim=-1)
@@ -238,7 +258,7 @@ class Critic(nn.Module):
 
 
 def stack(value: Tensor, shared: bool, seeds: int = 1) -> Tensor:
-    """(W, K, ...) → (K, W, ...) for a network of each AUV, or (1, W K, ...) for a shared one.
+    """Rows (W, K, ...) in stacks (K, W, ...) for a network of each AUV, or (1, W K, ...) for a shared one.
 
     For N seeds, each with its own networks and the next W worlds: (N W, K, ...) → (N K, W, ...) or (N, W K, ...).
     """

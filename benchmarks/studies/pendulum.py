@@ -109,7 +109,7 @@ class Pendulum:
             if learning:
                 self.learner.set_learning_rate(1.0 - (1.0 - config.final_rate) * step * worlds / STEPS)
                 for _ in range(config.updates):
-                    self.learner.update(replay.sample(config.batch, config.n_step, config.gamma, self.generator))
+                    self.learner.update(replay.sample(config.batch, config.n_step, config.gamma, [self.generator]))
                     self.learner.average()
         environments.close()
 

@@ -5,11 +5,10 @@ types of its arguments.
 """
 
 from usvauv.kernels.registry import Registry
-from usvauv.policies.algorithms.ddpg import DDPG, DeterministicLearner
+from usvauv.policies.algorithms.deterministic import DDPG, TD3, DeterministicLearner
 from usvauv.policies.algorithms.learner import Batch, Learner, Rollout, Settings
 from usvauv.policies.algorithms.ppo import PPO
 from usvauv.policies.algorithms.sac import SAC
-from usvauv.policies.algorithms.td3 import TD3
 from usvauv.policies.networks import Sizes
 from usvauv.policies.policy import PolicyError
 

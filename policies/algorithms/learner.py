@@ -45,7 +45,7 @@ class Batch:
 
 @dataclass(frozen=True)
 class Rollout(Batch):
-    """What B copies of each learner's actor did in T decisions of one after another: a `Batch` of shape (S, T, B, ...).
+    """T decisions in sequence of B copies of each learner's actor: a `Batch` of shape (S, T, B, ...).
 
     Each decision is held for n steps, fewer at an episode's end.
 
@@ -100,10 +100,10 @@ class Adam:
         )  # fmt: skip
 
 
-def shortened(gradients: Sequence[Tensor], longest: float) -> list[Tensor]:
-    """Gradients (S, ...) of the parameters of S networks, each network's with a norm of at most `longest`."""
+def clipped(gradients: Sequence[Tensor], max_norm: float) -> list[Tensor]:
+    """Gradients (S, ...) of the parameters of S networks, each network's clipped to a norm of at most `max_norm`."""
     norm = torch.stack([each.flatten(1).norm(dim=-1) for each in gradients]).norm(dim=0)
-    share = longest / norm.clamp(min=longest)
+    share = max_norm / norm.clamp(min=max_norm)
     return [each * share.view(-1, *[1] * (each.dim() - 1)) for each in gradients]
 
 
@@ -141,7 +141,7 @@ class Learner(nn.Module, Generic[Actor]):
         period: number of updates after which the operations of an update are the same again.
         on_policy: learns once from each `Rollout`, which its present actor made, instead of from samples of the replay.
         defaults: of the fields of `TrainingConfig`, where they differ from those of that class.
-        longest: largest norm of a network's gradient, longer ones are shortened to it, by names of optimisers.
+        max_gradient_norm: norm to which a network's gradient is clipped, by names of optimisers.
     """
 
     actor: Actor
@@ -149,7 +149,7 @@ class Learner(nn.Module, Generic[Actor]):
     period: ClassVar[int] = 1
     on_policy: ClassVar[bool] = False
     defaults: ClassVar[Mapping[str, Any]] = MappingProxyType({})
-    longest: ClassVar[Mapping[str, float]] = MappingProxyType({})
+    max_gradient_norm: ClassVar[Mapping[str, float]] = MappingProxyType({})
 
     def __init__(self, sizes: Sizes, config: Settings, generator: torch.Generator) -> None:
         super().__init__()
@@ -188,7 +188,8 @@ class Learner(nn.Module, Generic[Actor]):
         for name, optimiser in optimisers.items():
             count = len(optimiser.parameters)
             own, gradients = gradients[:count], gradients[count:]
-            optimiser.step(shortened(own, self.longest[name]) if name in self.longest else own)
+            norms = self.max_gradient_norm
+            optimiser.step(clipped(own, norms[name]) if name in norms else own)
 
     @torch.no_grad()
     def soft_update(self, targets: nn.Module, networks: nn.Module) -> None:
@@ -229,7 +230,7 @@ class Learner(nn.Module, Generic[Actor]):
         raise NotImplementedError
 
     def learn(self, batch: Batch) -> dict[str, Tensor]:
-        """`update` and `average`, on a CUDA device as one graph."""
+        """Call `update` and `average`, on a CUDA device as one graph."""
         updates = self.updates
         tensors = (getattr(batch, field.name) for field in fields(batch))
         figures = self._learn(*tensors, variant=updates % self.period)

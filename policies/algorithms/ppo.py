@@ -13,15 +13,14 @@ import torch
 from torch import Tensor
 
 from usvauv.policies.algorithms.learner import Batch, Learner, Rollout, Settings
-from usvauv.policies.algorithms.sac import SAC
 from usvauv.policies.networks import GaussianActor, Sizes, StackedMLP
 
 CLIP = 0.2  # largest change of a probability's ratio that is learned from
 TRACE = 0.9  # λ
 DEVIATION = 0.2  # of actions before the tanh, at first
 LEAST_DEVIATION = 1e-6  # of advantages
-LONGEST = 1.0  # norm of the gradient of an actor; longer ones, after its deviation has become small, would spoil it
-LARGEST = 20.0  # ln r, beyond which r would soon be infinite
+MAX_GRADIENT_NORM = 1.0  # of an actor; larger gradients, after its deviation has become small, would spoil it
+MAX_LOG_RATIO = 20.0  # ln r, beyond which r would soon be infinite
 
 
 class PPO(Learner[GaussianActor]):
@@ -37,7 +36,7 @@ class PPO(Learner[GaussianActor]):
     """
 
     on_policy = True
-    longest = MappingProxyType({"actor": LONGEST})
+    max_gradient_norm = MappingProxyType({"actor": MAX_GRADIENT_NORM})
     defaults = MappingProxyType(
         {
             "num_worlds": 128,
@@ -58,7 +57,7 @@ class PPO(Learner[GaussianActor]):
 
     @staticmethod
     def make_actor(sizes: Sizes, config: Settings, generator: torch.Generator) -> GaussianActor:
-        actor = SAC.make_actor(sizes, config, generator)
+        actor = GaussianActor.near_zero(sizes, config.hidden, generator)
         actor.set_deviation(DEVIATION)
         return actor
 
@@ -92,7 +91,7 @@ class PPO(Learner[GaussianActor]):
         """Learn from a minibatch; the figures of `update`."""
         value = self.value(observation).squeeze(-1)
         value_loss = (value - target).square().mean(-1)
-        log_ratio = (self.actor.log_density(observation, action) - before).clamp(max=LARGEST)
+        log_ratio = (self.actor.log_density(observation, action) - before).clamp(max=MAX_LOG_RATIO)
         ratio = log_ratio.exp()
         gain = torch.minimum(ratio * advantage, ratio.clamp(1.0 - CLIP, 1.0 + CLIP) * advantage)
         self.gradient_step(("value", "actor"), value_loss.sum() - gain.mean(-1).sum())

@@ -28,8 +28,7 @@ class SAC(Learner[GaussianActor]):
 
     @staticmethod
     def make_actor(sizes: Sizes, config: Settings, generator: torch.Generator) -> GaussianActor:
-        layers = (sizes.observation, *config.hidden, 2 * sizes.action)
-        return GaussianActor(sizes.stack, layers, generator, output_gain=0.01)
+        return GaussianActor.near_zero(sizes, config.hidden, generator)
 
     def __init__(self, sizes: Sizes, config: Settings, generator: torch.Generator) -> None:
         super().__init__(sizes, config, generator)

@@ -4,11 +4,9 @@ Public: `HEURISTICS`, the classes by name, and `Heuristic`, the base class of a 
 """
 
 from usvauv.kernels.registry import Registry
-from usvauv.policies.heuristics.heuristic import Heuristic
 from usvauv.policies.heuristics.passing import Loiter, Pass
-from usvauv.policies.heuristics.random import Random
-from usvauv.policies.heuristics.travel import Clear, Crab, Helm, Keep, Pace, Straight
-from usvauv.policies.policy import PolicyError
+from usvauv.policies.heuristics.travel import Clear, Crab, Helm, Keep, Pace, Random, Straight
+from usvauv.policies.policy import Heuristic, PolicyError
 
 HEURISTICS: Registry[type[Heuristic]] = Registry("policy", PolicyError, Heuristic)
 HEURISTICS.register("straight", Straight)

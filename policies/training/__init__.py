@@ -1,11 +1,5 @@
-"""Training: the trainer, its replay memory, exploration and figures; many seeds at once.
+"""Training: runs of one seed each, the trainer that trains them, their replay memory, exploration and checkpoints.
 
-Public: the names below; `Replay`, `CorrelatedNoise` and `Meter` from their modules.
+Public: `Trainer`, `TrainingRun`, `TrainingWorld`, `evaluated` and `figures_of_merit`, which `usvauv.policies` has;
+`Replay`, `CorrelatedNoise`, `Meter`, `save` and `resume` in their modules.
 """
-
-from usvauv.policies.training.exploration import TrainingWorld
-from usvauv.policies.training.figures import evaluated, figures_of_merit
-from usvauv.policies.training.seeds import Seeds
-from usvauv.policies.training.trainer import Trainer
-
-__all__ = ["Seeds", "Trainer", "TrainingWorld", "evaluated", "figures_of_merit"]

@@ -1,4 +1,4 @@
-"""Exploration: the worlds that a policy is trained in, and the actions by which it explores them."""
+"""The worlds that a policy is trained in, and the noise by which it explores them."""
 
 from __future__ import annotations
 
@@ -9,9 +9,6 @@ import torch
 from torch import Tensor
 
 from usvauv.env.scenario import Scenario
-from usvauv.policies.algorithms import ALGORITHMS, Learner
-from usvauv.policies.config import TrainingConfig
-from usvauv.policies.networks import stack, unstack
 
 
 class TrainingWorld(Protocol):
@@ -55,7 +52,7 @@ class TrainingWorld(Protocol):
         ...
 
     def load_state(self, state: dict[str, Tensor], /) -> None:
-        """Restore a state."""
+        """Restore a state that `state` returned."""
         ...
 
 
@@ -85,18 +82,3 @@ class CorrelatedNoise:
         rho = self.correlation
         self.value = rho * self.value + math.sqrt(1.0 - rho * rho) * self._draw(self.value.shape)
         return self.value
-
-
-def explore(learner: Learner, config: TrainingConfig, features: Tensor, noise: Tensor, seeds: int = 1) -> Tensor:
-    """Exploring actions (N W, K, A) of the learners of N seeds.
-
-    Args:
-        features: (N W, K, F), standardised.
-        noise: (N W, K, A).
-    """
-    name, noise = config.algorithm, stack(noise, config.shared, seeds)
-    with ALGORITHMS.calling(name):
-        chosen = learner.explore(stack(features, config.shared, seeds), noise)
-    if chosen.shape != noise.shape:
-        raise ALGORITHMS.refuse(name, f"actions of shape {tuple(chosen.shape)}", f"of {tuple(noise.shape)}")
-    return unstack(chosen, features.shape[1], seeds)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+from collections.abc import Sequence
 
 import torch
 from torch import Tensor
@@ -91,31 +92,35 @@ class Replay:
             getattr(self, attribute)[:size] = tensors[name]
         self.head, self.size = head, size
 
-    def sample(self, batch: int, n: int, gamma: float, generator: torch.Generator, gain: float | Tensor = 0.0) -> Batch:
+    def sample(
+        self, batch: int, n: int, gamma: float, generators: Sequence[torch.Generator], gain: float | Tensor = 0.0
+    ) -> Batch:
         """Draw `batch` n-step transitions for each learner, uniformly.
 
         Args:
             batch: number of transitions; for a shared learner those of all AUVs together.
             n: steps of reward before the bootstrap; the ring must hold more than n + 1 rows.
             gamma: discount of one step.
-            generator: source of the draws.
-            gain: average reward of a step, which is taken off every reward; a number, or a tensor of one.
+            generators: sources of the draws, one for each seed.
+            gain: average reward of a step, which is subtracted from every reward; a number, or (N,) of N seeds.
         """
-        return self.transitions(*self.draw(batch, n, generator), n, gamma, gain)
-
-    def draw(self, batch: int, n: int, generator: torch.Generator) -> tuple[Tensor, Tensor]:
-        """Rows and worlds of the steps at which the transitions of `sample` start."""
         draws = batch // self.reward.shape[-1] if self.shared else batch
-        oldest = self.head - self.size
-        age = torch.randint(1, self.size - n, (draws,), generator=generator, device=self.device)
-        world = torch.randint(self.worlds, (draws,), generator=generator, device=self.device)
-        return (oldest + age) % self.rows, world
+        worlds, oldest = self.worlds // self.seeds, self.head - self.size
+        starts, places = [], []
+        for seed, generator in enumerate(generators):
+            age = torch.randint(1, self.size - n, (draws,), generator=generator, device=self.device)
+            world = torch.randint(worlds, (draws,), generator=generator, device=self.device)
+            starts.append((oldest + age) % self.rows)
+            places.append(world + seed * worlds)
+        if isinstance(gain, Tensor):
+            gain = gain.float().view(-1, 1).expand(-1, draws).reshape(-1, 1)
+        return self.transitions(torch.cat(starts), torch.cat(places), n, gamma, gain)
 
     def transitions(self, start: Tensor, world: Tensor, n: int, gamma: float, gain: float | Tensor) -> Batch:
         """The n-step transitions that start in these rows and worlds, those of one seed after those of another.
 
         Args:
-            gain: as in `sample`, or (draws, 1): of each draw.
+            gain: average reward of a step; a number, or (draws, 1) of each draw.
         """
         auvs = self.reward.shape[-1]
         # Nothing starts at an end row; the step before it takes its place.
@@ -173,5 +178,5 @@ class Replay:
         return Rollout(**tensors, follows=later, parts=parts)
 
     def _stack(self, value: Tensor) -> Tensor:
-        """(B, K, ...) → (S, B, ...)"""
+        """Values (S, B, ...) of the learners, from those (B, K, ...) of AUVs."""
         return stack(value, self.shared, self.seeds)

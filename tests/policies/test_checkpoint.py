@@ -15,36 +15,37 @@ from safetensors.torch import save_file
 
 from tests.policies.toy import ToyWorld, scenario
 from tests.trials.checkpoints import STEPS
-from tests.trials.checkpoints import trainer as real_trainer
+from tests.trials.checkpoints import training_run as real_run
 from usvauv import policies
 from usvauv.env.storage.files import OutputError
 from usvauv.kernels.errors import DivergenceError
-from usvauv.policies import PolicyError, Trainer, TrainingConfig, checkpoint
+from usvauv.policies import PolicyError, Trainer, TrainingConfig, TrainingRun, checkpoint, resume
 from usvauv.policies.checkpoint import POLICY, TRAINING
+from usvauv.policies.training.saving import save
 
 CONFIG = TrainingConfig(num_worlds=8, hidden=(16, 16), batch=32, warmup=200, n_step=3, replay=4000)
 
 
-def trainer(directory, world_seed=1, evaluate=None, **changes):
+def training_run(directory, **changes):
     config = dataclasses.replace(CONFIG, **changes)
-    return Trainer(ToyWorld(scenario(), 8, world_seed), config, directory, evaluate, {"command": "test", "commit": "0"})
+    return TrainingRun(ToyWorld(scenario(), 8, 1), config, directory, provenance={"command": "test", "commit": "0"})
 
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     """The checkpoint of a run of 800 world-steps."""
     folder = tmp_path_factory.mktemp("whole")
-    trainer(folder).train(800)
+    Trainer(training_run(folder)).train(800)
     return folder / "last.safetensors"
 
 
 @pytest.fixture
 def saved(whole, tmp_path):
     """The run, and a checkpoint of its own."""
-    run = trainer(tmp_path / "run")
+    run = training_run(tmp_path / "run")
     (tmp_path / "run").mkdir(exist_ok=True)
     last = shutil.copy(whole, tmp_path / "run" / "last.safetensors")
-    run.resume()
+    resume(run)
     return run, last
 
 
@@ -73,8 +74,8 @@ def as_version_0_2(path):
 class TestRoundTrip:
     @pytest.mark.parametrize(("algorithm", "shared"), [("sac", False), ("td3", True), ("ddpg", False)])
     def test_actions_are_bit_equal(self, tmp_path, algorithm, shared):
-        run = trainer(tmp_path, algorithm=algorithm, shared=shared)
-        run.train(400)
+        run = training_run(tmp_path, algorithm=algorithm, shared=shared)
+        Trainer(run).train(400)
         loaded = policies.load(tmp_path / "last.safetensors", run.world)
         observation = run.world.reset()
         assert torch.equal(loaded.act(observation), run.policy().act(observation))
@@ -110,15 +111,15 @@ class TestRoundTrip:
         folder = as_version_0_2(last)
         for path in (folder, folder.parent):
             assert torch.equal(policies.load_learned(path).act(observation), run.policy().act(observation))
-        again = trainer(last.parent)
-        again.resume()
+        again = training_run(last.parent)
+        resume(again)
         assert (again.steps, again.learner.updates) == (800, run.learner.updates)
-        again.train(808)
+        Trainer(again).train(808)
         assert checkpoint.read_run(last.parent)[2]["steps"] == 808
         checkpoint.close_run(last.parent)
         assert policies.read_history(last.parent) == []
         with pytest.raises(PolicyError, match="cannot be resumed"):
-            trainer(last.parent).resume()
+            resume(training_run(last.parent))
 
 
 class TestRefusal:
@@ -136,7 +137,7 @@ class TestRefusal:
         (tmp_path / "empty" / "policy.json").write_text('{"format": 2}')
         self.refused(tmp_path / "empty", "damaged")
         with pytest.raises(PolicyError, match=r"last\.safetensors: checkpoint is missing"):
-            trainer(tmp_path).resume()
+            resume(training_run(tmp_path))
 
     def test_damaged_bytes(self, saved):
         _, last = saved
@@ -194,7 +195,7 @@ class TestRefusal:
 
     def test_another_configuration(self, saved):
         with pytest.raises(PolicyError, match="cannot be resumed"):
-            trainer(saved[1].parent, hidden=(8, 8)).resume()
+            resume(training_run(saved[1].parent, hidden=(8, 8)))
 
 
 class TestWriting:
@@ -210,14 +211,14 @@ class TestWriting:
         def full(*arguments):
             raise OSError("no space left on device")
 
-        run.train(808)
+        Trainer(run).train(808)
         assert last.read_bytes() != good
         good = last.read_bytes()
         for module, name in ((checkpoint, "save_file"), (os, "replace")):
             with monkeypatch.context() as patch:
                 patch.setattr(module, name, full)
                 with pytest.raises(OutputError, match="no space left"):
-                    run.save()
+                    save(run)
         assert last.read_bytes() == good
         assert sorted(path.name for path in last.parent.iterdir()) == ["last.safetensors", "tensorboard"]
 
@@ -232,8 +233,8 @@ class TestWriting:
 def real(tmp_path_factory):
     """A run in the world that was saved, and a copy of its checkpoint."""
     folder = tmp_path_factory.mktemp("run")
-    run = real_trainer(folder)
-    run.train(STEPS)
+    run = real_run(folder)
+    Trainer(run).train(STEPS)
     return run, shutil.copy(folder / "last.safetensors", folder / "copy")
 
 
@@ -246,7 +247,7 @@ def damaged(real):
         last = shutil.copy(copy, run.directory / "last.safetensors")
         edit(last, TRAINING, **changes)
         with pytest.raises(PolicyError, match=r"cannot be resumed: [^\n]+$"):
-            run.resume()
+            resume(run)
 
     return refused
 
@@ -287,5 +288,5 @@ def test_a_weight_that_is_not_finite_stops_the_run_and_leaves_the_checkpoint(sav
     before = last.read_bytes()
     next(run.learner.actor.parameters()).data.fill_(math.nan)
     with pytest.raises(DivergenceError, match=r"^seed 0: training: \S+ is not finite after \d+ updates[^\n]*$"):
-        run.train(1600)
+        Trainer(run).train(1600)
     assert last.read_bytes() == before

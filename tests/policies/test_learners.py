@@ -57,7 +57,7 @@ class TestReplay:
 
     def drawn(self, replay, n, gamma=0.5):
         """(reward, discount, next observation) of each transition drawn, by the observation it starts from."""
-        batch = replay.sample(500, n, gamma, seeded())
+        batch = replay.sample(500, n, gamma, [seeded()])
         values = torch.stack(
             (batch.observation[0, :, 0], batch.reward[0], batch.discount[0], batch.next_observation[0, :, 0]), -1
         )
@@ -109,7 +109,7 @@ class TestReplay:
         for step in range(8):
             place = 100.0 * step + 10.0 * torch.arange(3.0).view(3, 1) + torch.arange(2.0)
             replay.add(place.unsqueeze(-1), place.unsqueeze(-1), place, place == 311)
-        batch = replay.sample(200, 1, 0.9, seeded())
+        batch = replay.sample(200, 1, 0.9, [seeded()])
         assert torch.equal(batch.observation[..., 0], batch.reward)
         assert torch.equal(batch.action[..., 0], batch.reward)
         assert torch.equal(batch.reward[0] % 10, torch.zeros(200))

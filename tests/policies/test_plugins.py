@@ -26,9 +26,9 @@ from usvauv.kernels.mission.tasks.task import RewardTerm, tasks
 from usvauv.kernels.mission.worlds import Strategy
 from usvauv.kernels.positioning.sonar import ambient_noise_laws
 from usvauv.kernels.types import vec2
-from usvauv.policies import PolicyError, Trainer
+from usvauv.policies import PolicyError, Trainer, TrainingRun
 from usvauv.policies.algorithms import ALGORITHMS
-from usvauv.policies.algorithms.ddpg import DDPG
+from usvauv.policies.algorithms.deterministic import DDPG
 from usvauv.policies.frames import FRAMES, Frame
 from usvauv.policies.heuristics import HEURISTICS, Heuristic
 
@@ -62,13 +62,14 @@ def test_an_algorithm_trains_and_its_policy_is_kept(tmp_path):
         dataclasses.replace(LEARNING, algorithm="ensemble")
     load_example("algorithm.py", tmp_path)
     config = dataclasses.replace(LEARNING, algorithm="ensemble", warmup=320)
-    trainer = Trainer(ToyWorld(scenario(), 32, seed=1), config, tmp_path / "run")
-    untrained = trainer.learner.actor.weights[-1].detach().clone()
-    assert trainer.train(32 * 30)["updates"] == 20
-    assert not torch.equal(trainer.learner.actor.weights[-1], untrained)
-    observation = trainer.world.reset()
-    kept = policies.load(tmp_path / "run", trainer.world)
-    assert torch.equal(kept.act(observation), trainer.policy().act(observation))
+    run = TrainingRun(ToyWorld(scenario(), 32, seed=1), config, tmp_path / "run")
+    untrained = run.learner.actor.weights[-1].detach().clone()
+    Trainer(run).train(32 * 30)
+    assert run.learner.updates == 20
+    assert not torch.equal(run.learner.actor.weights[-1], untrained)
+    observation = run.world.reset()
+    kept = policies.load(tmp_path / "run", run.world)
+    assert torch.equal(kept.act(observation), run.policy().act(observation))
 
 
 def test_a_plugin_of_version_02_is_told_the_new_name(tmp_path):
@@ -223,7 +224,7 @@ def test_a_frame_and_a_target_rule_are_named_too(tmp_path):
 
     FRAMES.register("wrong", Wrong)
     with pytest.raises(PolicyError, match=r"^frame 'wrong' of .*: raised Odd, in .*plugins\.py, line"):
-        Trainer(ToyWorld(scenario(), 32, seed=1), dataclasses.replace(LEARNING, frame="wrong"))
+        TrainingRun(ToyWorld(scenario(), 32, seed=1), dataclasses.replace(LEARNING, frame="wrong"))
     target_rules.register("wide", TargetRule(node_by_number, workspace=lambda *_: fails(Odd())))
     with pytest.raises(UserError, match=r"^target rule 'wide' of .*: raised Odd, in .*plugins\.py, line"):
         World(Scenario.load("ideal", ["nodes.target_rule=wide"]), 1)
@@ -323,4 +324,4 @@ def test_an_algorithm(method, answer, match):
     ALGORITHMS.register("wrong", type("Wrong", (DDPG,), {method: answer}))
     config = dataclasses.replace(LEARNING, algorithm="wrong", warmup=320)
     with pytest.raises(PolicyError, match=f"^algorithm 'wrong' of .*plugins.py: {match}"):
-        Trainer(ToyWorld(scenario(), 32, seed=1), config).train(32 * 20)
+        Trainer(TrainingRun(ToyWorld(scenario(), 32, seed=1), config)).train(32 * 20)

@@ -15,7 +15,7 @@ from tests.policies.toy import LEARNING, ToyWorld, observe, scenario, seeded
 from usvauv import policies
 from usvauv.env import Scenario, World, evaluate
 from usvauv.env.scenario.fields import shipped
-from usvauv.policies import PolicyError, Trainer
+from usvauv.policies import PolicyError, TrainingRun
 from usvauv.policies import policy as policy_base
 from usvauv.policies.guidance import unit, unrotate
 
@@ -151,7 +151,7 @@ class TestFace:
         assert "\n" not in message
 
     def test_a_learned_policy_refuses_another_form_of_action(self):
-        policy = Trainer(ToyWorld(scenario(), 32), LEARNING).policy()
+        policy = TrainingRun(ToyWorld(scenario(), 32), LEARNING).policy()
         calm = scenario(storm={"spectrum": "none"})
         assert policy.for_scenario(calm).scenario is calm
         with pytest.raises(PolicyError, match="action form vector, but scenario 'toy' has polar"):

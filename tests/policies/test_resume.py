@@ -11,7 +11,7 @@ import torch
 
 from usvauv import policies
 from usvauv.env import Scenario, World
-from usvauv.policies import Trainer, TrainingConfig
+from usvauv.policies import Trainer, TrainingConfig, TrainingRun, resume
 from usvauv.policies.checkpoint import POLICY, TRAINING, provenance, read
 
 # With filters and their memory. 4 worlds of 12 steps an episode: one ends after 48 world-steps.
@@ -20,12 +20,12 @@ WORLDS, WARMUP, TOTAL = 4, 80, 200
 SMALL = {"hidden": (16, 16), "batch": 32, "n_step": 3, "rollout": 20, "warmup": WARMUP, "updates": 2}
 
 
-def trainer(directory: Path, algorithm: str, seed: int = 5) -> Trainer:
+def training_run(directory: Path, algorithm: str, seed: int = 5) -> TrainingRun:
     """In worlds of its own; its evaluations depend on every weight of the actor."""
     config = TrainingConfig(algorithm=algorithm, num_worlds=WORLDS, replay=WORLDS * 40, **SMALL)
     world = World(Scenario.load("extreme", SCENARIO), WORLDS, seed)
     probe = torch.rand((8, 2, world.observation_size), generator=torch.Generator().manual_seed(0)).to(world.device)
-    return Trainer(world, config, directory, lambda policy: {"arps": float(policy.act(probe).sum())})
+    return TrainingRun(world, config, directory, lambda policy: {"arps": float(policy.act(probe).sum())})
 
 
 def same(one: Path, other: Path, *apart: str) -> None:
@@ -48,7 +48,7 @@ def whole(tmp_path_factory):
 
     @functools.cache
     def folder(algorithm: str) -> Path:
-        trainer(place / algorithm, algorithm).train(TOTAL)
+        Trainer(training_run(place / algorithm, algorithm)).train(TOTAL)
         return place / algorithm
 
     return folder
@@ -66,24 +66,23 @@ def whole(tmp_path_factory):
     ],
 )
 def test_bit_for_bit(whole, tmp_path, algorithm, stops):
-    run = trainer(tmp_path / "run", algorithm)
+    run = training_run(tmp_path / "run", algorithm)
     for stop in stops:
         interrupt(run, stop)
-        assert run.stopped
         assert run.steps == stop
         # What the new process builds has been in use: nothing may be left of it.
-        run = trainer(tmp_path / "run", algorithm)
+        run = training_run(tmp_path / "run", algorithm)
         run.world.reset()
         for _ in range(5):
             run.world.step(torch.ones((WORLDS, 2, 2)))
-        run.resume()
-    run.train(TOTAL)
+        resume(run)
+    Trainer(run).train(TOTAL)
     same(whole(algorithm), tmp_path / "run")
 
 
-def interrupt(run: Trainer, steps: int) -> None:
+def interrupt(run: TrainingRun, steps: int) -> None:
     """Train, with Ctrl-C during the step after which `steps` world-steps are done."""
-    step = run.world.step
+    trainer, step = Trainer(run), run.world.step
 
     def step_and_stop(action):
         if run.steps + WORLDS == steps:
@@ -91,7 +90,8 @@ def interrupt(run: Trainer, steps: int) -> None:
         return step(action)
 
     run.world.step = step_and_stop
-    run.train(TOTAL)
+    trainer.train(TOTAL)
+    assert trainer.stopped
 
 
 def test_the_runs_compared_have_learned(whole):

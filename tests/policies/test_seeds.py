@@ -12,9 +12,9 @@ import torch
 from tests.policies.toy import LEARNING, ToyWorld, mean_reward, scenario
 from usvauv.env import Scenario, World
 from usvauv.kernels.errors import DivergenceError
-from usvauv.policies import PolicyError, Seeds, Trainer, TrainingConfig
+from usvauv.policies import PolicyError, Trainer, TrainingConfig, TrainingRun, resume
 from usvauv.policies.algorithms import ALGORITHMS
-from usvauv.policies.algorithms.ddpg import DDPG
+from usvauv.policies.algorithms.deterministic import DDPG
 from usvauv.policies.checkpoint import POLICY, TRAINING, read
 from usvauv.policies.networks import stack, unstack
 
@@ -32,7 +32,7 @@ def toy_run(seed, folder=None, evaluate=False, **changes):
     toy = scenario()
     probe = ToyWorld(toy, 4, seed=99)
     score = (lambda policy: {"arps": mean_reward(probe, policy)}) if evaluate else None
-    return Trainer(ToyWorld(toy, 8, seed), config, folder, score)
+    return TrainingRun(ToyWorld(toy, 8, seed), config, folder, score)
 
 
 def difference(one, other):
@@ -79,17 +79,17 @@ class TestOneSeedIsAsAlone:
     )
     def test_weights_after_a_hundred_updates(self, changes, threads):
         runs = [toy_run(seed, **changes) for seed in SEEDS]
-        Seeds(runs, threads).train(STEPS)
+        Trainer(*runs, threads=threads).train(STEPS)
         weights = []
         for seed, run in zip(SEEDS, runs, strict=True):
             alone = toy_run(seed, **changes)
-            alone.train(STEPS)
+            Trainer(alone).train(STEPS)
             if not run.config.on_policy:
                 assert run.learner.updates == UPDATES * run.config.updates
             assert run.learner.updates == alone.learner.updates > 0
             assert difference(alone.learner.tensors(), run.learner.tensors()) < TOLERANCE
             assert difference(alone.replay.tensors(), run.replay.tensors()) < TOLERANCE
-            assert run.gain == pytest.approx(alone.gain, rel=1e-5)
+            assert float(run.gain) == pytest.approx(float(alone.gain), rel=1e-5)
             weights.append(run.learner.actor.weights[0])
         assert not torch.allclose(weights[0], weights[1], atol=0.01)  # seeds differ
 
@@ -99,11 +99,11 @@ class TestOneSeedIsAsAlone:
         config = TrainingConfig(num_worlds=4, replay=160, hidden=(16, 16), batch=32, n_step=3, warmup=40)
 
         def run(seed, folder):
-            return Trainer(World(settings, 4, seed), dataclasses.replace(config, seed=seed), folder)
+            return TrainingRun(World(settings, 4, seed), dataclasses.replace(config, seed=seed), folder)
 
-        Seeds([run(seed, tmp_path / f"seed-{seed}") for seed in (5, 6)], threads=2).train(200)
+        Trainer(*(run(seed, tmp_path / f"seed-{seed}") for seed in (5, 6)), threads=2).train(200)
         for seed in (5, 6):
-            run(seed, tmp_path / f"alone-{seed}").train(200)
+            Trainer(run(seed, tmp_path / f"alone-{seed}")).train(200)
             same_runs(tmp_path / f"alone-{seed}", tmp_path / f"seed-{seed}")
 
 
@@ -111,7 +111,7 @@ class TestOneSeedIsAsAlone:
 def whole(tmp_path_factory):
     """Folder of runs that were never stopped."""
     folder = tmp_path_factory.mktemp("whole")
-    Seeds(kept_runs(folder)).train(STEPS)
+    Trainer(*kept_runs(folder)).train(STEPS)
     return folder
 
 
@@ -122,7 +122,7 @@ def kept_runs(folder, seeds=SEEDS):
 def stop_at(folder, steps):
     """Train, with Ctrl-C during the step after which `steps` world-steps are done."""
     runs = kept_runs(folder)
-    seeds, world, step = Seeds(runs), runs[-1].world, runs[-1].world.step
+    trainer, world, step = Trainer(*runs), runs[-1].world, runs[-1].world.step
 
     def step_and_stop(action):
         if runs[-1].steps + 8 == steps:
@@ -130,22 +130,22 @@ def stop_at(folder, steps):
         return step(action)
 
     world.step = step_and_stop
-    seeds.train(STEPS)
-    assert seeds.stopped
+    trainer.train(STEPS)
+    assert trainer.stopped
     assert [run.steps for run in runs] == [steps] * len(runs)
 
 
 def resumed(folder, seeds=SEEDS):
     runs = kept_runs(folder, seeds)
     for run in runs:
-        run.resume()
+        resume(run)
     return runs
 
 
 class TestStopped:
     def test_ctrl_c_saves_all_and_all_go_on(self, whole, tmp_path):
         stop_at(tmp_path, SHORT.before_learning + 8 * 37)
-        Seeds(resumed(tmp_path)).train(STEPS)
+        Trainer(*resumed(tmp_path)).train(STEPS)
         for seed in SEEDS:
             same_runs(whole / f"seed-{seed}", tmp_path / f"seed-{seed}", tolerance=0.0)
 
@@ -154,10 +154,11 @@ class TestStopped:
         stop_at(tmp_path, SHORT.before_learning + 8 * 20)
         ahead, *behind = resumed(tmp_path)
         steps, seen = SHORT.before_learning + 8 * 60, []
-        ahead.train(STEPS, lambda figures: ahead.stop() if figures["steps"] >= steps else None)
+        trainer = Trainer(ahead)
+        trainer.train(STEPS, lambda figures: trainer.stop() if ahead.steps >= steps else None)
         ahead = resumed(tmp_path, SEEDS[:1])[0]
         assert ahead.steps > behind[0].steps
-        Seeds([ahead, *behind]).train(STEPS, lambda figures: seen.append([own["steps"] for own in figures]))
+        Trainer(ahead, *behind).train(STEPS, lambda figures: seen.append([own["steps"] for own in figures]))
         assert len(seen[0]) == 2
         assert len(seen[-1]) == 3
         assert seen[-1] == [STEPS] * 3
@@ -168,7 +169,7 @@ class TestStopped:
 class TestRefused:
     def test_runs_that_differ_in_more_than_the_seed(self):
         with pytest.raises(PolicyError, match=r"^training: seeds 0 and 1: settings or scenario differ[^\n]+$"):
-            Seeds([toy_run(0), toy_run(1, learning_rate=1e-4)])
+            Trainer(toy_run(0), toy_run(1, learning_rate=1e-4))
 
     @pytest.mark.usefixtures("own_registries")
     def test_an_algorithm_with_a_tensor_without_the_axis_of_networks(self):
@@ -179,16 +180,16 @@ class TestRefused:
 
         ALGORITHMS.register("odd", Odd)
         with pytest.raises(PolicyError, match=r"'odd' cannot train several seeds together: mean has shape \(7,\)"):
-            Seeds([toy_run(seed, algorithm="odd") for seed in SEEDS]).train(STEPS)
+            Trainer(*(toy_run(seed, algorithm="odd") for seed in SEEDS)).train(STEPS)
 
     def test_a_run_that_diverges_is_named(self, tmp_path):
         runs = [toy_run(seed, tmp_path / str(seed)) for seed in SEEDS]
-        seeds = Seeds(runs)
-        seeds.train(SHORT.before_learning + 8)
+        trainer = Trainer(*runs)
+        trainer.train(SHORT.before_learning + 8)
         before = [saved(run.directory)[0]["steps"] for run in runs]
         next(runs[1].learner.actor.parameters()).data.fill_(math.nan)
         with pytest.raises(DivergenceError, match=rf"^seed {SEEDS[1]}: training: \S+ is not finite after"):
-            seeds.train(STEPS)
+            trainer.train(STEPS)
         assert [saved(run.directory)[0]["steps"] for run in runs] == before
 
 

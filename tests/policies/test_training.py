@@ -15,8 +15,8 @@ from tests.policies.toy import LEARNING, ToyWorld, mean_reward, scenario, seeded
 from usvauv import policies
 from usvauv.env import Scenario, World
 from usvauv.kernels.errors import UserError
-from usvauv.policies import PolicyError, Trainer, TrainingConfig
-from usvauv.policies.training.batched_runs import BatchedRuns
+from usvauv.policies import PolicyError, Trainer, TrainingConfig, TrainingRun
+from usvauv.policies.training.trainer import SeedStack
 
 
 class TestTraining:
@@ -33,14 +33,14 @@ class TestTraining:
     )
     def test_each_algorithm_solves_the_toy_task(self, algorithm, changes):
         toy = scenario()
-        trainer = Trainer(ToyWorld(toy, 32, seed=1), dataclasses.replace(LEARNING, algorithm=algorithm, **changes))
+        run = TrainingRun(ToyWorld(toy, 32, seed=1), dataclasses.replace(LEARNING, algorithm=algorithm, **changes))
 
         def score(policy):
             return mean_reward(ToyWorld(toy, 64, seed=99), policy)
 
-        untrained = score(trainer.policy())
-        figures = trainer.train(25_600)
-        learned = score(trainer.policy())
+        untrained = score(run.policy())
+        Trainer(run).train(25_600)
+        learned = score(run.policy())
         random, middle, fast, best = (
             score(name) for name in ("random", "straight:1.7", "straight:2.0", "straight:2.2")
         )
@@ -53,14 +53,14 @@ class TestTraining:
             # In the target's frame it heads for the target at the middle speed; learning finds that fast is better.
             assert untrained == pytest.approx(middle, abs=0.2)
             assert learned > fast
-        steps = figures["steps"] // 32
-        assert figures["updates"] == (steps // 10 - 1 if algorithm == "ppo" else steps - LEARNING.warmup // 32)
+        steps = run.steps // 32
+        assert run.learner.updates == (steps // 10 - 1 if algorithm == "ppo" else steps - LEARNING.warmup // 32)
 
     def test_ppo_holds_each_action_until_the_next_decision_or_the_episode_ends(self):
         config = dataclasses.replace(LEARNING, algorithm="ppo", n_step=4, rollout=90)
-        trainer = Trainer(ToyWorld(scenario(), 32, seed=1), config)
-        trainer.train(32 * 58)
-        action = trainer.replay.action[[row for row in range(59) if row != 50]]  # of an episode's end
+        run = TrainingRun(ToyWorld(scenario(), 32, seed=1), config)
+        Trainer(run).train(32 * 58)
+        action = run.replay.action[[row for row in range(59) if row != 50]]  # of an episode's end
         same = (action[1:] == action[:-1]).flatten(1).all(1).tolist()
         assert same == [step % 50 % 4 != 0 for step in range(1, 58)]
 
@@ -75,34 +75,33 @@ class TestTraining:
         """A device "meta", whose tensors have no numbers, stands for any other than the world's."""
         scenario = Scenario.load(name, ["mission.duration=10"])
 
-        def run():
+        def results():
             world = World(scenario, 2)
-            trainer = Trainer(world, TrainingConfig(algorithm=algorithm, num_worlds=2, n_step=2, **changes))
-            trainer.train(32)
+            run = TrainingRun(world, TrainingConfig(algorithm=algorithm, num_worlds=2, n_step=2, **changes))
+            Trainer(run).train(32)
             world.load_state(world.state())
-            acting = trainer.policy(), policies.load(heuristic, world)
-            found = [*trainer.learner.tensors().values(), *(policy.act(world.observation) for policy in acting)]
+            acting = run.policy(), policies.load(heuristic, world)
+            found = [*run.learner.tensors().values(), *(policy.act(world.observation) for policy in acting)]
             figures = policies.figures_of_merit(world, heuristic)
             return [*found, torch.from_numpy(np.nan_to_num([*figures.values()]))]
 
-        expected = run()
+        expected = results()
         try:
             torch.set_default_dtype(torch.float64)
             torch.set_default_device("meta")
-            found = run()
+            found = results()
         finally:
             torch.set_default_dtype(torch.float32)
             torch.set_default_device(None)
         assert all(map(torch.equal, found, expected))
 
     def test_same_seed_same_result(self):
-        def run(seed):
-            config = dataclasses.replace(LEARNING, seed=seed)
-            trainer = Trainer(ToyWorld(scenario(), 32, seed=1), config)
-            trainer.train(3200)
-            return trainer.learner.tensors()
+        def learned(seed):
+            run = TrainingRun(ToyWorld(scenario(), 32, seed=1), dataclasses.replace(LEARNING, seed=seed))
+            Trainer(run).train(3200)
+            return run.learner.tensors()
 
-        first, again, other = run(0), run(0), run(1)
+        first, again, other = learned(0), learned(0), learned(1)
         assert first.keys() == again.keys()
         assert all(torch.equal(first[name], again[name]) for name in first)
         assert not torch.equal(first["actor.weights.0"], other["actor.weights.0"])
@@ -110,9 +109,10 @@ class TestTraining:
     def test_figures_count_what_happened(self):
         toy = scenario()
         seen = []
-        trainer = Trainer(ToyWorld(toy, 32, seed=1), dataclasses.replace(LEARNING, warmup=10_000))
-        last = trainer.train(3200, seen.append)
-        assert [figures["steps"] for figures in seen] == [320 * i for i in range(1, 11)] or seen[-1] == last
+        run = TrainingRun(ToyWorld(toy, 32, seed=1), dataclasses.replace(LEARNING, warmup=10_000))
+        Trainer(run).train(3200, lambda figures: seen.extend(figures))
+        assert [figures["steps"] for figures in seen] == [320 * i for i in range(1, 11)]
+        last = seen[-1]
         assert last["steps"] == last["total"] == 3200
         assert last["updates"] == 0
         assert last["arps"] == pytest.approx(sum(last["reward"].values()))
@@ -142,19 +142,19 @@ class TestConfig:
     @pytest.mark.parametrize("changes", [{"warmup": 170}, {"warmup": 0}])
     def test_learning_begins_when_it_says(self, changes):
         config = dataclasses.replace(LEARNING, **changes)
-        run = Trainer(ToyWorld(scenario(), 32, seed=1), config)
-        run.train(config.before_learning)
+        run = TrainingRun(ToyWorld(scenario(), 32, seed=1), config)
+        Trainer(run).train(config.before_learning)
         assert (run.steps, run.learner.updates) == (config.before_learning, 0)
-        run.train(config.before_learning + 32)
+        Trainer(run).train(config.before_learning + 32)
         assert run.learner.updates == config.updates
 
 
 class TestRenewal:
     def test_a_service_ends_the_horizon_and_the_average_reward_is_taken_off(self):
         config = dataclasses.replace(LEARNING, warmup=800)
-        trainer = Trainer(ToyWorld(scenario(), 32, seed=1), config)
+        run = TrainingRun(ToyWorld(scenario(), 32, seed=1), config)
         rewards, ends = [], []
-        step, add = trainer.world.step, trainer.replay.add
+        step, add = run.world.step, run.replay.add
 
         def watched(action):
             result = step(action)
@@ -162,17 +162,17 @@ class TestRenewal:
             ends.append(result[4]["measures"][..., 2].bool())
             return result
 
-        trainer.world.step = watched
+        run.world.step = watched
         stored = []
-        trainer.replay.add = lambda *row: (stored.append(row[3].clone()), add(*row))
-        trainer.train(32 * 200)
+        run.replay.add = lambda *row: (stored.append(row[3].clone()), add(*row))
+        Trainer(run).train(32 * 200)
         assert sum(int(end.sum()) for end in ends) > 50
         assert all(torch.equal(kept, end) for kept, end in zip(stored, ends, strict=True))
         gain = 0.0
         for reward in rewards:
             gain += 0.002 * (reward - gain)
-        assert trainer.gain == pytest.approx(gain, rel=1e-4)
-        one, other = (trainer.replay.sample(64, 3, 0.9, seeded(5), gain=price) for price in (0.0, 0.25))
+        assert float(run.gain) == pytest.approx(gain, rel=1e-4)
+        one, other = (run.replay.sample(64, 3, 0.9, [seeded(5)], gain=price) for price in (0.0, 0.25))
         # Each of the m steps of a transition costs the gain, discounted: 1, 1 + 0.9 or 1 + 0.9 + 0.81 of it.
         paid = (one.reward - other.reward) / 0.25
         sums = torch.tensor([1.0, 1.9, 2.71])
@@ -190,11 +190,11 @@ class TestScales:
                 return observation, 8.0 * reward, *rest
 
         config = dataclasses.replace(LEARNING, warmup=800)
-        runs = [Trainer(world(scenario(), 32, seed=1), config) for world in (ToyWorld, Dear)]
-        for trainer in runs:
-            trainer.train(32 * 60)
+        runs = [TrainingRun(world(scenario(), 32, seed=1), config) for world in (ToyWorld, Dear)]
+        for run in runs:
+            Trainer(run).train(32 * 60)
         assert runs[0].gain != 0.0
-        assert runs[1].gain == pytest.approx(8.0 * runs[0].gain)
+        assert float(runs[1].gain) == pytest.approx(8.0 * float(runs[0].gain))
         for one, other in zip(runs[0].learner.actor.parameters(), runs[1].learner.actor.parameters(), strict=True):
             assert torch.equal(one, other)
 
@@ -245,14 +245,14 @@ class Still(ToyWorld):
 def test_a_step_of_training_does_not_wait_for_the_device(monkeypatch, algorithm, frame, shared):
     settings = {"algorithm": algorithm, "frame": frame, "shared": shared, "n_step": 2, "updates": 2, "renewal": True}
     config = TrainingConfig(**{**vars(LEARNING), **settings, "num_worlds": 4, "warmup": 16, "batch": 16})
-    trainer = Trainer(Still(scenario(auv={"count": 3}), 4), config)
-    monkeypatch.setattr(trainer, "standardize", lambda features: features)  # waits, once in a run
-    trainer.observation = trainer.world.reset().clone()
-    runs = BatchedRuns([trainer])
+    run = TrainingRun(Still(scenario(auv={"count": 3}), 4), config)
+    run.observation = run.world.reset().clone()
+    seeds = SeedStack([run])
+    monkeypatch.setattr(seeds, "_standardize", lambda features: features)  # waits, once in a run
     with NothingWaits():
         for _ in range(12):
-            runs.advance(Now(), 1000)
-    assert trainer.learner.updates >= 8
+            seeds.step(Now(), 1000)
+    assert run.learner.updates >= 8
 
 
 class StandIn(ModuleType):
@@ -291,11 +291,12 @@ def test_curves_in_weights_and_biases(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "wandb", wandb)
     folder = tmp_path / "mine"
     folder.mkdir()
-    trainer = Trainer(ToyWorld(scenario(), 32, seed=1), LEARNING, folder, log="wandb")
-    trainer.train(1600, got.append)
+    run = TrainingRun(ToyWorld(scenario(), 32, seed=1), LEARNING, folder)
+    trainer = Trainer(run, log="wandb")
+    trainer.train(1600, lambda figures: got.extend(figures))
     assert (wandb.begun["project"], wandb.begun["group"], wandb.begun["dir"]) == ("usvauv", "mine", folder)
     assert wandb.begun["config"]["num_worlds"] == 32
-    assert wandb.begun["config"]["scenario"]["auv"]["count"] == trainer.world.scenario.auv.count
+    assert wandb.begun["config"]["scenario"]["auv"]["count"] == run.world.scenario.auv.count
     assert [values["steps"] for values in wandb.logged] == [figures["steps"] for figures in got]
     assert [values["run/arps"] for values in wandb.logged] == [figures["arps"] for figures in got]
     assert {name.partition("/")[0] for name in wandb.logged[-1]} >= {"steps", "run", "reward"}

@@ -17,7 +17,7 @@ import torch
 
 from usvauv.env import Scenario, World
 from usvauv.env.world.boat_strategies import StrategyChoice
-from usvauv.policies import Trainer, TrainingConfig, checkpoint, read_run
+from usvauv.policies import Trainer, TrainingConfig, TrainingRun, checkpoint, read_run, resume
 from usvauv.policies.checkpoint import POLICY, TRAINING, provenance
 
 WORLDS, STEPS, MORE = 4, 64, 12
@@ -30,14 +30,14 @@ VALUES: tuple[Any, ...] = (
 )
 
 
-def trainer(folder: Path) -> Trainer:
+def training_run(folder: Path) -> TrainingRun:
     scenario = Scenario.load("extreme", ["mission.duration=20"])
     config = TrainingConfig(
         num_worlds=WORLDS, replay=WORLDS * 40, hidden=(8, 8), batch=8, n_step=2, warmup=32, layer_norm=True
     )
     about = provenance({}) | {"usv": "fim", "total": 10 * STEPS, "plugins": []}
     about["resumed"] = [{"steps": 1, **provenance({})}]
-    return Trainer(World(scenario, WORLDS, 0), config, folder, provenance=about)
+    return TrainingRun(World(scenario, WORLDS, 0), config, folder, provenance=about)
 
 
 def changed(tensors: dict[str, torch.Tensor], kind: str, name: str, value: Any, source: random.Random) -> None:
@@ -73,12 +73,11 @@ def changed(tensors: dict[str, torch.Tensor], kind: str, name: str, value: Any, 
 
 
 @functools.cache
-def begun(folder: Path) -> tuple[Trainer, Path]:
+def begun(folder: Path) -> tuple[TrainingRun, Path]:
     """A run that has just begun, and the checkpoint of one that has learned."""
-    trainer(folder / "begun").train(STEPS)
-    run = trainer(folder / "run")
-    run.train(WORLDS)
-    run.save = lambda: None  # the damaged checkpoint stays as it is
+    Trainer(training_run(folder / "begun")).train(STEPS)
+    run = training_run(folder / "run")
+    Trainer(run).train(WORLDS)
     return run, folder / "begun" / "last.safetensors"
 
 
@@ -104,7 +103,7 @@ def go_on(source: random.Random, folder: Path) -> None:
     StrategyChoice.parse(about.get("usv", "fim"), setting)
     assert 0 < about.get("total", 1) < math.inf
     json.dumps(provenance(about), allow_nan=False)
-    run.resume()
-    run.train(run.steps + MORE)
+    resume(run)
+    Trainer(run).train(run.steps + MORE)
     values = [*run.learner.tensors().values(), *run.world.state().values(), run.observation]
     assert all(bool(value.double().isfinite().all()) for value in values), (kind, name, value)

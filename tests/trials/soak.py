@@ -81,17 +81,16 @@ def training(minutes: float, seed: int) -> list[Sample]:
     world = World(Scenario.load("extreme"), 256, seed)
     samples: list[Sample] = []
     with tempfile.TemporaryDirectory() as folder:
-        trainer = policies.Trainer(world, policies.TrainingConfig(num_worlds=256, seed=seed), folder, evaluations=4000)
+        run = policies.TrainingRun(world, policies.TrainingConfig(num_worlds=256, seed=seed), folder)
+        trainer = policies.Trainer(run, evaluations=4000)
         end, since, before = time.monotonic() + 60 * minutes, time.perf_counter(), 0
 
-        def note(figures: dict) -> None:
+        def note(figures: list[dict]) -> None:
             nonlocal since, before
             if time.perf_counter() - since > 60 * minutes / SAMPLES:
-                parameters = [float(p.detach().abs().max()) for p in trainer.learner.actor.weights]
-                samples.append(
-                    resources(figures["steps"] - before, since) | quantities(world) | {"weight": max(parameters)}
-                )
-                since, before = time.perf_counter(), figures["steps"]
+                parameters = [float(p.detach().abs().max()) for p in run.learner.actor.weights]
+                samples.append(resources(run.steps - before, since) | quantities(world) | {"weight": max(parameters)})
+                since, before = time.perf_counter(), run.steps
             if time.monotonic() > end:
                 trainer.stop()
 

@@ -19,7 +19,7 @@ from usvauv.kernels.interruption import Interrupted
 
 if TYPE_CHECKING:
     from usvauv.env import World
-    from usvauv.policies import LearnedPolicy, Seeds, Trainer
+    from usvauv.policies import LearnedPolicy, TrainingRun
 
 STEPS = 2_000_000
 MOST_SEEDS = 1024
@@ -102,7 +102,8 @@ def train(
     from usvauv.kernels import runtime
     from usvauv.policies.checkpoint import LAST, clean, path_of, provenance
     from usvauv.policies.inputs import changed, digests
-    from usvauv.policies.training.figures import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET, check_log
+    from usvauv.policies.training.figures import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
+    from usvauv.policies.training.meter import check_log
 
     with ExitStack() as stack:
         check_log(log)
@@ -130,7 +131,9 @@ def train(
         folders = _folders(place)
         if not resume:
             if any(path_of(folder, LAST).exists() for folder in (place, *folders.values())):
-                raise UserError(f"--out {place}: holds a run already; go on with --resume, or choose another folder")
+                raise UserError(
+                    f"--out {place}: holds a run already; continue it with --resume, or choose another folder"
+                )
             folders = {own: place / f"{FOLDER}{own}" for own in range(seed, last + 1)} if seeds > 1 else {}
         for folder in folders.values():
             options.make_folder(inside(place, folder))
@@ -138,35 +141,35 @@ def train(
             clean(folder)
         folders = folders or {seed: place}
         saved = [folder for folder in folders.values() if path_of(folder, LAST).exists()]
-        runs = {folder: policies.read_run(folder) for folder in saved or (folders.values() if resume else ())}
-        setting, config, begun = next(iter(runs.values()), (setting, config, {}))
+        found = {folder: policies.read_run(folder) for folder in saved or (folders.values() if resume else ())}
+        setting, config, begun = next(iter(found.values()), (setting, config, {}))
         for own, folder in folders.items():  # one that a killed process had not saved yet begins as the others did
-            runs.setdefault(folder, (setting, replace(config, seed=own), {}))
+            found.setdefault(folder, (setting, replace(config, seed=own), {}))
         boats, total = begun.get("usv", usv), steps or begun.get("total", STEPS)
         options.preparing(setting, arch)
-        trainers: list[Trainer] = []
+        runs: list[TrainingRun] = []
         files = digests([setting])
-        for folder, (setting, config, begun) in runs.items():
+        for folder, (setting, config, begun) in found.items():
             if different := changed(begun, files):
                 typer.echo(
-                    f"warning: {', '.join(different)}: changed since {folder} was saved; the run goes on with what is"
+                    f"warning: {', '.join(different)}: changed since {folder} was saved; the run continues with what is"
                     " there now, and its result is of both; another --out begins anew",
                     err=True,
                 )
             world = World(setting, config.num_worlds, config.seed, boats, arch=arch)
             about = provenance(begun, files) | {"usv": world.strategy.name, "total": total}
-            trainers.append(policies.Trainer(world, config, folder, provenance=about, log=log))
+            runs.append(policies.TrainingRun(world, config, folder, provenance=about))
             if begun:
-                trainers[-1].resume()
-        if (done := min(run.steps for run in trainers)) >= total:
-            typer.echo(f"nothing is left to do: of {total} world-steps {done} are done; a larger --steps goes on")
+                policies.resume(runs[-1])
+        if (done := min(run.steps for run in runs)) >= total:
+            typer.echo(f"nothing to do: {done} of {total} world-steps are done; a larger --steps continues the run")
             return
-        together, first, config = place not in runs, trainers[0], trainers[0].config
-        trainer: Trainer | Seeds = policies.Seeds(trainers, runtime.start(arch).threads) if together else first
-        name, baseline = policies.default(setting), {}
+        several, first, config = place not in found, runs[0], runs[0].config
+        trainer = policies.Trainer(*runs, log=log, threads=runtime.start(arch).threads)
+        name = policies.default(setting)
         typer.echo(f"evaluating {name} …")
         baselines = []
-        for run in trainers:
+        for run in runs:
             judged_in = run.config.seed + EVALUATION_SEED_OFFSET
             evaluation_worlds = World(setting, EVALUATION_EPISODES, judged_in, boats, arch=arch)
             rows = policies.evaluated(evaluation_worlds, name)
@@ -179,31 +182,30 @@ def train(
                 f" {config.before_learning} world-steps",
                 err=True,
             )
-        title = first.world.scenario.name
-        if together:
-            title += f", seeds {', '.join(str(run.config.seed) for run in trainers)}"
+        title = setting.name
+        if several:
+            title += f", seeds {', '.join(str(run.config.seed) for run in runs)}"
         with training_table.training(baseline, config.algorithm, title) as show:
 
-            def watch(figures: dict | list[dict]) -> None:
+            def watch(figures: list[dict]) -> None:
                 try:
-                    show(training_table.of_seeds(figures) if isinstance(figures, list) else figures)
+                    show(training_table.of_seeds(figures))
                 except Interrupted as closed:  # the reader of standard output has gone
                     trainer.interruption.ask(closed.signum)
 
             trainer.train(total, watch)
         if trainer.stopped:
             again = "".join(f" --plugin {file}" for file in plugins or ())
-            done = min(run.steps for run in trainers)
-            typer.echo(f"stopped at {done} of {total} world-steps; go on with: --out {place} --resume{again}")
-        bests = [max(run.history, key=lambda row: row["arps"]) for run in trainers]
+            done = min(run.steps for run in runs)
+            typer.echo(f"stopped at {done} of {total} world-steps; continue with: --out {place} --resume{again}")
+        bests = [max(run.history, key=lambda row: row["arps"]) for run in runs]
         learned = all(best["updates"] > 0 for best in bests)
-        evaluations = [{"evaluation": best} for best in bests]
-        found = training_table.of_seeds(evaluations) if together else evaluations[0]
-        told = f"best policy{'' if learned else ', the untrained one'}: {training_table.evaluation(found, name)}"
-        where = place / f"{FOLDER}*" if together else place
+        shown = training_table.evaluation(training_table.of_seeds([{"evaluation": best} for best in bests]), name)
+        told = f"best policy{'' if learned else ', the untrained one'}: {shown}"
+        where = place / f"{FOLDER}*" if several else place
         typer.echo(terminal.wrapped(f"{told}, in {where}/best.safetensors", 2))
         if learned:  # the best of several evaluations in the same episodes
-            own = place / f"{FOLDER}{config.seed}" if together else place
+            own = place / f"{FOLDER}{config.seed}" if several else place
             typer.echo(f"compare them in other episodes: usvauv eval {setting.name} --policy {own} --policy {name}")
     trainer.interruption.raise_if_asked()
 

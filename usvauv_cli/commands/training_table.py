@@ -33,11 +33,13 @@ def mean_of(several: Sequence[Mapping]) -> dict:
 
 def of_seeds(figures: Sequence[dict]) -> dict:
     """Figures of several runs as those of one: means, the margin's interval over the runs, and as text the evaluations'
-    score with its deviation."""
+    score with its deviation; those of a single run as they are."""
+    if len(figures) == 1:
+        return figures[0]
     evaluations = [own["evaluation"] for own in figures]
     scores = [own["arps"] for own in evaluations]
-    spread = f" ± {statistics.stdev(scores):.2f}" if len(scores) > 1 else ""
-    means: dict[str, Any] = mean_of(figures) | {"score": f"{statistics.fmean(scores):.2f}{spread}"}
+    score = f"{statistics.fmean(scores):.2f} ± {statistics.stdev(scores):.2f}"
+    means: dict[str, Any] = mean_of(figures) | {"score": score}
     if all("margin" in own for own in evaluations):
         margin = interval([own["margin"] for own in evaluations])
         means["evaluation"] |= {"margin": margin.mean, "margin_half": margin.half}
@@ -90,7 +92,7 @@ def _score(figures: dict) -> str:
 
 
 def _share(figures: dict) -> str:
-    """How much of a run is done, and the time left."""
+    """The share of a run that is done, and the time left."""
     left = f", {duration(figures['eta'], rough=True)} left" if figures["steps"] < figures["total"] else ""
     return f"{min(figures['steps'] / figures['total'], 1):.0%}{left}"
 

@@ -169,19 +169,19 @@ def _train(definition: Mapping[str, Any], place: Path, signs: Signs) -> None:
         return policies.figures_of_merit(judges, policy, lambda _: signs.advance(EVALUATION_STEP))
 
     about = provenance(begun, digests([scenario])) | {"usv": usv, "total": total}
-    trainer = policies.Trainer(world, config, place, evaluate, about, evaluations)
+    training = policies.TrainingRun(world, config, place, evaluate, about)
     if begun:
-        trainer.resume()
-    done = trainer.steps
+        policies.resume(training)
+    trainer, done = policies.Trainer(training, evaluations=evaluations), training.steps
 
-    def watch(figures: Mapping[str, Any]) -> None:
+    def watch(figures: list[dict[str, Any]]) -> None:
         nonlocal done
-        signs.advance(figures["steps"] - done)
-        done = figures["steps"]
+        signs.advance(training.steps - done)
+        done = training.steps
         trainer.stopped |= signs.stopping()
 
     trainer.train(total, watch)
-    if trainer.steps < total:
+    if training.steps < total:
         trainer.interruption.raise_if_asked()
         raise Stopped
     checkpoint.close_run(place)  # it is only read from now on

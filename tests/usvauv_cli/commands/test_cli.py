@@ -194,7 +194,7 @@ def test_a_policy_of_ones_own_that_fails_is_one_line(tmp_path, run_usvauv, monke
     [("wandb", "--log wandb: needs the extra 'wandb'"), ("tensorbord", "did you mean 'tensorboard'")],
 )
 def test_a_log_that_cannot_be_is_refused_in_one_line(tmp_path, refused, monkeypatch, log, said):
-    monkeypatch.setattr("usvauv.policies.training.figures.find_spec", lambda name: None)
+    monkeypatch.setattr("usvauv.policies.training.meter.find_spec", lambda name: None)
     assert said in refused("train", "ideal", "--log", log, "--out", "run")
     assert not (tmp_path / "run").exists()
 
@@ -220,10 +220,10 @@ def test_a_run_that_ends_before_it_learns_says_so(tmp_path, run_usvauv, monkeypa
     assert words.endswith(" in run/best.safetensors")
     assert (tmp_path / "run" / "best.safetensors").exists()
     (tmp_path / "a.py").write_text("# corrected\n")
-    for steps, changed in ((42, f"warning: {tmp_path}/a.py: changed since run was saved; the run goes on"), (44, "")):
+    for steps, changed in ((42, f"warning: {tmp_path}/a.py: changed since run was saved; the run continues"), (44, "")):
         code, _, warned = run_usvauv("train", "--out", "run", "--resume", *own, "--steps", steps)
         assert (code, warned.count("\n"), warned[: len(changed)]) == (0, len(changed) > 0, changed)
-    nothing = "nothing is left to do: of 44 world-steps 44 are done; a larger --steps goes on\n"
+    nothing = "nothing to do: 44 of 44 world-steps are done; a larger --steps continues the run\n"
     assert run_usvauv("train", "--out", "run", "--resume") == (0, nothing, "")
     code, said, complaint = run_usvauv(*begin, "--out", "fins", "--learn", "frame=fins")
     assert (code, said) == (2, "")  # before it evaluates anything

@@ -11,8 +11,8 @@ from tests.policies.test_seeds import same_runs
 from usvauv import policies
 from usvauv.env import Scenario, World
 from usvauv.policies import TrainingConfig, checkpoint
-from usvauv.policies.training.batched_runs import BatchedRuns
 from usvauv.policies.training.figures import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
+from usvauv.policies.training.trainer import SeedStack
 
 BEGIN = ["train", "ideal", "--worlds", "4", "--set", "mission.duration=12"]
 SMALL = {"hidden": (8, 8), "batch": 16, "n_step": 2, "warmup": 24, "replay": 4000}
@@ -54,18 +54,18 @@ def test_stopped_or_killed_they_go_on(tmp_path, run_usvauv, quick, monkeypatch):
     """To the bit after Ctrl-C; one that was not saved before a kill begins anew."""
     begin = [*BEGIN, "--steps", 80, "--seeds", 2]
     assert run_usvauv(*begin, "--out", "whole")[0] == 0
-    advance = BatchedRuns.advance
+    step = SeedStack.step
 
-    def advance_and_stop(runs, pool, total):
-        if runs.first.steps == 40:
+    def step_and_stop(stack, pool, total):
+        if stack.runs[0].steps == 40:
             signal.raise_signal(signal.SIGINT)
-        advance(runs, pool, total)
+        step(stack, pool, total)
 
     with monkeypatch.context() as patch:
-        patch.setattr(BatchedRuns, "advance", advance_and_stop)
+        patch.setattr(SeedStack, "step", step_and_stop)
         code, shown, _ = run_usvauv(*begin, "--out", "parts")
     assert code == 130
-    assert "stopped at 44 of 80 world-steps; go on with: --out parts --resume" in shown
+    assert "stopped at 44 of 80 world-steps; continue with: --out parts --resume" in shown
     assert run_usvauv("train", "--out", "parts", "--resume")[0] == 0
     for seed in (0, 1):
         same_runs(tmp_path / f"whole/seed-{seed}", tmp_path / f"parts/seed-{seed}", tolerance=0.0)
@@ -81,8 +81,8 @@ def test_stopped_or_killed_they_go_on(tmp_path, run_usvauv, quick, monkeypatch):
         (["--seeds", "0"], "--seeds 0: must be from 1 to 1024"),
         (["--seed", str(2**63 - 1), "--seeds", "2"], f"seed = {2**63}: must be from 0 to 2**63 - 1"),
         (["--seeds", "2", "--resume"], "--seeds: a resumed run keeps the seeds it was begun with"),
-        (["--seeds", "2", "--out", "held"], "--out held: holds a run already; go on with --resume"),
-        (["--out", "held"], "--out held: holds a run already; go on with --resume"),
+        (["--seeds", "2", "--out", "held"], "--out held: holds a run already; continue it with --resume"),
+        (["--out", "held"], "--out held: holds a run already; continue it with --resume"),
         (["--out", "empty", "--resume"], "empty/seed-5/last.safetensors: checkpoint is missing"),
     ],
 )

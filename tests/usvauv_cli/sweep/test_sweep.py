@@ -347,7 +347,7 @@ def test_a_full_disk_of_one_process_fails_its_run_and_leaves_no_half(tmp_path, r
 
 def test_a_stopped_training_ends_as_one_in_one_go(tmp_path, monkeypatch):
     """During training; the evaluation of the untrained policy takes the first 12 reports."""
-    monkeypatch.setattr("usvauv.policies.training.batched_runs.WINDOW", 5)
+    monkeypatch.setattr("usvauv.policies.training.trainer.WINDOW", 5)
     fields = {"steps": 160, "worlds": 4, "learn": ("hidden=8", "batch=16", "warmup=40", "n_step=2", "replay=400")}
     settings = StudyRun(scenario="ideal", set=HELD, algorithm="ddpg", **fields)
     piece = Piece(definition=define(settings, Evaluation(episodes=2), "here"), method="", task="")

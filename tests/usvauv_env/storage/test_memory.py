@@ -19,7 +19,7 @@ from usvauv.env.sea.simulation import SeaSimulation
 from usvauv.env.storage import memory
 from usvauv.env.storage.files import OutputError
 from usvauv.env.storage.memory import MemoryNeeded, RowsOnDisk, available, extremes, require
-from usvauv.policies import Trainer, TrainingConfig
+from usvauv.policies import TrainingConfig, TrainingRun
 from usvauv.policies.training.replay import Replay
 
 GIB = 2**30
@@ -91,7 +91,7 @@ def test_the_least_of_what_limits(monkeypatch, tmp_path):
 
 def learn(**changes):
     config = TrainingConfig(num_worlds=8, shared=True, **{"replay": 8000, **changes})
-    Trainer(ToyWorld(scenario(), 8, 1), config)
+    TrainingRun(ToyWorld(scenario(), 8, 1), config)
 
 
 @pytest.mark.parametrize(
