@@ -359,10 +359,10 @@ class FinsFrame(TargetFrame):
         return (self.heuristic.act(observation) + action).clamp(-1.0, 1.0)
 
 
-FRAMES: Registry[type[Frame]] = Registry("frame", PolicyError, Frame)
-FRAMES.register("guided", GuidedFrame)
-FRAMES.register("target", TargetFrame)
-FRAMES.register("world", WorldFrame)
-FRAMES.register("passing", PassingFrame)
-FRAMES.register("fins", FinsFrame)
+frames: Registry[type[Frame]] = Registry("frame", PolicyError, Frame)
+frames.register("guided", GuidedFrame)
+frames.register("target", TargetFrame)
+frames.register("world", WorldFrame)
+frames.register("passing", PassingFrame)
+frames.register("fins", FinsFrame)
 COMPILED = (GuidedFrame, TargetFrame)  # computed by kernels; a frame derived from them may compute something else

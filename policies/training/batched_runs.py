@@ -14,9 +14,9 @@ from torch import Tensor
 
 from usvauv.env.storage.memory import require
 from usvauv.kernels.errors import DivergenceError
-from usvauv.policies.algorithms import ALGORITHMS, Batch, Learner
+from usvauv.policies.algorithms import Batch, Learner, algorithms
 from usvauv.policies.cuda_graph import Recorded
-from usvauv.policies.frames import FRAMES
+from usvauv.policies.frames import frames
 from usvauv.policies.learned import Standardizer
 from usvauv.policies.policy import PolicyError, by_component
 from usvauv.policies.training.exploration import explore
@@ -32,10 +32,10 @@ Step = tuple[Tensor, Tensor, Tensor, Tensor, dict[str, Any]]
 
 def learn(learner: Learner, name: str, batch: Batch) -> dict[str, Tensor]:
     """One update of a learner of the algorithm of that name; the figures to show, one number each."""
-    with ALGORITHMS.calling(name):
+    with algorithms.calling(name):
         losses = learner.learn(batch)
     if not all(isinstance(value, Tensor) and value.numel() == 1 for value in losses.values()):
-        raise ALGORITHMS.refuse(name, losses, "one number for each name")
+        raise algorithms.refuse(name, losses, "one number for each name")
     return losses
 
 
@@ -98,8 +98,8 @@ class BatchedRuns:
         first, config, device = self.first.learner, self.config, self.first.world.device
         sizes = replace(first.sizes, stack=self.count * self.own_stack)
         require(learning_bytes(config, sizes), f"training: seeds = {self.count}", device)
-        with ALGORITHMS.calling(config.algorithm):
-            learner = ALGORITHMS[config.algorithm](sizes, config, torch.Generator(device))
+        with algorithms.calling(config.algorithm):
+            learner = algorithms[config.algorithm](sizes, config, torch.Generator(device))
         learner.draw_from(*(run.generator for run in self.runs))
         own = first.state_dict()
         for name, value in learner.state_dict().items():
@@ -211,14 +211,14 @@ class BatchedRuns:
         return torch.cat([run.world.reset() for run in self.runs])
 
     def _features(self, observation: Tensor) -> dict[str, Tensor]:
-        with FRAMES.calling(self.config.frame):
+        with frames.calling(self.config.frame):
             features = self.first.frame.encode(by_component(observation)).unflatten(0, (self.count, -1))
         return {"features": self.standardizer(features).flatten(0, 1).contiguous()}
 
     def _explore(self, observation: Tensor, features: Tensor, noise: Tensor) -> dict[str, Tensor]:
         """The networks' exploring actions, and the worlds' commands for them."""
         action = explore(self.learner, self.config, features, noise, self.count)
-        with FRAMES.calling(self.config.frame):
+        with frames.calling(self.config.frame):
             return {"action": action, "command": self.first.frame.decode(by_component(observation), action)}
 
     def hand_out(self) -> None:

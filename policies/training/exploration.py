@@ -9,7 +9,7 @@ import torch
 from torch import Tensor
 
 from usvauv.env.scenario import Scenario
-from usvauv.policies.algorithms import ALGORITHMS, Learner
+from usvauv.policies.algorithms import Learner, algorithms
 from usvauv.policies.config import TrainingConfig
 from usvauv.policies.networks import stack, unstack
 
@@ -95,8 +95,8 @@ def explore(learner: Learner, config: TrainingConfig, features: Tensor, noise: T
         noise: (N W, K, A).
     """
     name, noise = config.algorithm, stack(noise, config.shared, seeds)
-    with ALGORITHMS.calling(name):
+    with algorithms.calling(name):
         chosen = learner.explore(stack(features, config.shared, seeds), noise)
     if chosen.shape != noise.shape:
-        raise ALGORITHMS.refuse(name, f"actions of shape {tuple(chosen.shape)}", f"of {tuple(noise.shape)}")
+        raise algorithms.refuse(name, f"actions of shape {tuple(chosen.shape)}", f"of {tuple(noise.shape)}")
     return unstack(chosen, features.shape[1], seeds)

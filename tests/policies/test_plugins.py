@@ -27,10 +27,10 @@ from usvauv.kernels.mission.worlds import Strategy
 from usvauv.kernels.positioning.sonar import ambient_noise_laws
 from usvauv.kernels.types import vec2
 from usvauv.policies import PolicyError, Trainer
-from usvauv.policies.algorithms import ALGORITHMS
+from usvauv.policies.algorithms import algorithms
 from usvauv.policies.algorithms.ddpg import DDPG
-from usvauv.policies.frames import FRAMES, Frame
-from usvauv.policies.heuristics import HEURISTICS, Heuristic
+from usvauv.policies.frames import Frame, frames
+from usvauv.policies.heuristics import Heuristic, heuristics
 
 pytestmark = pytest.mark.usefixtures("own_registries")
 EXAMPLES = Path(__file__).parents[2] / "examples" / "plugins"
@@ -196,7 +196,7 @@ def test_a_policy(answer, match):
         def act(self, observation):
             return answer(observation)
 
-    HEURISTICS.register("wrong", Wrong)
+    heuristics.register("wrong", Wrong)
     world = ToyWorld(scenario(), 16, seed=2)
     act = policies.acting("wrong", world)
     with pytest.raises(PolicyError, match=rf"^policy 'wrong' of .*test_plugins\.py: .*{match}") as caught:
@@ -210,7 +210,7 @@ def test_ctrl_c_in_a_policy_is_ctrl_c():
         def act(self, observation):
             raise KeyboardInterrupt
 
-    HEURISTICS.register("stopped", Stopped)
+    heuristics.register("stopped", Stopped)
     world = ToyWorld(scenario(), 16, seed=2)
     with pytest.raises(KeyboardInterrupt):
         policies.acting("stopped", world)(world.reset())
@@ -221,7 +221,7 @@ def test_a_frame_and_a_target_rule_are_named_too(tmp_path):
         def __init__(self, scenario):
             fails(Odd())
 
-    FRAMES.register("wrong", Wrong)
+    frames.register("wrong", Wrong)
     with pytest.raises(PolicyError, match=r"^frame 'wrong' of .*: raised Odd, in .*plugins\.py, line"):
         Trainer(ToyWorld(scenario(), 32, seed=1), dataclasses.replace(LEARNING, frame="wrong"))
     target_rules.register("wide", TargetRule(node_by_number, workspace=lambda *_: fails(Odd())))
@@ -320,7 +320,7 @@ def test_a_metric_of_another_shape():
     ],
 )
 def test_an_algorithm(method, answer, match):
-    ALGORITHMS.register("wrong", type("Wrong", (DDPG,), {method: answer}))
+    algorithms.register("wrong", type("Wrong", (DDPG,), {method: answer}))
     config = dataclasses.replace(LEARNING, algorithm="wrong", warmup=320)
     with pytest.raises(PolicyError, match=f"^algorithm 'wrong' of .*plugins.py: {match}"):
         Trainer(ToyWorld(scenario(), 32, seed=1), config).train(32 * 20)

@@ -50,7 +50,7 @@ def episodes(definition: Mapping[str, Any], place: Path, step: Callable[[int], N
     """
     wanted, config = definition["evaluation"], definition["training"]
     name = config["algorithm"] if config else definition["policy"]
-    rows = env.evaluate(
+    rows = env.run_episodes(
         Scenario.from_dict(definition["scenario"], str(place)),
         {name: partial(policies.acting, place if config else name)},
         episodes=wanted["episodes"],

@@ -23,7 +23,7 @@ from usvauv.cli.evaluation.comparison import (
 )
 from usvauv.cli.evaluation.run import combinations, definition, first_difference
 from usvauv.cli.evaluation.tables import dependence, labels, sentence, sentences
-from usvauv.env import Scenario, World, evaluate
+from usvauv.env import Scenario, World, run_episodes
 from usvauv.env.record import evaluation
 from usvauv.env.record.metrics import FIGURES
 from usvauv.env.record.recorder import EACH
@@ -367,7 +367,7 @@ def test_from_python_a_table_has_means_and_paired_differences_with_their_interva
     table = usvauv.evaluate(scenario, made, usv=boats, episodes=5, seed=4)
     assert table.index.names == ["figure", "policy", "usv", "targets"]
     assert [which[1::-1] for which in table.loc["ec"].index] == [*product(boats, made)]
-    by_boat = {usv: evaluate(scenario, made, episodes=5, seed=4, usv=usv) for usv in boats}
+    by_boat = {usv: run_episodes(scenario, made, episodes=5, seed=4, usv=usv) for usv in boats}
     for figure in ("ec", "position_error_rms"):
         first = np.array([getattr(row, figure) for row in by_boat[boats[0]] if row.policy == "east"])
         for (policy, usv, _), row in table.loc[figure].iterrows():
@@ -397,7 +397,7 @@ def test_coverage_of_missions():
     small = [f"sea.realisations={groups * seas}", "auv.count=2", "nodes.count=16", "mission.duration=40"]
     scenario = Scenario.load("wide", [*waves, *small])
     named = policies.named("straight", "crab")
-    found = evaluate(scenario, named, episodes=groups * episodes, usv="centroid")
+    found = run_episodes(scenario, named, episodes=groups * episodes, usv="centroid")
     first, second = (np.array([row.arps for row in found if row.policy == name]) for name in named)
     for values in (first, second - first):
         by_group = np.moveaxis(values.reshape(episodes // seas, groups, seas), 1, 0).reshape(groups, episodes)
