@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.env.site.place import SIDED, position
@@ -33,7 +34,7 @@ class BoatStrategy:
 
     functions: Strategy
     arguments: tuple[str, ...] = ()
-    refuse: Callable[[Scenario, Sequence[float]], str] = lambda scenario, numbers: ""
+    refuse: Annotated[Callable[[Scenario, Sequence[float]], str], "scenario, numbers"] = lambda scenario, numbers: ""
     repeats: bool = False
     units: str = ""
     about: str = ""
