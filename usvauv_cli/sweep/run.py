@@ -135,7 +135,7 @@ def perform(definition: Mapping[str, Any], evaluate: Evaluate, place: Path, sign
                 _train(definition, place, signs)
             rows = evaluate(definition, place, step)
             if _files(definition) != definition["files"]:
-                raise UserError("a file that enters the result has changed since: give the command again")
+                raise UserError("a file that the result depends on has changed during the run: run the command again")
             (place / FAILURE).unlink(missing_ok=True)
             write_rows(place / RESULT, list(rows[0]), rows)
 

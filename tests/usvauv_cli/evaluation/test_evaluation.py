@@ -169,7 +169,7 @@ class TestComparison:
         comparison = Comparison([ONE], seas=1)
         comparison.add({ONE: rows(np.random.default_rng(8).normal(0, 1, LEAST_EPISODES))})
         assert (comparison.half("luck"), comparison.floor("luck")) == (math.inf, math.inf)
-        assert "are on one sea" in dependence(comparison, "luck")
+        assert "have one sea" in dependence(comparison, "luck")
 
     def test_the_seas_leave_a_floor(self):
         """Of two policies that the seas tell apart; of episodes on their own there is none."""
@@ -278,7 +278,7 @@ def test_resumed_it_is_bit_for_bit_what_it_would_have_been(tmp_path, run_usvauv,
         kept = {1: 4, 3: 12, 5: 18}[number // 2]
         assert (code, said) == (
             130,
-            f"stopped; {kept} complete episodes kept in m.csv.partial; --resume goes on from there\n",
+            f"stopped; {kept} complete episodes kept in m.csv.partial; --resume continues from there\n",
         )
         assert not out.exists()
         done = stopping(None)
@@ -300,8 +300,8 @@ def test_only_the_same_command_goes_on(tmp_path, run_usvauv, refused, stopping):
         (("--set", "auv.count=1"), "scenario.auv.count = 2, here 1"),
     ):
         said = refused(*EVAL, *more, "--out", "m.csv", "--resume")
-        assert said == f"m.csv.partial: is of another command: {told}; --force without --resume begins anew\n"
-    assert "--resume goes on with it, --force begins anew" in refused(*EVAL, "--out", "m.csv")
+        assert said == f"m.csv.partial: is of another command: {told}; --force without --resume starts again\n"
+    assert "--resume continues it, --force starts again" in refused(*EVAL, "--out", "m.csv")
     assert {path: path.read_bytes() for path in partial.iterdir()} == kept
 
 
@@ -354,7 +354,7 @@ def test_batches_are_halved_until_they_fit_into_memory(run_usvauv, tmp_path, mon
     a_third = 0.3 * memory.SHARE * memory.available()
     monkeypatch.setattr(evaluation, "trace_bytes", lambda world, steps: EACH * steps + a_third * world.num_worlds)
     code, _, error = run_usvauv(*few, "--out", "b.csv")
-    assert (code, error) == (0, "batches of 2 episodes: what fits into memory\n")
+    assert (code, error) == (0, "batches of 2 episodes: memory holds no more\n")
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
 
 

@@ -279,5 +279,5 @@ def test_text_in_another_encoding_is_one_line(tmp_path, run_usvauv, content, sai
 def test_what_is_no_file(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     for path in (tmp_path / "pipe", tmp_path, tmp_path / "none", "a\0b"):
-        with pytest.raises(FileNotFoundError, match="is no file"):
+        with pytest.raises(FileNotFoundError, match="is not a file"):
             read_text(path, "TOML")
