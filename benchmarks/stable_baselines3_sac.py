@@ -15,7 +15,7 @@ from examples.stable_baselines3_sac import REWARD_SCALE
 from usvauv import policies
 from usvauv.env import Scenario
 from usvauv.env.faces.sb3_env import AuvVecEnv
-from usvauv.policies.frames import FRAMES, Frame
+from usvauv.policies.frames import Frame, frames
 
 DEFAULT_WORLDS = 4
 
@@ -26,7 +26,7 @@ def learner(variant: str, scenario: str, seed: int) -> tuple[SAC, Callable[[torc
     worlds = DEFAULT_WORLDS if variant == "sb3_defaults" else ours.num_worlds
     env = AuvVecEnv(scenario, worlds, seed, reward_scale=REWARD_SCALE)
     num_auvs, space = env.num_auvs, env.observation_space
-    frame = FRAMES[ours.frame if variant == "sb3_tuned_our_frame" else "world"](Scenario.load(scenario))
+    frame = frames[ours.frame if variant == "sb3_tuned_our_frame" else "world"](Scenario.load(scenario))
     settings: dict[str, Any] = {}
     if variant != "sb3_defaults":
         settings = {

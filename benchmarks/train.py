@@ -40,7 +40,7 @@ import torch
 from benchmarks.machine import command_line, describe, show
 from usvauv import policies
 from usvauv.env import Scenario, World
-from usvauv.policies.algorithms import ALGORITHMS
+from usvauv.policies.algorithms import algorithms
 from usvauv.policies.training.meter import Meter
 
 SCENARIO = "extreme"
@@ -260,7 +260,7 @@ def main() -> None:
     parser = command_line(__doc__)
     names = list(contestants("sac"))
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
-    parser.add_argument("--algorithm", choices=list(ALGORITHMS), default="sac", help="of ours")
+    parser.add_argument("--algorithm", choices=list(algorithms), default="sac", help="of ours")
     parser.add_argument("--seeds", type=int, default=3, help="runs of each learner, seeds 0, 1, …")
     parser.add_argument("--limit", type=float, default=600.0, help="training time after which a run ends, s")
     parser.add_argument("--only", nargs="+", choices=names, default=names, help="who runs", metavar="NAME")

@@ -10,6 +10,7 @@ TRACEBACK = "USVAUV_TRACEBACK"  # environment variable: show where an error come
 INSTALLED = tuple(sysconfig.get_paths()[kind] for kind in ("stdlib", "purelib", "platlib"))  # folders
 LONGEST = 2000  # characters of a message
 SHOWN = 400  # characters of a message that is quoted
+PLACE = re.compile(r"(?:TypeError when calling `\w+`: )?(File \".*)")  # of what Taichi's compiler reports
 
 
 class UserError(Exception):
@@ -68,10 +69,11 @@ def in_words(error: BaseException) -> str:
     if (message := text_of(error)) is None:
         return f"{type(error).__name__}, whose text cannot be made"
     lines = message.split("\n")
-    places = [i for i, line in enumerate(lines) if line.startswith('File "')]
+    places = [(i, found[1]) for i, line in enumerate(lines) if (found := PLACE.match(line))]
     if places:
-        reasons = [line for line in lines[places[-1] + 1 :] if line.strip(" ^~\t")]
-        lines = [lines[places[-1]], *reasons[-1:]]
+        last, place = places[-1]
+        reasons = [line.rstrip(".") for line in lines[last + 1 :] if line.strip(" ^~\t")]
+        lines = [place, *reasons[-1:]]
     text = " ".join(" ".join(lines).split())
     return f"{type(error).__name__}: {text if len(text) <= SHOWN else text[:SHOWN] + ' …'}".removesuffix(": ")
 

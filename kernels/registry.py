@@ -6,11 +6,87 @@ import inspect
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
-from typing import Any, Generic, TypeVar
+from functools import cache
+from itertools import cycle
+from types import UnionType
+from typing import Annotated, Any, Generic, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from usvauv.kernels.errors import UserError, blaming, choices, text_of, wrong_return
 
 T = TypeVar("T")
+
+
+def _arguments(function: Callable[..., Any]) -> str:
+    return ", ".join(name for name in inspect.signature(function).parameters if name != "self")
+
+
+def _takes(function: Callable[..., Any], count: int) -> bool:
+    try:
+        inspect.signature(function).bind(*range(count))
+    except TypeError:
+        return False
+    except ValueError:  # a function of C without a signature
+        return True
+    return True
+
+
+@cache
+def _fields(form: Any) -> Mapping[str, Any]:
+    """Types of the fields of a dataclass or named tuple, by name; empty for anything else."""
+    names = getattr(form, "__dataclass_fields__", getattr(form, "_fields", ()))
+    hints = get_type_hints(form, include_extras=True) if names else {}
+    return {name: hints[name] for name in names}
+
+
+def _misfit(given: Any, form: Any, place: str = "") -> str:
+    """Why something is not of a form, in words; empty if it is.
+
+    Args:
+        given: an item, a part of one, or a class.
+        form: a class; a function, as `Annotated[Callable, "worlds, w"]` with its arguments; a tuple of one of these; or
+            one of these or None. Of a class's fields, those of these forms are checked, and of a subclass the methods.
+        place: names of the fields that lead to a part.
+    """
+    kind, is_ = get_origin(form), f"{place} is".lstrip()
+    if kind is Annotated:
+        arguments = form.__metadata__[0]
+        if not callable(given):
+            return f"{is_} {text_of(given, repr)}: must be a function ({arguments})"
+        if not _takes(given, arguments.count(",") + 1):
+            return f"{is_} a function ({_arguments(given)}): must take ({arguments})"
+    elif kind is tuple:
+        parts = get_args(form)
+        many = parts[-1] is ...
+        if not isinstance(given, tuple) or (not many and len(given) != len(parts)):
+            return f"{is_} {text_of(given, repr)}: must be a tuple ({'…,' if many else ', '.join('…' for _ in parts)})"
+        forms = cycle(parts[:1]) if many else parts
+        return next(filter(None, (_misfit(each, of, place) for each, of in zip(given, forms, strict=False))), "")
+    elif kind in (Union, UnionType):
+        return "" if given is None else _misfit(given, get_args(form)[0], place)
+    elif not place or _fields(form):
+        if not (issubclass(given, form) if isinstance(given, type) else isinstance(given, form)):
+            return f"{is_} {text_of(given, repr)}: must be a {form.__name__}"
+        if isinstance(given, type):
+            return _misfit_of_methods(given, form)
+        for name, part in _fields(form).items():
+            if problem := _misfit(getattr(given, name), part, f"{place}.{name}".lstrip(".")):
+                return problem
+    return ""
+
+
+def _misfit_of_methods(given: type, base: type) -> str:
+    """Which method of the base class a subclass lacks or defines for other arguments, in words; empty: none."""
+    for name, method in inspect.getmembers(base, inspect.isroutine):
+        if (name.startswith("_") and name != "__init__") or not str(getattr(method, "__module__", "")).startswith(
+            "usvauv."
+        ):
+            continue
+        own, parameters = getattr(given, name), inspect.signature(method).parameters.values()
+        if getattr(own, "__isabstractmethod__", False):
+            return f"has no method {name}({_arguments(method)})"
+        if not _takes(own, sum(p.default is p.empty and p.kind is p.POSITIONAL_OR_KEYWORD for p in parameters)):
+            return f"its method is {name}({_arguments(own)}): must be {name}({_arguments(method)})"
+    return ""
 
 
 class Registry(Mapping[str, T], Generic[T]):
@@ -19,7 +95,7 @@ class Registry(Mapping[str, T], Generic[T]):
     Args:
         kind: what an item is, in the singular, for error messages, e.g. "boat strategy".
         error: the class of the error for an unknown name.
-        form: what an item is an instance of, or a subclass.
+        form: what an item is: a class of which it is an instance or a subclass, or a function, see `_misfit`.
         documented: item → the function or class whose docstring says what it is; default: the item.
 
     Raises:
@@ -45,14 +121,15 @@ class Registry(Mapping[str, T], Generic[T]):
         """Add an item under a name that is not taken yet; returns the item.
 
         Raises:
-            error: the name is taken or is no text, or the item is of another form.
+            error: the name is taken or is no text, the item is of another form, or one of its functions takes other
+                arguments or is missing.
         """
         if name in self._items:
             raise self._error(f"{self.kind} {name!r}: is registered already")
         if not isinstance(name, str) or not name:
             raise self._error(f"{self.kind} {name!r}: the name must be text")
-        if not (issubclass(item, self._form) if isinstance(item, type) else isinstance(item, self._form)):
-            raise self._error(f"{self.kind} {name!r}: is {text_of(item, repr)}: must be a {self._form.__name__}")
+        if problem := _misfit(item, self._form):
+            raise self._error(f"{self.kind} {name!r}: {problem}")
         self._items[name] = item
         caller = sys._getframe(1)
         if caller.f_globals["__name__"].partition(".")[0] != "usvauv":

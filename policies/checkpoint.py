@@ -48,9 +48,9 @@ from usvauv.env.storage.files import (
     sync,
     writing,
 )
-from usvauv.policies.algorithms import ALGORITHMS, Sizes
+from usvauv.policies.algorithms import Sizes, algorithms
 from usvauv.policies.config import TrainingConfig
-from usvauv.policies.frames import FRAMES
+from usvauv.policies.frames import frames
 from usvauv.policies.learned import LearnedPolicy, Standardizer
 from usvauv.policies.policy import PolicyError
 
@@ -288,8 +288,8 @@ def load_policy(
     content, tensors = read(path, POLICY, device)
     own, config, sizes = _checked(content, tensors, path)
     standardizer = Standardizer(tensors.pop("whitening.mean"), tensors.pop("whitening.deviation"))
-    with ALGORITHMS.calling(config.algorithm):
-        actor = ALGORITHMS[config.algorithm].make_actor(sizes, config, torch.Generator(device))
+    with algorithms.calling(config.algorithm):
+        actor = algorithms[config.algorithm].make_actor(sizes, config, torch.Generator(device))
         actor.load_state_dict({key.removeprefix("actor."): value for key, value in tensors.items()})
     policy = LearnedPolicy(name, own, config.frame, standardizer, actor.requires_grad_(False), config.shared, content)
     return policy if scenario is None else policy.for_scenario(scenario)
@@ -326,14 +326,14 @@ def _checked(
     checked before networks of these sizes are built.
     """
     scenario, config = _scenario_and_config(content, path)
-    with FRAMES.calling(config.frame):
-        frame = FRAMES[config.frame](scenario)
+    with frames.calling(config.frame):
+        frame = frames[config.frame](scenario)
         sizes = Sizes(1 if config.shared else scenario.auv.count, frame.features, frame.actions)
-    learner = ALGORITHMS[config.algorithm]
+    learner = algorithms[config.algorithm]
     try:
         actor = learner.make_actor(sizes, config, _Shapes())
     except Exception:  # a plugin's that needs numbers
-        with ALGORITHMS.calling(config.algorithm):
+        with algorithms.calling(config.algorithm):
             actor = learner.make_actor(sizes, config, torch.Generator())
     expected = {f"actor.{name}": (tuple(value.shape), value.dtype) for name, value in actor.state_dict().items()}
     expected |= {f"whitening.{name}": ((sizes.observation,), torch.float32) for name in ("mean", "deviation")}
@@ -355,7 +355,7 @@ def _scenario_and_config(content: Mapping[str, Any], path: Path) -> tuple[Scenar
         "algorithm": config.algorithm,
         "num_auvs": scenario.auv.count,
         "action": scenario.auv.action,
-        "observation_size": FRAMES[config.frame](scenario).layout.size,
+        "observation_size": frames[config.frame](scenario).layout.size,
     }
     for name, value in own.items():
         if type(content.get(name)) is not type(value) or content[name] != value:

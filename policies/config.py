@@ -10,8 +10,8 @@ from typing import Any
 from usvauv.env.scenario import Scenario
 from usvauv.env.world.observation import ObservationLayout
 from usvauv.kernels.errors import choices
-from usvauv.policies.algorithms import ALGORITHMS
-from usvauv.policies.frames import FRAMES, PASSING_TERMS
+from usvauv.policies.algorithms import algorithms
+from usvauv.policies.frames import PASSING_TERMS, frames
 from usvauv.policies.policy import PolicyError
 
 MOST_LAYERS, WIDEST = 16, 8192
@@ -36,11 +36,11 @@ class TrainingConfig:
     """Settings of a training run, apart from its scenario.
 
     Attributes:
-        algorithm: a name in `algorithms.ALGORITHMS`.
+        algorithm: a name in `algorithms.algorithms`.
         num_worlds: W, worlds stepped together. Each step stores W transitions for each AUV.
         seed: of the training worlds, the initial weights, the exploration and the sampling.
         shared: one network for all AUVs, trained on the transitions of all; else one for each AUV.
-        frame: a name in `frames.FRAMES`.
+        frame: a name in `frames.frames`.
         hidden: width of each hidden layer.
         renewal: maximise the average reward trip by trip, see `Trainer`; without effect in a scenario in which services
             end the value's horizon (`reward.service_terminates`).
@@ -87,7 +87,7 @@ class TrainingConfig:
             value, kind = getattr(self, field.name), type(field.default)
             if type(value) is not kind and not (kind is float and type(value) is int):
                 raise PolicyError(f"training: {field.name} = {value!r}: must be of type {kind.__name__}")
-        for name, known in (("algorithm", ALGORITHMS), ("frame", FRAMES)):
+        for name, known in (("algorithm", algorithms), ("frame", frames)):
             if (value := getattr(self, name)) not in known:
                 raise PolicyError(f"training: {name} = {value!r}: {choices(value, known)}")
         widths = self.hidden
@@ -119,14 +119,14 @@ class TrainingConfig:
         frame = "fins" if scenario.auv.action == "fins" else "passing" if passing else None
         own = {"frame": frame, "renewal": False} if frame else {}
         algorithm = settings.get("algorithm", cls.algorithm)
-        defaults = ALGORITHMS[algorithm].defaults if algorithm in ALGORITHMS else {}
+        defaults = algorithms[algorithm].defaults if algorithm in algorithms else {}
         given = {name: value for name, value in settings.items() if value is not None}
         return cls(**{**own, **defaults, **given})
 
     @property
     def on_policy(self) -> bool:
         """Whether the algorithm learns from rollouts."""
-        return ALGORITHMS[self.algorithm].on_policy
+        return algorithms[self.algorithm].on_policy
 
     @property
     def before_learning(self) -> int:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import threading
+from abc import abstractmethod
 from collections.abc import Sequence
 from typing import ClassVar, cast
 
@@ -84,10 +85,12 @@ class Frame:
         """Tensors (W, K, ...) that `encode` and `decode` both need; both take them as further arguments."""
         return ()
 
+    @abstractmethod
     def encode(self, observation: Tensor) -> Tensor:
         """Features (W, K, F) of observations (W, K, O)."""
         raise NotImplementedError
 
+    @abstractmethod
     def decode(self, observation: Tensor, action: Tensor) -> Tensor:
         """The world's actions (W, K, A) for a network's actions (W, K, `actions`) in [−1, 1]."""
         raise NotImplementedError
@@ -359,10 +362,10 @@ class FinsFrame(TargetFrame):
         return (self.heuristic.act(observation) + action).clamp(-1.0, 1.0)
 
 
-FRAMES: Registry[type[Frame]] = Registry("frame", PolicyError, Frame)
-FRAMES.register("guided", GuidedFrame)
-FRAMES.register("target", TargetFrame)
-FRAMES.register("world", WorldFrame)
-FRAMES.register("passing", PassingFrame)
-FRAMES.register("fins", FinsFrame)
+frames: Registry[type[Frame]] = Registry("frame", PolicyError, Frame)
+frames.register("guided", GuidedFrame)
+frames.register("target", TargetFrame)
+frames.register("world", WorldFrame)
+frames.register("passing", PassingFrame)
+frames.register("fins", FinsFrame)
 COMPILED = (GuidedFrame, TargetFrame)  # computed by kernels; a frame derived from them may compute something else

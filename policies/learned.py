@@ -14,7 +14,7 @@ from torch import Tensor
 from usvauv.env.scenario import Scenario
 from usvauv.kernels import runtime
 from usvauv.kernels.network import CLIP, Actors
-from usvauv.policies.frames import FRAMES
+from usvauv.policies.frames import frames
 from usvauv.policies.networks import DeterministicActor, GaussianActor, StackedMLP, stack, unstack
 from usvauv.policies.policy import Policy, PolicyError, by_pieces
 
@@ -65,7 +65,7 @@ class LearnedPolicy(Policy):
     """Actors, one for each AUV or a shared one, behind a frame; deterministic.
 
     Args:
-        frame: name of a frame, see `frames.FRAMES`.
+        frame: name of a frame, see `frames.frames`.
         about: JSON of its checkpoint, with its provenance.
 
     Attributes:
@@ -84,8 +84,8 @@ class LearnedPolicy(Policy):
     ) -> None:
         super().__init__(name, scenario)
         self.frame_name = frame
-        with FRAMES.calling(frame):
-            self.frame = FRAMES[frame](scenario)
+        with frames.calling(frame):
+            self.frame = frames[frame](scenario)
         self.standardizer = standardizer
         self.actor = actor
         self.shared = shared
@@ -127,7 +127,7 @@ class LearnedPolicy(Policy):
         bound = observation.shape, [part.data_ptr() for part in parts]
         if own.bound != bound:
             own.act, own.bound = self._compiled(observation.shape), bound
-        with FRAMES.calling(self.frame_name):
+        with frames.calling(self.frame_name):
             return own.act(observation.detach())
 
     def _compiled(self, shape: torch.Size) -> Callable[[Tensor], Tensor]:
@@ -143,7 +143,7 @@ class LearnedPolicy(Policy):
             return lambda observation: by_pieces(lambda seen: (self.actions(seen),), observation)[0]
         parts = self.standardizer.mean, self.standardizer.deviation, *self.actor.layers()
         # Memory made in torch's inference mode could not be written outside it.
-        with FRAMES.calling(self.frame_name), torch.inference_mode(False):
+        with frames.calling(self.frame_name), torch.inference_mode(False):
             whole = shape[1:] == (scenario.auv.count, frame.layout.size)
             if whole and (made := frame.acting(shape[0], *parts)):
                 return made
@@ -164,7 +164,7 @@ class LearnedPolicy(Policy):
 
     def actions(self, observation: Tensor) -> Tensor:
         """Actions for observations of all worlds at once in torch, with gradients."""
-        with FRAMES.calling(self.frame_name):
+        with frames.calling(self.frame_name):
             shared = self.frame.shared(observation)
             features = self.standardizer(self.frame.encode(observation, *shared))
             action = unstack(self.actor(stack(features, self.shared)), features.shape[1])

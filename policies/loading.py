@@ -21,7 +21,7 @@ from usvauv.env.scenario import Scenario
 from usvauv.env.world.world import World
 from usvauv.kernels.errors import blaming, choices, with_place, wrong_return
 from usvauv.policies.checkpoint import BEST, ENDING, LAST, POLICY, load_policy, path_of, read
-from usvauv.policies.heuristics import HEURISTICS
+from usvauv.policies.heuristics import heuristics
 from usvauv.policies.learned import LearnedPolicy
 from usvauv.policies.policy import Policy, PolicyError
 
@@ -52,7 +52,7 @@ def imported(name: str) -> Callable[[World], Any]:
 
 
 class Imported(Policy):
-    """The result of MODULE:CLASS for a world: an object with `act`, or a function, as for `usvauv.env.evaluate`.
+    """The result of MODULE:CLASS for a world: an object with `act`, or a function, as for `usvauv.env.run_episodes`.
 
     Attributes:
         described: its name and the module's file, for error messages.
@@ -101,7 +101,7 @@ def trained() -> list[str]:
 
 def available() -> list[str]:
     """Names for `load`: the trained policies, the highest score first, then the heuristics."""
-    return [*trained(), *HEURISTICS]
+    return [*trained(), *heuristics]
 
 
 def about(name: str) -> str:
@@ -136,9 +136,9 @@ def load(name: str | Path, world: World) -> Policy:
             out of range, a module or class that cannot be used.
     """
     base = _base(name)
-    if kind := HEURISTICS.get(base):
+    if kind := heuristics.get(base):
         argument = _argument(name, world.scenario)
-        with HEURISTICS.calling(base):
+        with heuristics.calling(base):
             return kind(str(name), world, argument)
     if _is_imported(name):
         return Imported(str(name), world)
@@ -152,7 +152,7 @@ def acting(name: str | Path, world: World) -> Act:
         PolicyError: as `load`; and from the function, if such a policy fails or does not return actions.
     """
     policy = load(name, world)
-    item = policy.described if isinstance(policy, Imported) else HEURISTICS.described(_base(name))
+    item = policy.described if isinstance(policy, Imported) else heuristics.described(_base(name))
     if not item:
         return policy.act
     shape = (world.num_worlds, world.num_auvs, world.action_size)
@@ -176,7 +176,7 @@ def acting(name: str | Path, world: World) -> Act:
 
 
 def named(*names: str) -> dict[str, Callable[[World], Act]]:
-    """Policies by name, as argument of `usvauv.env.evaluate`."""
+    """Policies by name, as argument of `usvauv.env.run_episodes`."""
     return {name: partial(acting, name) for name in names}
 
 
@@ -186,7 +186,7 @@ def check(name: str | Path, scenario: Scenario) -> None:
     Raises:
         PolicyError: as `load`.
     """
-    if _base(name) in HEURISTICS:
+    if _base(name) in heuristics:
         _argument(name, scenario)
     elif _is_imported(name):
         imported(str(name))
@@ -203,7 +203,7 @@ def load_learned(
         PolicyError: as `load`, or for a heuristic.
     """
     text = str(name)
-    if _base(name) in HEURISTICS:
+    if _base(name) in heuristics:
         raise PolicyError(f"policy {text}: has no network; only learned policies have")
     if own := shipped().get(text):
         return load_policy(own, text, scenario, device)
@@ -240,8 +240,8 @@ def _base(name: str | Path) -> str:
 def _argument(name: str | Path, scenario: Scenario) -> Any:
     """The argument in a heuristic's name."""
     base, colon, text = str(name).partition(":")
-    with HEURISTICS.calling(base):
+    with heuristics.calling(base):
         try:
-            return HEURISTICS[base].parse(text if colon else None, scenario)
+            return heuristics[base].parse(text if colon else None, scenario)
         except ValueError as error:
             raise PolicyError(f"policy {name}: {error}") from None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
@@ -38,6 +39,7 @@ class Policy:
         self.name = name
         self.scenario = scenario
 
+    @abstractmethod
     def act(self, observation: Tensor) -> Tensor:
         """Actions (W, K, A) in [−1, 1] for observations (W, K, O)."""
         raise NotImplementedError

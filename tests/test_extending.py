@@ -108,7 +108,7 @@ def test_boat_strategy_target_rule_noise_law_observation_term_and_policy(evaluat
     example = runpy.run_path(str(OWN_POLICY))
     scenario = Scenario.load("ideal", [*changes, "acoustics.wind=1", "mission.duration=60"])
     compared = {"own_policy:Nearing": example["Nearing"]}
-    found = env.evaluate(scenario, compared, episodes=2, usv="above:0", targets="oldest")
+    found = env.run_episodes(scenario, compared, episodes=2, usv="above:0", targets="oldest")
     assert own[:2] == [{name: str(value) for name, value in row.columns().items()} for row in found]
 
     world = World(Scenario.load("ideal", [*changes, "nodes.count=6"]), 8, usv="above:0", targets="oldest")
@@ -141,8 +141,13 @@ def test_boat_strategy_target_rule_noise_law_observation_term_and_policy(evaluat
         ("raise type('Odd', (BaseException,), {})('no')", f"plugin broken.py: Odd: no{LINE_1}"),
         ("raise SystemExit", f"plugin broken.py: SystemExit{LINE_1}"),
         (
-            "from usvauv.extend import target_rules\ntarget_rules.register('greedy', None)",
+            "from usvauv.extend.task import target_rules\ntarget_rules.register('greedy', None)",
             "plugin broken.py: target rule 'greedy': is registered already",
+        ),
+        (
+            "from usvauv.extend import HEURISTICS",
+            "plugin broken.py: ImportError: usvauv.extend.HEURISTICS is usvauv.extend.policy.heuristics since 0.4"
+            f"{LINE_1}",
         ),
     ],
 )

@@ -12,13 +12,22 @@ from usvauv.kernels import runtime  # noqa: F401
 from gymnasium.envs.registration import register
 
 from usvauv.env.faces.pettingzoo_env import parallel_env
-from usvauv.env.record.evaluation import evaluate
+from usvauv.env.record.evaluation import run_episodes
 from usvauv.env.record.metrics import EpisodeMetrics
 from usvauv.env.record.trace import Trace, TraceError
 from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.env.world.world import World
 
-__all__ = ["EpisodeMetrics", "Scenario", "ScenarioError", "Trace", "TraceError", "World", "evaluate", "parallel_env"]
+__all__ = [
+    "EpisodeMetrics",
+    "Scenario",
+    "ScenarioError",
+    "Trace",
+    "TraceError",
+    "World",
+    "parallel_env",
+    "run_episodes",
+]
 
 register(
     id="usvauv/DataCollection-v0",

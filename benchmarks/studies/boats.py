@@ -16,7 +16,7 @@ import numpy as np
 from benchmarks.machine import describe
 from benchmarks.studies.table import figure, head, interval, line
 from usvauv import policies
-from usvauv.env import Scenario, evaluate
+from usvauv.env import Scenario, run_episodes
 
 MODELS = ("point", "otter")
 STRATEGIES = ("belief", "visit", "fim", "centroid", "hold:300,300")
@@ -26,7 +26,7 @@ FIGURES = {"delivered_mbit": "data, Mbit", "position_error_median": "median erro
 def measure(model: str, usv: str, episodes: int, seed: int) -> dict[str, np.ndarray]:
     """Figures of each episode, (episodes,)."""
     scenario = Scenario.load("wide", [f"boat.model={model}"])
-    rows = evaluate(scenario, policies.named("clear"), episodes=episodes, seed=seed, usv=usv)
+    rows = run_episodes(scenario, policies.named("clear"), episodes=episodes, seed=seed, usv=usv)
     return {name: figure(rows, name) for name in FIGURES}
 
 

@@ -16,7 +16,7 @@ from functools import cache
 from benchmarks.machine import describe
 from benchmarks.studies.table import figure, head, interval, line
 from usvauv import policies
-from usvauv.env import EpisodeMetrics, Scenario, evaluate
+from usvauv.env import EpisodeMetrics, Scenario, run_episodes
 
 WIDE = ("nodes.count=60", "auv.count=4", "area.width=400", "area.length=400", "current.count=25", "current.period=500")
 WIDER = (
@@ -64,7 +64,7 @@ def run(
     rule: str, changes: Sequence[str], episodes: int, seed: int, scenario_name: str = "extreme"
 ) -> list[EpisodeMetrics]:
     scenario = Scenario.load(scenario_name, changes)
-    return evaluate(scenario, policies.named("pace"), episodes=episodes, seed=seed, usv="centroid", targets=rule)
+    return run_episodes(scenario, policies.named("pace"), episodes=episodes, seed=seed, usv="centroid", targets=rule)
 
 
 def tuned(rule: str, changes: Sequence[str], episodes: int, seed: int, scenario: str = "extreme") -> str:

@@ -21,7 +21,7 @@ from benchmarks.machine import describe
 from benchmarks.studies.table import figure, head, interval, line
 from usvauv import policies
 from usvauv.cli.evaluation import comparison
-from usvauv.env import evaluate
+from usvauv.env import run_episodes
 from usvauv.env.render.style import MARKERS, Ground, looks, write_pair
 
 SCENARIO = "extreme"
@@ -40,7 +40,7 @@ Table = dict[str, dict[str, np.ndarray]]
 
 def measure(name: str, episodes: int, seed: int) -> dict[str, np.ndarray]:
     """Figures of a policy, (episodes,); prints them."""
-    rows = evaluate(SCENARIO, policies.named(name), episodes=episodes, seed=seed)
+    rows = run_episodes(SCENARIO, policies.named(name), episodes=episodes, seed=seed)
     figures = {each: figure(rows, each) for each in FIGURES}
     line([f"`{Path(name).name}`", *(interval(values, 2 if each == "arps" else 1) for each, values in figures.items())])
     return figures

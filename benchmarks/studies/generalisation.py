@@ -22,7 +22,7 @@ from usvauv.cli.sweep.engine import Local
 from usvauv.cli.sweep.perform import perform_all
 from usvauv.cli.sweep.run import Piece
 from usvauv.cli.sweep.study import Evaluation, StudyRun, define
-from usvauv.env import EpisodeMetrics, Scenario, evaluate
+from usvauv.env import EpisodeMetrics, Scenario, run_episodes
 from usvauv.env.storage.files import locked
 from usvauv.kernels import runtime
 from usvauv.kernels.errors import UserError
@@ -83,7 +83,7 @@ def train(steps: int, folder: Path, jobs: int) -> dict[str, Path]:
 def test(name: str | Path, test_in: tuple[str, Sequence[str], str], episodes: int, seed: int) -> list[EpisodeMetrics]:
     """Episodes of a policy under a base scenario, its changes and a strategy of the boat."""
     base, changes, usv = test_in
-    return evaluate(Scenario.load(base, changes), policies.named(str(name)), episodes=episodes, seed=seed, usv=usv)
+    return run_episodes(Scenario.load(base, changes), policies.named(str(name)), episodes=episodes, seed=seed, usv=usv)
 
 
 def cell(rows: list[EpisodeMetrics], against: list[EpisodeMetrics]) -> str:

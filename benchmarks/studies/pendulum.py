@@ -25,7 +25,7 @@ from torch import Tensor
 
 from benchmarks.machine import describe
 from usvauv.policies import TrainingConfig
-from usvauv.policies.algorithms import ALGORITHMS, Learner, Sizes
+from usvauv.policies.algorithms import Learner, Sizes, algorithms
 from usvauv.policies.learned import Standardizer
 from usvauv.policies.networks import stack, unstack
 from usvauv.policies.training.exploration import CorrelatedNoise
@@ -81,7 +81,7 @@ class Pendulum:
     def __init__(self, config: TrainingConfig) -> None:
         self.config = config
         self.generator = torch.Generator().manual_seed(config.seed)
-        self.learner: Learner = ALGORITHMS[config.algorithm](SIZES, config, self.generator)
+        self.learner: Learner = algorithms[config.algorithm](SIZES, config, self.generator)
         self.standardizer = Standardizer.identity(SIZES.observation, self.generator.device)
 
     def train(self) -> None:

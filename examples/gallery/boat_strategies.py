@@ -10,7 +10,7 @@ import numpy as np
 
 from usvauv import Scenario, policies
 from usvauv.cli.evaluation.comparison import interval
-from usvauv.env import evaluate
+from usvauv.env import run_episodes
 from usvauv.env.record.metrics import values_of
 
 # %%
@@ -18,7 +18,7 @@ from usvauv.env.record.metrics import values_of
 # differences between strategies are taken episode by episode, which is far sharper than comparing two means.
 scenario = Scenario.load("wide", ["mission.duration=600"])
 strategies = ("centroid", "visit")
-rows = {usv: evaluate(scenario, policies.named("clear"), episodes=24, seed=1, usv=usv) for usv in strategies}
+rows = {usv: run_episodes(scenario, policies.named("clear"), episodes=24, seed=1, usv=usv) for usv in strategies}
 data = {usv: np.array(values_of(rows[usv], "delivered_mbit")) for usv in strategies}
 
 # %%

@@ -10,7 +10,9 @@ import numpy as np
 import taichi as ti
 
 from usvauv import Scenario, World, policies, record
-from usvauv.extend import BoatStrategy, EstimateColumn, Strategy, boat_strategies, position_error, vec2
+from usvauv.extend.boat import BoatStrategy, Strategy, boat_strategies
+from usvauv.extend.task import position_error
+from usvauv.extend.world import EstimateColumn, vec2
 
 # %%
 # The function runs inside the mission's kernel, for all worlds at once. It gets the state of the worlds and returns

@@ -6,7 +6,7 @@ usvauv train --plugin examples/plugins/algorithm.py --algorithm ensemble
 import torch
 from torch import Tensor
 
-from usvauv.extend import ALGORITHMS, Batch, DeterministicLearner
+from usvauv.extend.policy import Batch, DeterministicLearner, algorithms
 
 
 class EnsembleDDPG(DeterministicLearner):
@@ -29,4 +29,4 @@ class EnsembleDDPG(DeterministicLearner):
         return {"critic_loss": critic_loss.detach().mean(), "value": value.detach().mean()}
 
 
-ALGORITHMS.register("ensemble", EnsembleDDPG)
+algorithms.register("ensemble", EnsembleDDPG)

@@ -2,7 +2,8 @@
 
 import taichi as ti
 
-from usvauv.extend import BoatStrategy, EstimateColumn, Strategy, boat_strategies, vec2
+from usvauv.extend.boat import BoatStrategy, Strategy, boat_strategies
+from usvauv.extend.world import EstimateColumn, vec2
 
 
 @ti.func

@@ -2,7 +2,7 @@
 
 import math
 
-from usvauv.extend import ambient_noise_laws
+from usvauv.extend.world import ambient_noise_laws
 
 
 def wind_only(frequency: float, shipping: float, wind: float) -> float:

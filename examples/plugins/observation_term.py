@@ -2,7 +2,7 @@
 
 import taichi as ti
 
-from usvauv.extend import AuvColumn, NodeColumn, ObservationTerm, Parameter, observation_terms
+from usvauv.extend.world import AuvColumn, NodeColumn, ObservationTerm, Parameter, observation_terms
 
 
 @ti.func

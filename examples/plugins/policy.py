@@ -5,7 +5,8 @@ usvauv eval extreme --plugin examples/plugins/policy.py --policy lead:20 --polic
 
 from torch import Tensor
 
-from usvauv.extend import HEURISTICS, Heuristic, Scenario, command, unit
+from usvauv import Scenario
+from usvauv.extend.policy import Heuristic, command, heuristics, unit
 
 
 class Lead(Heuristic):
@@ -20,4 +21,4 @@ class Lead(Heuristic):
         return command(unit(offset), self.scenario.reference.straight_speed, self.scenario)
 
 
-HEURISTICS.register("lead", Lead)
+heuristics.register("lead", Lead)

@@ -2,7 +2,8 @@
 
 import taichi as ti
 
-from usvauv.extend import BeliefColumn, TargetRule, best_free, knowledge, target_rules
+from usvauv.extend.task import TargetRule, best_free, knowledge, target_rules
+from usvauv.extend.world import BeliefColumn
 
 
 @ti.func

@@ -2,23 +2,8 @@
 
 import taichi as ti
 
-from usvauv.extend import (
-    AuvColumn,
-    Draw,
-    Metric,
-    NodeColumn,
-    ObservationTerm,
-    Parameter,
-    RewardTerm,
-    Task,
-    distance_to_target,
-    observation_terms,
-    rewards,
-    task_metrics,
-    tasks,
-    travel,
-    uniforms,
-)
+from usvauv.extend.task import Metric, RewardTerm, Task, distance_to_target, rewards, task_metrics, tasks, travel
+from usvauv.extend.world import AuvColumn, Draw, NodeColumn, ObservationTerm, Parameter, observation_terms, uniforms
 
 
 @ti.func

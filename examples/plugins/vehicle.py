@@ -6,7 +6,7 @@ usvauv eval extreme --plugin examples/plugins/vehicle.py --set auv.model=dubins 
 import numpy as np
 import taichi as ti
 
-from usvauv.extend import LANES, Actuators, Body, Quantity, Vehicle, positive, vehicles, velocity_of_water
+from usvauv.extend.vehicle import LANES, Actuators, Body, Quantity, Vehicle, positive, vehicles, velocity_of_water
 
 NUMBERS = {
     "radius": Quantity(10.0, 1, 1000, "least radius of turns, m"),

@@ -6,7 +6,7 @@ ranges follow from `ARRAYS`.
 
 from collections import namedtuple
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import taichi as ti
@@ -52,10 +52,10 @@ class Strategy(NamedTuple):
         weigh: (worlds, w, b, n), writes the loss of goal n of K + 2 if `goal` will compare them; None: `goal` does all.
     """
 
-    start: Callable[..., Any]
-    goal: Callable[..., Any]
+    start: Annotated[Callable[..., Any], "worlds, w, b"]
+    goal: Annotated[Callable[..., Any], "worlds, w, b"]
     foresees: bool = False
-    weigh: Callable[..., Any] | None = None
+    weigh: Annotated[Callable[..., Any], "worlds, w, b, n"] | None = None
 
 
 class Program(NamedTuple):

@@ -59,6 +59,7 @@ Sources
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 import taichi as ti
@@ -121,8 +122,8 @@ HALF, PUNCTURED, UNCODED = 4.5, 5.5, 9.6  # E_b/N0 of the code at one wrong bit 
 WAYS = ((1 / 30, HALF), (1 / 14, HALF), (0.5, HALF), (1.0, HALF), (1.5, PUNCTURED), (2.0, UNCODED))
 STEPS = tuple((ratio + 10 * math.log10(efficiency), efficiency) for efficiency, ratio in WAYS)  # least SNR, η
 
-RateLaw = Callable[[float, float, float], float]
-rate_laws: Registry[RateLaw] = Registry("rate law")
+RateLaw = Annotated[Callable[[float, float, float], float], "bandwidth, ceiling, snr"]
+rate_laws: Registry[RateLaw] = Registry("rate law", form=RateLaw)
 
 
 def silent(frequency: float) -> float:

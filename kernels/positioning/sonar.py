@@ -25,7 +25,7 @@ Sources
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 import taichi as ti
@@ -72,10 +72,10 @@ class SeaWater(NamedTuple):
     depth: float = 0.0
 
 
-AbsorptionLaw = Callable[[float, SeaWater], float]
-NoiseLaw = Callable[[float, float, float], float]
-absorption_laws: Registry[AbsorptionLaw] = Registry("absorption law")
-ambient_noise_laws: Registry[NoiseLaw] = Registry("ambient noise law")
+AbsorptionLaw = Annotated[Callable[[float, SeaWater], float], "frequency, water"]
+NoiseLaw = Annotated[Callable[[float, float, float], float], "frequency, shipping, wind"]
+absorption_laws: Registry[AbsorptionLaw] = Registry("absorption law", form=AbsorptionLaw)
+ambient_noise_laws: Registry[NoiseLaw] = Registry("ambient noise law", form=NoiseLaw)
 
 
 @ti.pyfunc

@@ -10,7 +10,7 @@ rest, slowly.
 """
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import taichi as ti
@@ -228,12 +228,12 @@ class Vehicle(NamedTuple):
     """
 
     numbers: Mapping[str, Quantity]
-    table_of: Callable[[Mapping[str, float]], np.ndarray]
-    advance: Callable[..., Any]
-    control: Callable[..., Any]
-    trim: Callable[..., Any]
-    drive: Callable[..., Any]
-    substep: Callable[[Mapping[str, float], float], float]
+    table_of: Annotated[Callable[[Mapping[str, float]], np.ndarray], "numbers"]
+    advance: Annotated[Callable[..., Any], "table, body, actuators, surroundings, dt"]
+    control: Annotated[Callable[..., Any], "table, body, memory, command, surroundings, depth_error, dt"]
+    trim: Annotated[Callable[..., Any], "table, speed, depth, heading"]
+    drive: Annotated[Callable[..., Any], "table, rudder, stern, propeller"]
+    substep: Annotated[Callable[[Mapping[str, float], float], float], "numbers, variation"]
     turning: float
 
 

@@ -1,6 +1,6 @@
 """Learning algorithms, each with one update written as in its paper.
 
-Public: `ALGORITHMS`, the classes by name; `Learner` and `DeterministicLearner`, base classes of a new one, and the
+Public: `algorithms`, the classes by name; `Learner` and `DeterministicLearner`, base classes of a new one, and the
 types of its arguments.
 """
 
@@ -12,10 +12,10 @@ from usvauv.policies.algorithms.sac import SAC
 from usvauv.policies.networks import Sizes
 from usvauv.policies.policy import PolicyError
 
-ALGORITHMS: Registry[type[Learner]] = Registry("algorithm", PolicyError, Learner)
-ALGORITHMS.register("sac", SAC)
-ALGORITHMS.register("td3", TD3)
-ALGORITHMS.register("ddpg", DDPG)
-ALGORITHMS.register("ppo", PPO)
+algorithms: Registry[type[Learner]] = Registry("algorithm", PolicyError, Learner)
+algorithms.register("sac", SAC)
+algorithms.register("td3", TD3)
+algorithms.register("ddpg", DDPG)
+algorithms.register("ppo", PPO)
 
-__all__ = ["ALGORITHMS", "Batch", "DeterministicLearner", "Learner", "Rollout", "Settings", "Sizes"]
+__all__ = ["Batch", "DeterministicLearner", "Learner", "Rollout", "Settings", "Sizes", "algorithms"]

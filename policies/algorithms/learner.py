@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from abc import abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from types import MappingProxyType
@@ -162,6 +163,7 @@ class Learner(nn.Module, Generic[Actor]):
         self._learn = Recorded(self._update_and_average, generator)
 
     @staticmethod
+    @abstractmethod
     def make_actor(sizes: Sizes, config: Settings, generator: torch.Generator) -> Actor:
         """Untrained actors of this algorithm; their first actions are near zero."""
         raise NotImplementedError
@@ -217,10 +219,12 @@ class Learner(nn.Module, Generic[Actor]):
         orders = [torch.randperm(count, generator=own, device=own.device) for own in self.generators]
         return torch.stack(orders).repeat_interleave(self.sizes.stack // len(orders), 0)
 
+    @abstractmethod
     def explore(self, observation: Tensor, noise: Tensor) -> Tensor:
         """Exploring actions (S, B, A) in [−1, 1] for observations (S, B, F) and standard normal noise (S, B, A)."""
         raise NotImplementedError
 
+    @abstractmethod
     def update(self, batch: Batch) -> dict[str, Tensor]:
         """Learn from one batch; returns the figures to show, as tensors without gradient.
 

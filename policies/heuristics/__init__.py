@@ -1,6 +1,6 @@
 """Policies without learning.
 
-Public: `HEURISTICS`, the classes by name, and `Heuristic`, the base class of a new one.
+Public: `heuristics`, the classes by name, and `Heuristic`, the base class of a new one.
 """
 
 from usvauv.kernels.registry import Registry
@@ -8,15 +8,15 @@ from usvauv.policies.heuristics.passing import Loiter, Pass
 from usvauv.policies.heuristics.travel import Clear, Crab, Helm, Keep, Pace, Random, Straight
 from usvauv.policies.policy import Heuristic, PolicyError
 
-HEURISTICS: Registry[type[Heuristic]] = Registry("policy", PolicyError, Heuristic)
-HEURISTICS.register("straight", Straight)
-HEURISTICS.register("helm", Helm)
-HEURISTICS.register("crab", Crab)
-HEURISTICS.register("pace", Pace)
-HEURISTICS.register("clear", Clear)
-HEURISTICS.register("loiter", Loiter)
-HEURISTICS.register("pass", Pass)
-HEURISTICS.register("keep", Keep)
-HEURISTICS.register("random", Random)
+heuristics: Registry[type[Heuristic]] = Registry("policy", PolicyError, Heuristic)
+heuristics.register("straight", Straight)
+heuristics.register("helm", Helm)
+heuristics.register("crab", Crab)
+heuristics.register("pace", Pace)
+heuristics.register("clear", Clear)
+heuristics.register("loiter", Loiter)
+heuristics.register("pass", Pass)
+heuristics.register("keep", Keep)
+heuristics.register("random", Random)
 
-__all__ = ["HEURISTICS", "Heuristic"]
+__all__ = ["Heuristic", "heuristics"]

@@ -79,7 +79,7 @@ class Loiter(Clear):
     @classmethod
     def parse(cls, text: str | None, scenario: Scenario) -> float:
         if not scenario.collects_in_passing:
-            raise ValueError(f"needs nodes.service = passing, which scenario {scenario.name!r} has not")
+            raise ValueError(f"needs nodes.service = passing, which scenario {scenario.name!r} does not have")
         return super().parse(text, scenario)
 
     def course(self, like: Tensor) -> Tensor:

@@ -19,10 +19,10 @@ from torch import Tensor
 from usvauv.env.storage.memory import require
 from usvauv.kernels.errors import DivergenceError
 from usvauv.kernels.interruption import Stop, stoppable
-from usvauv.policies.algorithms import ALGORITHMS, Batch, Learner
+from usvauv.policies.algorithms import Batch, Learner, algorithms
 from usvauv.policies.checkpoint import TENSORBOARD
 from usvauv.policies.cuda_graph import Recorded
-from usvauv.policies.frames import FRAMES
+from usvauv.policies.frames import frames
 from usvauv.policies.learned import Standardizer
 from usvauv.policies.networks import stack, unstack
 from usvauv.policies.policy import PolicyError, by_component
@@ -128,7 +128,7 @@ class SeedStack:
 
     def _features(self, observation: Tensor) -> dict[str, Tensor]:
         """The standardised features (N W, K, F) of observations (N W, K, O)."""
-        with FRAMES.calling(self.config.frame):
+        with frames.calling(self.config.frame):
             features = self.frame.encode(by_component(observation)).unflatten(0, (self.count, -1))
         return {"features": self.standardizer(features).flatten(0, 1).contiguous()}
 
@@ -136,12 +136,12 @@ class SeedStack:
         """The networks' exploring actions for features (N W, K, F) and noise (N W, K, A), and the worlds' commands."""
         name, shared = self.config.algorithm, self.config.shared
         noise = stack(noise, shared, self.count)
-        with ALGORITHMS.calling(name):
+        with algorithms.calling(name):
             chosen = self.learner.explore(stack(features, shared, self.count), noise)
         if chosen.shape != noise.shape:
-            raise ALGORITHMS.refuse(name, f"actions of shape {tuple(chosen.shape)}", f"of {tuple(noise.shape)}")
+            raise algorithms.refuse(name, f"actions of shape {tuple(chosen.shape)}", f"of {tuple(noise.shape)}")
         action = unstack(chosen, features.shape[1], self.count)
-        with FRAMES.calling(self.config.frame):
+        with frames.calling(self.config.frame):
             return {"action": action, "command": self.frame.decode(by_component(observation), action)}
 
     def _step_worlds(self, command: Tensor) -> list[Step]:
@@ -159,10 +159,10 @@ class SeedStack:
     def _update(self, batch: Batch) -> None:
         """Update the networks, and keep the figures of the update."""
         name = self.config.algorithm
-        with ALGORITHMS.calling(name):
+        with algorithms.calling(name):
             losses = self.learner.learn(batch)
         if not all(isinstance(value, Tensor) and value.numel() == 1 for value in losses.values()):
-            raise ALGORITHMS.refuse(name, losses, "one number for each name")
+            raise algorithms.refuse(name, losses, "one number for each name")
         for run in self.runs:
             run.meter.losses.append(losses)
 
@@ -202,8 +202,8 @@ class SeedStack:
         first, config, device = self.runs[0].learner, self.config, self.replay.device
         sizes = replace(first.sizes, stack=self.count * self.networks)
         require(learning_bytes(config, sizes), f"training: seeds = {self.count}", device)
-        with ALGORITHMS.calling(config.algorithm):
-            learner = ALGORITHMS[config.algorithm](sizes, config, torch.Generator(device))
+        with algorithms.calling(config.algorithm):
+            learner = algorithms[config.algorithm](sizes, config, torch.Generator(device))
         learner.draw_from(*self.generators)
         own = first.state_dict()
         for name, value in learner.state_dict().items():

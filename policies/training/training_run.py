@@ -12,9 +12,9 @@ import torch
 
 from usvauv.env.storage.memory import require
 from usvauv.kernels.errors import DivergenceError
-from usvauv.policies.algorithms import ALGORITHMS, Sizes
+from usvauv.policies.algorithms import Sizes, algorithms
 from usvauv.policies.config import TrainingConfig
-from usvauv.policies.frames import FRAMES
+from usvauv.policies.frames import frames
 from usvauv.policies.learned import LearnedPolicy, Standardizer
 from usvauv.policies.policy import PolicyError
 from usvauv.policies.training.exploration import CorrelatedNoise, TrainingWorld
@@ -72,13 +72,13 @@ class TrainingRun:
         self.directory = None if directory is None else Path(directory)
         self.provenance = dict(provenance or {})
         device = world.device
-        with FRAMES.calling(config.frame):
-            self.frame = FRAMES[config.frame](world.scenario)
+        with frames.calling(config.frame):
+            self.frame = frames[config.frame](world.scenario)
         self.generator = torch.Generator(device).manual_seed(config.seed)
         sizes = Sizes(1 if config.shared else world.num_auvs, self.frame.features, self.frame.actions)
         require(learning_bytes(config, sizes), "training: hidden, batch or n_step", device)
-        with ALGORITHMS.calling(config.algorithm):
-            self.learner = ALGORITHMS[config.algorithm](sizes, config, self.generator)
+        with algorithms.calling(config.algorithm):
+            self.learner = algorithms[config.algorithm](sizes, config, self.generator)
             self.learner.averaged  # noqa: B018 - a plugin's may have forgotten `set_actor`
         shape = (world.num_worlds, world.num_auvs, self.frame.features, self.frame.actions)
         rows = config.rollout + config.n_step + 1 if config.on_policy else config.replay // config.num_worlds
@@ -108,7 +108,7 @@ class TrainingRun:
         """
         for name, value in self.learner.tensors().items():
             if value.is_floating_point() and not math.isfinite(float(value.detach().abs().amax())):
-                algorithm = ALGORITHMS.described(self.config.algorithm)
+                algorithm = algorithms.described(self.config.algorithm)
                 raise DivergenceError(
                     f"seed {self.config.seed}: training: {name} is not finite after {self.learner.updates} updates"
                     + (f" of {algorithm}" if algorithm else "")

@@ -2,9 +2,9 @@
 
 `Scenario` defines what to simulate and `World` simulates a batch of missions; `record` runs a policy and returns a
 `Trace`, `evaluate` compares policies, boat strategies and target rules in a table, `play` shows traces in a notebook
-and `write_video` writes them as a video. Each is imported at its first use, so `import usvauv` takes no time.
-`usvauv.extend` has all that a plugin needs. `usvauv.env`, `usvauv.policies` and `usvauv.kernels` contain the rest,
-`usvauv.cli` the command.
+and `write_video` writes them as a video. A mistake raises a `UserError`, a message of one line. Each name is imported
+at its first use, so `import usvauv` takes no time. `usvauv.extend` has all that a plugin needs. `usvauv.env`,
+`usvauv.policies` and `usvauv.kernels` contain the rest, `usvauv.cli` the command.
 """
 
 import sys
@@ -19,12 +19,14 @@ if TYPE_CHECKING:
     from usvauv.env.render.video import write_video
     from usvauv.env.scenario import Scenario
     from usvauv.env.world.world import World
+    from usvauv.kernels.errors import UserError
 
-__all__ = ["Scenario", "Trace", "World", "evaluate", "play", "record", "write_video"]
+__all__ = ["Scenario", "Trace", "UserError", "World", "evaluate", "play", "record", "write_video"]
 
 _MODULES = {
     "Scenario": "usvauv.env.scenario",
     "Trace": "usvauv.env.record.trace",
+    "UserError": "usvauv.kernels.errors",
     "World": "usvauv.env.world.world",
     "evaluate": "usvauv.cli.evaluation.run",
     "play": "usvauv.cli.web_report.page",
@@ -37,6 +39,10 @@ def __getattr__(name: str) -> Any:
     if name not in _MODULES:
         raise AttributeError(f"module 'usvauv' has no attribute {name!r}")
     return getattr(import_module(_MODULES[name]), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
 
 
 def _show_traces_in_notebooks() -> None:

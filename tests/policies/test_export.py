@@ -16,9 +16,9 @@ from usvauv.env.site.site import Site
 from usvauv.env.world.observation import observed
 from usvauv.policies import LearnedPolicy, PolicyError, TrainingConfig
 from usvauv.policies import export as exporting
-from usvauv.policies.algorithms import ALGORITHMS, Sizes
+from usvauv.policies.algorithms import Sizes, algorithms
 from usvauv.policies.export import export
-from usvauv.policies.frames import FRAMES
+from usvauv.policies.frames import frames
 from usvauv.policies.learned import Standardizer
 
 KINDS = {
@@ -38,9 +38,9 @@ def observations(scenario: Scenario, worlds: int) -> torch.Tensor:
 def untrained(scenario: Scenario, **settings) -> LearnedPolicy:
     """A policy with random weights, large enough for its actions to differ from one observation to the next."""
     config = TrainingConfig(**settings)
-    frame = FRAMES[config.frame](scenario)
+    frame = frames[config.frame](scenario)
     sizes = Sizes(1 if config.shared else scenario.auv.count, frame.features, frame.actions)
-    actor = ALGORITHMS[config.algorithm].make_actor(sizes, config, torch.Generator().manual_seed(1))
+    actor = algorithms[config.algorithm].make_actor(sizes, config, torch.Generator().manual_seed(1))
     with torch.no_grad():
         actor.weights[-1].mul_(300.0)
     standardizer = Standardizer.of(frame.encode(observations(scenario, 20)))

@@ -14,13 +14,13 @@ from usvauv.env import Scenario, World
 from usvauv.policies import PolicyError
 from usvauv.policies.frames import (
     BORDER_MARGIN,
-    FRAMES,
     PASS_PRICE,
     PRICE,
     TURN,
     GuidedFrame,
     PassingFrame,
     TargetFrame,
+    frames,
 )
 from usvauv.policies.guidance import (
     SpeedToFly,
@@ -283,7 +283,7 @@ class TestFrames:
         """On a CPU kernels compute it: beside torch's results, for 2,000 observations within the area."""
         service = {"service": "passing"} if "model" in auv else {}
         toy = scenario(auv=auv, observation=observed | {"extra": ["next"]}, nodes=service)
-        generator, frame = torch.Generator().manual_seed(5), FRAMES[name](toy)
+        generator, frame = torch.Generator().manual_seed(5), frames[name](toy)
         mean, deviation = torch.rand((2, frame.features), generator=generator)
         sizes = (frame.features, 30, 17, 2)  # not whole tiles
         actor = DeterministicActor(1 if shared else toy.auv.count, sizes, generator, output_gain=4.0)

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from tests.policies.toy import LEARNING, seeded
-from usvauv.policies.algorithms import ALGORITHMS, Batch, Rollout, Sizes, ppo
+from usvauv.policies.algorithms import Batch, Rollout, Sizes, algorithms, ppo
 from usvauv.policies.algorithms.learner import Adam
 from usvauv.policies.learned import Standardizer
 from usvauv.policies.networks import Critic, GaussianActor, StackedMLP
@@ -185,7 +185,7 @@ class TestLearners:
     def test_an_agent_learns_nothing_from_the_data_of_another(self, algorithm):
         learners = []
         for scale in (1.0, 5.0):
-            learner = ALGORITHMS[algorithm](Sizes(2, 5, 2), LEARNING, seeded())
+            learner = algorithms[algorithm](Sizes(2, 5, 2), LEARNING, seeded())
             for step in range(12):
                 batch = random_batch(2, seed=step)
                 batch.reward[1] *= scale
@@ -204,7 +204,7 @@ class TestLearners:
             assert not torch.equal(*differs)
 
     def test_ddpg_target_is_the_bellman_target(self):
-        learner = ALGORITHMS["ddpg"](Sizes(1, 5, 2), LEARNING, seeded())
+        learner = algorithms["ddpg"](Sizes(1, 5, 2), LEARNING, seeded())
         batch = random_batch(1)
         value = learner.critics(batch.observation, batch.action)[0]
         future = learner.target_critics(batch.next_observation, learner.target_actor(batch.next_observation))[0]
@@ -215,7 +215,7 @@ class TestLearners:
     def test_the_value_of_a_constant_reward_is_its_geometric_sum(self, algorithm):
         """1 + 1/2 + 1/4 + …; what entropy is worth to SAC is a twentieth of it at first."""
         config = replace(LEARNING, algorithm=algorithm, hidden=(16,), learning_rate=3e-3)
-        learner = ALGORITHMS[algorithm](Sizes(1, 5, 2), config, seeded())
+        learner = algorithms[algorithm](Sizes(1, 5, 2), config, seeded())
         batch = random_batch(1)
         batch = replace(batch, reward=torch.ones(1, 32), discount=torch.full((1, 32), 0.5))
         for _ in range(400):
@@ -224,7 +224,7 @@ class TestLearners:
 
     def test_ppo_finds_the_action_that_pays_most(self):
         """Reward −|a − a*|², a* = (0.3, −0.2), in a single step; the value does not depend on the action."""
-        learner = ALGORITHMS["ppo"](Sizes(1, 5, 2), replace(LEARNING, updates=4), seeded())
+        learner = algorithms["ppo"](Sizes(1, 5, 2), replace(LEARNING, updates=4), seeded())
         best = torch.tensor([0.3, -0.2])
         for step in range(100):
             observation, noise = (torch.randn((1, 256, n), generator=seeded(2 * step + n)) for n in (5, 2))
@@ -247,7 +247,7 @@ class TestLearners:
             torch.testing.assert_close(found[:, t], expected)
 
     def test_td3_waits_before_it_moves_its_actor(self):
-        learner = ALGORITHMS["td3"](Sizes(1, 5, 2), LEARNING, seeded())
+        learner = algorithms["td3"](Sizes(1, 5, 2), LEARNING, seeded())
         before = [value.clone() for value in learner.actor.parameters()]
         learner.update(random_batch(1))
         assert all(torch.equal(old, new) for old, new in zip(before, learner.actor.parameters(), strict=True))

@@ -13,7 +13,7 @@ import torch
 
 from tests.policies.toy import LEARNING, ToyWorld, observe, scenario, seeded
 from usvauv import policies
-from usvauv.env import Scenario, World, evaluate
+from usvauv.env import Scenario, World, run_episodes
 from usvauv.env.scenario.fields import shipped
 from usvauv.policies import PolicyError, TrainingRun
 from usvauv.policies import policy as policy_base
@@ -220,7 +220,7 @@ class TestClear:
     @pytest.mark.slow
     def test_it_ends_nearly_all_proximity(self):
         scenario = Scenario.load("extreme", ["mission.duration=300"])
-        rows = evaluate(scenario, policies.named("clear:50", "pace:50"), episodes=32, seed=7, targets="greedy")
+        rows = run_episodes(scenario, policies.named("clear:50", "pace:50"), episodes=32, seed=7, targets="greedy")
         clear, pace = rows[:32], rows[32:]
         assert sum(row.collisions for row in pace) > 10
         assert sum(row.collisions for row in clear) == 0

@@ -13,7 +13,7 @@ from tests.policies.toy import LEARNING, ToyWorld, mean_reward, scenario
 from usvauv.env import Scenario, World
 from usvauv.kernels.errors import DivergenceError
 from usvauv.policies import PolicyError, Trainer, TrainingConfig, TrainingRun, resume
-from usvauv.policies.algorithms import ALGORITHMS
+from usvauv.policies.algorithms import algorithms
 from usvauv.policies.algorithms.deterministic import DDPG
 from usvauv.policies.checkpoint import POLICY, TRAINING, read
 from usvauv.policies.networks import stack, unstack
@@ -178,7 +178,7 @@ class TestRefused:
                 super().__init__(sizes, config, generator)
                 self.register_buffer("mean", torch.zeros(7))
 
-        ALGORITHMS.register("odd", Odd)
+        algorithms.register("odd", Odd)
         with pytest.raises(PolicyError, match=r"'odd' cannot train several seeds together: mean has shape \(7,\)"):
             Trainer(*(toy_run(seed, algorithm="odd") for seed in SEEDS)).train(STEPS)
 

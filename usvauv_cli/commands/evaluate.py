@@ -134,11 +134,11 @@ def evaluate(
             kinds = {which[1:]: chosen for which, chosen in scenarios.items()}
             size = min(batch_size(chosen, episodes, strategy, arch) for (strategy, _), chosen in kinds.items())
             if size < min(WORLDS_PER_BATCH, episodes):
-                typer.echo(f"batches of {counted(size, 'episode')}: what fits into memory", err=True)
+                typer.echo(f"batches of {counted(size, 'episode')}: memory holds no more", err=True)
             about = {"definition": decides, "batch": size}
             table.begin(about)
         elif difference := first_difference(about["definition"], decides):
-            raise UserError(f"{table.path}: is of another command: {difference}; --force without --resume begins anew")
+            raise UserError(f"{table.path}: is of another command: {difference}; --force without --resume starts again")
         try:
             with terminal.progress("evaluating", len(scenarios) * episodes * setting.mission.steps) as advance:
                 makers = policies.named(*names)
@@ -151,7 +151,7 @@ def evaluate(
         except (KeyboardInterrupt, UserError):
             if table.count:
                 there = f"{counted(table.count, 'complete episode')} kept in {table.path}"
-                typer.echo(f"stopped; {there}; --resume goes on from there")
+                typer.echo(f"stopped; {there}; --resume continues from there")
             raise
         table.finish()
     metrics_tables(comparison, setting, seed, wide, chosen_score)
@@ -159,7 +159,7 @@ def evaluate(
         print("\n".join(intervals(comparison, score)))
         if (floor := comparison.floor(score)) > until:
             typer.echo(
-                f"--until-halfwidth {until:g}: cannot be reached: episodes take turns on only"
+                f"--until-halfwidth {until:g}: cannot be reached: the episodes share"
                 f" {counted(comparison.seas, 'sea')} (sea.realisations), which leaves"
                 f" {'no interval' if math.isinf(floor) else f'± {floor:.2g}'} however many episodes there are"
             )

@@ -206,15 +206,15 @@ def policies(plugins: Plugins = None) -> None:
     `usvauv policies --plugin mine.py`
     """
     from usvauv import policies
-    from usvauv.policies.heuristics import HEURISTICS
+    from usvauv.policies.heuristics import heuristics
 
     def written(name: str) -> Item:
-        argument, unit = HEURISTICS[name].parameter
-        field = getattr(HEURISTICS[name], "reference", "")
+        argument, unit = heuristics[name].parameter
+        field = getattr(heuristics[name], "reference", "")
         default = f"; default: the scenario's reference.{field}" if field else ""
         return (f"{name}[:{argument}]", f"{argument} in {unit}{default}") if argument else (name, "")
 
-    _show_registered(HEURISTICS, written, policies.default, "Not learned, shipped with usvauv:")
+    _show_registered(heuristics, written, policies.default, "Not learned, shipped with usvauv:")
     users = _users(policies.default)
     learned = [(name, f"{policies.about(name)}. {users.get(name, '')}".rstrip()) for name in policies.trained()]
     show("Learned, shipped with usvauv:", learned)

@@ -240,7 +240,7 @@ def keep_others(context: typer.Context, path: Path, option: str) -> None:
     if there and not goes_on and (known := _made_by(path)) != arguments:
         from usvauv.cli.evaluation.run import first_difference
 
-        how = f"made with {first_difference(known, arguments)}" if known else "and not known to be of these arguments"
+        how = f"made with {first_difference(known, arguments)}" if known else "perhaps made with other arguments"
         raise UserError(f"{option} {path}: exists, {how}; --force replaces it, or choose another name")
 
     def mark() -> None:

@@ -168,14 +168,14 @@ def plan(
     auvs = [auv_position(text, setting, hint) for text in auv or ()]
     if log:
         if auvs:
-            raise UserError("--log: gives the AUVs; leave --auv out")
+            raise UserError("--log: gives the AUVs; must go without --auv")
         from usvauv.cli.planning.fix_log import auvs_of_log
 
         estimates, read = auvs_of_log(log, setting, beacon or ())
         setting = read.scenario
         auvs = [(found.x, found.y, found.depth) for found in estimates]
     elif beacon:
-        raise UserError("--beacon: picks AUVs of a --log; give that too")
+        raise UserError("--beacon: selects AUVs of a log; needs --log")
     if not auvs:
         raise UserError("--auv: give each AUV as X,Y,Z in metres, Z its depth, for example --auv 60,80,100")
     setting = with_team(setting, auvs)

@@ -69,7 +69,7 @@ def sweep(
     try:
         results.sweep(wanted, folder, lambda: engine(wanted.resources, folder, ray, slurm, jobs))
     except KeyboardInterrupt:
-        typer.echo(f"what is done is kept in {folder}; the same command goes on")
+        typer.echo(f"finished runs are kept in {folder}; run the same command to continue")
         raise
 
 
@@ -121,7 +121,7 @@ def reproduce(
             command,
         )  # fmt: skip
     except KeyboardInterrupt:
-        typer.echo(f"what is done is kept in {out}; the same command goes on")
+        typer.echo(f"finished runs are kept in {out}; run the same command to continue")
         raise
     typer.echo(f"page: {page.resolve()}")
 

@@ -125,7 +125,7 @@ def evaluate(
 
     Episode e of every combination takes place in world e of the seed. So differences to the first combination are taken
     episode by episode, which is far more precise than comparing two means. `usvauv.cli.evaluation.comparison` describes
-    the intervals. `usvauv.env.evaluate` returns the single episodes.
+    the intervals. `usvauv.env.run_episodes` returns the single episodes.
 
     >>> table = evaluate("wide", usv=["fim", "belief"], episodes=40)
     >>> table.loc["delivered_mbit"]
@@ -167,7 +167,7 @@ def evaluate(
     batch = {}
     for which, chosen in found.items():
         maker = {which.policy: makers[which.policy]}
-        done = evaluation.evaluate(chosen, maker, episodes=episodes, seed=seed, usv=which.usv, arch=arch)
+        done = evaluation.run_episodes(chosen, maker, episodes=episodes, seed=seed, usv=which.usv, arch=arch)
         batch[which] = [row.columns() for row in done]
     comparison.add(batch)
     rows = []

@@ -60,20 +60,20 @@ OF_NODES = (
 OF_TASK = {
     column.name: column
     for column in (
-        Column("lost_mbit", "lost, Mbit", 1, "data that full buffers lost", "less"),
+        Column("lost_mbit", "lost, Mbit", 1, "data lost at full buffers", "less"),
         Column("aoi_mean", "age, s", 0, "age of the data, mean over nodes and time", "less"),
         Column("aoi_peak", "peak age, s", 0, "age just before a service, mean over services", "less"),
         Column("aoi_largest", "largest age, s", 0, "largest age of any node at any time", "less"),
-        Column("jain", "Jain's index", 3, "how even data come in from the nodes: 1 if all bring the same", "more"),
+        Column("jain", "Jain's index", 3, "evenness of the data collected by node: 1 if equal", "more"),
         Column("joule_per_mbit", "J/Mbit", 0, "energy over data collected", "less"),
     )
 }
 POSITIONS = (
     Column("position_error_median", "median, m", 2, "error of the boat's estimates of the AUVs' positions", "less"),
-    Column("position_error_rms", "rms, m", 2, "the same, root mean square", "less"),
-    Column("position_error_p95", "95 %, m", 2, "the same, 95th percentile", "less"),
-    Column("own_error_rms", "own rms, m", 2, "error of where an AUV takes itself to be", "less"),
-    Column("fix_error_rms", "fix rms, m", 2, "error of a fix, against where its signal left the AUV", "less"),
+    Column("position_error_rms", "rms, m", 2, "root mean square of that error", "less"),
+    Column("position_error_p95", "95 %, m", 2, "95th percentile of that error", "less"),
+    Column("own_error_rms", "own rms, m", 2, "error of an AUV's estimate of its own position", "less"),
+    Column("fix_error_rms", "fix rms, m", 2, "error of a fix, from the AUV's position when it sent the signal", "less"),
     Column("fix_availability", "fixes", 2, "share of steps and AUVs with a usable fix", "more"),
     Column("fix_wrapped", "wrapped", 3, "share of usable fixes that are wrong by whole turns of a phase", "less"),
     Column("fix_dropped", "dropped", 3, "share of detected fixes that the receiver does not use", "less"),
@@ -121,7 +121,7 @@ def metrics_tables(comparison: Comparison, scenario: Scenario, seed: int, wide: 
     score = score or headline(scenario)
     if len(several) > 1:
         name = labels(several)[several.index(comparison.reference)]
-        print("\n" + terminal.wrapped(f"less {name} in the same world: mean ± half of its 95 % interval"))
+        print("\n" + terminal.wrapped(f"difference from {name}, same worlds: mean ± half of its 95 % interval"))
         for shown in filter(None, parts.values()):
             print()
             _table(comparison, varied, shown, limit, less=True)
@@ -230,8 +230,8 @@ def dependence(comparison: Comparison, name: str) -> str:
     """A sentence on the effect of shared seas on a figure; empty if episodes do not share them."""
     effective = comparison.effective(name)
     if comparison.seas == 1 < comparison.episodes:
-        return f"no intervals: all {comparison.episodes} episodes are on one sea, which says nothing of other seas"
+        return f"no intervals: all {comparison.episodes} episodes have one sea, which tells nothing about others"
     if not 0 < comparison.seas < comparison.episodes or effective > 0.95 * comparison.episodes:
         return ""
-    shared = f"{comparison.episodes} episodes take turns on {counted(comparison.seas, 'sea')}"
+    shared = f"{comparison.episodes} episodes share {counted(comparison.seas, 'sea')}"
     return f"{shared}: the mean of {name} is as certain as from {effective:.0f} episodes with a sea each"

@@ -28,8 +28,8 @@ NARROW = 0.12  # rad, opening of the map's view, which is nearly parallel
 WIDE = 0.75
 SEEN_THROUGH = 0.35  # opacity of the sea on the map
 LEGEND = """
-**Boat** white; yellow: its goal. **AUVs** at depth; ball and ellipse (2 σ): where the boat takes them to be; lines: to
-the estimate, white to where the AUV takes itself to be, thin to its node. **Nodes** green when empty, red when full.
+**Boat** white; yellow: its goal. **AUVs** at depth; ball and ellipse (2 σ): the boat's estimates; lines: to
+the estimate, white to the AUV's own estimate, thin to its node. **Nodes** green when empty, red when full.
 **Arrows**: current at cruise depth.
 
 Drag the boat or a node to move it. Shift and click: the nearest node moves there. Ctrl and click: the boat does.
@@ -90,7 +90,7 @@ class Controls:
         speed.on_update(lambda _: self._ask("speed", set_speed))
         span = MOST_STATES * session.scenario.mission.step
         self._back = gui.add_slider(
-            "Past, s", -span, 0.0, session.scenario.mission.step, 0.0, hint="Shows what was; Run goes on from now"
+            "Past, s", -span, 0.0, session.scenario.mission.step, 0.0, hint="Shows the past; Run continues from now"
         )
         self._on_change(self._back, "back", lambda seconds: session.look_back(-seconds))
 

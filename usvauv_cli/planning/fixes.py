@@ -246,7 +246,7 @@ def _number(name: str, text: str) -> float:
         value = _shown(text)
     if COMMA.fullmatch(text):
         raise UserError(f"{name} {value} has a decimal comma; numbers have a decimal point")
-    raise BadLine(f"{name} {value} is no number of at most {LARGEST:g}")
+    raise BadLine(f"{name} {value} is not a number of at most {LARGEST:g}")
 
 
 def _shown(text: str) -> str:

@@ -257,7 +257,8 @@ def perform_all(
             conduct(make_engine(), tasks, signs, board.ended, board.watch)
     if not board.failed:
         return ""
-    return f"{board.failed} of {every} failed, see {folder / 'runs'}/*/{FAILURE}; the same command tries them again"
+    failures = f"{folder / 'runs'}/*/{FAILURE}"
+    return f"{board.failed} of {every} failed, see {failures}; run the same command to try them again"
 
 
 class Board:

@@ -50,7 +50,7 @@ def episodes(definition: Mapping[str, Any], place: Path, step: Callable[[int], N
     """
     wanted, config = definition["evaluation"], definition["training"]
     name = config["algorithm"] if config else definition["policy"]
-    rows = env.evaluate(
+    rows = env.run_episodes(
         Scenario.from_dict(definition["scenario"], str(place)),
         {name: partial(policies.acting, place if config else name)},
         episodes=wanted["episodes"],
@@ -135,7 +135,7 @@ def perform(definition: Mapping[str, Any], evaluate: Evaluate, place: Path, sign
                 _train(definition, place, signs)
             rows = evaluate(definition, place, step)
             if _files(definition) != definition["files"]:
-                raise UserError("a file that enters the result has changed since: give the command again")
+                raise UserError("a file that the result depends on has changed during the run: run the command again")
             (place / FAILURE).unlink(missing_ok=True)
             write_rows(place / RESULT, list(rows[0]), rows)
 

@@ -101,7 +101,7 @@ def read(path: Path) -> Study:
     try:
         data = read_text(path, "TOML")
     except FileNotFoundError:
-        raise UserError(f"{path}: is no file") from None
+        raise UserError(f"{path}: is not a file") from None
     except TextFileError as error:
         raise UserError(f"{path}: {error}") from None
     allowed = {"common": dict, "runs": list, "evaluation": dict, "resources": dict}

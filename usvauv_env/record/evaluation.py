@@ -32,7 +32,7 @@ class Actor(Protocol):
 MakePolicy = Callable[[World], Actor | Act]
 
 
-def evaluate(
+def run_episodes(
     scenario: Scenario | str | Path,
     policies: Mapping[str, MakePolicy],
     *,
@@ -102,7 +102,7 @@ def evaluate_batch(
     on_step: Callable[[int], None] = lambda world_steps: None,
     on_trace: Callable[[Trace, int], None] = lambda trace, first: None,
 ) -> list[EpisodeMetrics]:
-    """Rows of a policy in one episode of some worlds, the first of which has number `first`; see `evaluate`.
+    """Rows of a policy in one episode of some worlds, the first of which has number `first`; see `run_episodes`.
 
     Raises:
         UserError: as `record`.

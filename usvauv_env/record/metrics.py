@@ -15,7 +15,7 @@ import math
 import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -106,7 +106,7 @@ class Metric:
     """
 
     task: str
-    values: Callable[[Trace], np.ndarray]
+    values: Annotated[Callable[[Trace], np.ndarray], "trace"]
 
 
 def position_error(trace: Trace) -> np.ndarray:

@@ -48,6 +48,7 @@ RETIRED: dict[str, tuple[object, ...]] = {
     "reference.zermelo_speed": (1.1, 1.2, 1.3, 1.5, 1.6, 1.7, 1.8),
 }
 GONE = ("planner.objective", "e")  # a retired value of an existing field
+REMOVED_IN_03 = ("planner.horizon", GONE[0])  # the others in 0.4
 
 
 def one_of(*names: Collection[str]) -> AfterValidator:
@@ -168,7 +169,8 @@ def without_retired(data: Mapping[str, Any], source: str, stored: bool) -> Mappi
         if name == GONE[0] and value != GONE[1]:
             continue
         if not stored and value not in RETIRED.get(name, ()):
-            raise ScenarioError(f"{source}: {name} = {value!r}: no longer there")
+            version = "0.3" if name in REMOVED_IN_03 else "0.4"
+            raise ScenarioError(f"{source}: {name} = {value!r}: was removed in {version}")
         data = {**data, section: {other: inner for other, inner in content.items() if other != field}}
     return data
 

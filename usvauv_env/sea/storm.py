@@ -293,6 +293,6 @@ def uneven_bed_warning(site: Site) -> str:
         return ""
     return (
         f"those of the mean depth, {site.mean_depth:.0f} m, everywhere; in water shallower than"
-        f" {limit:.0f} m, {max(share, 0.01):.0%} of this one, they would shoal by more than {SHOALING:.0%} or break,"
+        f" {limit:.0f} m, {max(share, 0.01):.0%} of the area, they would shoal by more than {SHOALING:.0%} or break,"
         " which is not simulated"
     )

@@ -188,7 +188,7 @@ def angle(option: str, text: str, part: str, sides: str) -> float:
     name, largest, example = ("latitude", 90, "22.5101N") if sides == "NS" else ("longitude", 180, "114.0203E")
     found = ANGLE.fullmatch(part.strip().upper())
     if not found or found[4] not in sides:
-        raise UserError(f"{option} {text!r}: {part!r} is no {name}; expected one such as {example}")
+        raise UserError(f"{option} {text!r}: {part!r} is not a {name}; expected one such as {example}")
     degrees, minutes, seconds = (float(number or 0) for number in found.groups()[:3])
     value = degrees + minutes / 60 + seconds / 3600
     if value > largest or max(minutes, seconds) >= 60:

@@ -238,7 +238,7 @@ def open_locked(path: Path, place: Path) -> FileIO:
     """
     while True:
         if path.is_symlink() or (path.exists() and not path.is_file()):
-            raise OutputError(f"{path}: is no file of its own; remove it")
+            raise OutputError(f"{path}: is not a regular file; remove it")
         file = FileIO(os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666), "r+")
         try:
             fcntl.flock(file.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -271,7 +271,7 @@ def read_text(path: str | Path, language: str) -> dict[str, Any]:
         TextFileError: it cannot be read, is too large, or `parse_text` refuses it.
     """
     if not os.path.isfile(path):  # false, unlike an error, for paths that no system allows; a pipe would not end
-        raise FileNotFoundError(f"{path}: is no file")
+        raise FileNotFoundError(f"{path}: is not a file")
     try:
         with open(path, "rb") as file:
             content = file.read(LARGEST[language] + 1)

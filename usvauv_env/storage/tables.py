@@ -133,9 +133,9 @@ def growing_table(out: Path, resume: bool, force: bool = False) -> Iterator[Grow
     path = out.with_name(f"{out.name}.partial")
     inside(out.parent, path)
     if resume and not path.exists():
-        raise UserError(f"{path}: is not there; without it there is nothing to resume")
+        raise UserError(f"{path}: does not exist, so there is nothing to resume")
     if path.exists() and not path.is_dir():
-        raise OutputError(f"{path}: is no folder; remove it or take another --out")
+        raise OutputError(f"{path}: is not a folder; remove it or choose another --out")
     with writing(path):
         path.mkdir(exist_ok=True)
     try:
@@ -143,19 +143,19 @@ def growing_table(out: Path, resume: bool, force: bool = False) -> Iterator[Grow
             about = None
             if not (path / ABOUT).exists():
                 if others := {*path.iterdir()} - {path / LOCK, *_own(path)}:
-                    held = f"holds {min(others).name}, which is of no evaluation"
-                    raise OutputError(f"{path}: {held}; remove the folder or take another --out")
+                    held = f"holds {min(others).name}, which no evaluation wrote"
+                    raise OutputError(f"{path}: {held}; remove the folder or choose another --out")
             elif resume:
                 about = read_text(inside(path, path / ABOUT), "JSON")
             elif force:
                 _remove(path)
             else:
                 raise UserError(
-                    f"{path}: holds episodes of an earlier run; --resume goes on with it, --force begins anew"
+                    f"{path}: holds episodes of an earlier run; --resume continues it, --force starts again"
                 )
             yield GrowingTable(out, path, about)
     except TextFileError as error:
-        raise OutputError(f"{path / ABOUT}: {error}; remove {path} or take another --out") from None
+        raise OutputError(f"{path / ABOUT}: {error}; remove {path} or choose another --out") from None
     finally:
         with suppress(OSError):  # of batches that are kept
             path.rmdir()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.env.site.place import SIDED, position
@@ -33,7 +34,7 @@ class BoatStrategy:
 
     functions: Strategy
     arguments: tuple[str, ...] = ()
-    refuse: Callable[[Scenario, Sequence[float]], str] = lambda scenario, numbers: ""
+    refuse: Annotated[Callable[[Scenario, Sequence[float]], str], "scenario, numbers"] = lambda scenario, numbers: ""
     repeats: bool = False
     units: str = ""
     about: str = ""
@@ -72,7 +73,7 @@ class StrategyChoice:
         name, colon, _ = text.partition(":")
         strategy = boat_strategies.get(name)
         if strategy is None and name in RETIRED:
-            raise ScenarioError(f"{field}: {text!r}: no longer there")
+            raise ScenarioError(f"{field}: {text!r}: was removed in 0.3")
         if strategy is None or (colon and not strategy.arguments):
             raise ScenarioError(f"{field}: {text!r}: {choices(text, map(usage, boat_strategies))}")
         numbers = _numbers_of(field, text, scenario)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.env.sea.water import current_bound
@@ -53,13 +53,13 @@ class ObservationTerm:
         present: whether it is present; None: if `observation.extra` or the task names it.
     """
 
-    write: Callable[..., Any]
-    quantities: Callable[[int], Sequence[str]]
+    write: Annotated[Callable[..., Any], "worlds, w, k, first"]
+    quantities: Annotated[Callable[[int], Sequence[str]], "num_auvs"]
     unit: str
     low: float
     high: float
     condition: str = "named in `observation.extra` or by the task"
-    present: Callable[[Scenario], bool] | None = None
+    present: Annotated[Callable[[Scenario], bool], "scenario"] | None = None
 
 
 observation_terms: Registry[ObservationTerm] = Registry("observation term", ScenarioError, ObservationTerm)

@@ -88,7 +88,7 @@ def _long_waves(site: Site) -> Iterator[Finding]:
         period, gain = forced_gain(scenario, shortest, longest, depth)
         most = max(most, gain)
         value, remedy = (
-            f"{gain:.3g}-fold at a period of {period:.4g} s",
+            f"by a factor of {gain:.3g} at a period of {period:.4g} s",
             "sea.forcing = incident and an edge that radiates",
         )
         limit = f"at most {LARGEST_GAIN:g}, or {remedy}"
@@ -112,7 +112,7 @@ def _short_waves(site: Site) -> Iterator[Finding]:
         steepness = 2 * math.pi * system.significant_height / (gravity * system.peak_period**2)
         yield _at_most(LARGEST_STEEPNESS, "steepness Hs/(g Tp²/2π)", steepness, "storm.peak_period")
     if systems:
-        limit = "above 0 in a storm, or it holds its place against every wave"
+        limit = "must be above 0 in a storm, or it keeps its position against every wave"
         check = "the boat's speed follows its command in"
         yield Finding(check, f"{lag:g} s", limit, _judge(lag == 0), "boat.response_time")
 
@@ -141,7 +141,7 @@ def _replies(site: Site) -> Finding:
     reach = min(reaches)
     agreed = site.scenario.acoustics.noise_law == "demonstration"
     verdict = "convention" if agreed else _judge(reach < depth, "error" if max(reaches) < depth else "warning")
-    limit = f"the AUVs' depth, {depth:g} m, at least"
+    limit = f"must be at least the AUVs' depth, {depth:g} m"
     return Finding("replies can be decoded up to", f"{reach:.3g} m", limit, verdict, "acoustics.source_level")
 
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import taichi as ti
 
@@ -52,11 +52,11 @@ class TargetRule:
         about: one sentence about what it does; default: the docstring of `choose`.
     """
 
-    choose: Callable[..., Any]
-    prepare: Callable[..., Any] = nothing
+    choose: Annotated[Callable[..., Any], "worlds, w, k"]
+    prepare: Annotated[Callable[..., Any], "worlds, w"] = nothing
     arguments: tuple[tuple[str, float], ...] = ()
-    workspace: Callable[[int, int], int] = no_workspace
-    foreseen: Callable[..., Any] = unknown
+    workspace: Annotated[Callable[[int, int], int], "num_nodes, num_auvs"] = no_workspace
+    foreseen: Annotated[Callable[..., Any], "worlds, w, i"] = unknown
     units: tuple[str, ...] = ()
     about: str = ""
 
@@ -78,7 +78,7 @@ def parse(text: str) -> tuple[TargetRule, tuple[float, ...]]:
     """
     name, colon, rest = text.partition(":")
     if name not in target_rules and name in RETIRED:
-        raise ValueError(f"{text!r}: no longer there")
+        raise ValueError(f"{text!r}: was removed in 0.4")
     if name not in target_rules:
         raise ValueError(f"{text!r}: {choices(text, map(usage, target_rules))}")
     rule = target_rules[name]

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from usvauv.kernels.registry import Registry
 
@@ -24,12 +23,8 @@ class RewardTerm:
     """
 
     name: str
-    function: Function
+    function: Annotated[Function, "worlds, w, k, weight"]
     weight: float | None
-
-    def __post_init__(self) -> None:
-        if len(inspect.signature(self.function).parameters) != 4:
-            raise TypeError(f"reward term {self.name!r}: its function must take (worlds, w, k, weight)")
 
 
 @dataclass(frozen=True)
@@ -53,24 +48,16 @@ class Task:
         heuristic: name of the heuristic that is taken where no policy is named, and that a learned one has to beat.
     """
 
-    place: Function
-    assign: Function
-    move: Function
-    update: Function
-    finish: Function
+    place: Annotated[Function, "worlds, w"]
+    assign: Annotated[Function, "worlds, w, k"]
+    move: Annotated[Function, "worlds, w, k, a0, a1"]
+    update: Annotated[Function, "worlds, w"]
+    finish: Annotated[Function, "worlds, w"]
     reward_terms: tuple[RewardTerm, ...]
     targets: Literal["nodes", "auvs"] = "nodes"
     parameters: tuple[tuple[str, float], ...] = ()
     observation: tuple[str, ...] = ()
     heuristic: str = "clear"
-
-    def __post_init__(self) -> None:
-        for field in ("reward_terms", "parameters", "observation"):
-            if not isinstance(given := getattr(self, field), tuple):
-                raise TypeError(f"{field} = {given!r:.80}: must be a tuple, (…,)")
-        for pair in self.parameters:
-            if not (isinstance(pair, tuple) and len(pair) == 2):
-                raise TypeError(f"parameters: {pair!r:.80}: must be a name and its default, (…, …)")
 
     @property
     def declared(self) -> tuple[str, ...]:

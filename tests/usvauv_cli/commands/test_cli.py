@@ -379,7 +379,7 @@ class TestResultsThatAreThere:
         """Before any work, on every path that a command writes."""
         (tmp_path / name).write_text("mine")
         said = refused(*command, option, name)
-        assert said.startswith(f"{option} {name}: exists, and not known to be of these arguments; --force")
+        assert said.startswith(f"{option} {name}: exists, perhaps made with other arguments; --force")
         assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {name: "mine"}
 
 

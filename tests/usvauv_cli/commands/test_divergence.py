@@ -46,7 +46,7 @@ def test_eval_keeps_the_episodes_that_are_complete(tmp_path, run_usvauv, monkeyp
     kept = tmp_path / "m.csv.partial"
     with (kept / "0-0-2.csv").open() as stream:
         assert [row["policy"] for row in csv.DictReader(stream)] == ["straight"] * 2
-    assert said == f"stopped; 2 complete episodes kept in {kept}; --resume goes on from there\n"
+    assert said == f"stopped; 2 complete episodes kept in {kept}; --resume continues from there\n"
     assert not out.exists()
     assert list(report.iterdir()) == []
 

@@ -32,7 +32,7 @@ def test_a_quarter_wave_pool_resonates():
     found = verdicts(*area, *POOL)["sea.irregular_period_min"]
     gain = abs(1 / math.cos(2 * math.pi * 600 / (75 * math.sqrt(9.81 * 120))))
     assert found.verdict == "warning"
-    assert f"{gain:.3g}-fold at a period of 75 s" in str(found)
+    assert f"by a factor of {gain:.3g} at a period of 75 s" in str(found)
     assert "sea.irregular_period_min" not in verdicts(*area, *POOL, "sea.irregular_period_min=160")
     leaves = ["sea.forcing=incident", "sea.radiating_edges=['west']"]
     assert "sea.irregular_period_min" not in verdicts(*area, *POOL, *leaves)

@@ -16,7 +16,7 @@ from usvauv.env import Scenario
 from usvauv.env.record.metrics import COLUMNS, FIGURES, EpisodeMetrics
 from usvauv.env.storage.tables import Combination
 from usvauv.policies import TrainingConfig
-from usvauv.policies.algorithms import ALGORITHMS, Batch, Sizes
+from usvauv.policies.algorithms import Batch, Sizes, algorithms
 
 LONG = [f"runs/a/very/long/folder/of/many/runs/number-{n}/best" for n in range(12)]
 OF_TASK = ("lost_mbit", "aoi_mean", "aoi_peak", "aoi_largest", "jain", "joule_per_mbit")
@@ -127,6 +127,6 @@ def test_the_table_of_a_training_run_fits_80_by_24(algorithm):
 
 def learner_figures(algorithm):
     """The figures of an algorithm's update, each another wide number."""
-    learner = ALGORITHMS[algorithm](Sizes(1, 3, 2), TrainingConfig(hidden=(4,)), torch.Generator())
+    learner = algorithms[algorithm](Sizes(1, 3, 2), TrainingConfig(hidden=(4,)), torch.Generator())
     batch = Batch(*(torch.zeros(1, 4, *shape) for shape in ((3,), (2,), (), (), (3,))))
     return {name: -9876.543 / (n + 1) for n, name in enumerate(learner.update(batch))}

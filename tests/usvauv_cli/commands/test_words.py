@@ -8,11 +8,14 @@ from usvauv.env import Scenario
 from usvauv.env.world.boat_strategies import boat_strategies
 from usvauv.kernels.mission.target_rules import target_rules
 from usvauv.policies import trained
-from usvauv.policies.heuristics import HEURISTICS
+from usvauv.policies.heuristics import heuristics
 
 PLUGIN = '''
 import taichi as ti
-from usvauv.extend import HEURISTICS, BoatStrategy, Heuristic, Strategy, TargetRule, boat_strategies, target_rules, vec2
+from usvauv.extend.boat import BoatStrategy, Strategy, boat_strategies
+from usvauv.extend.policy import heuristics, Heuristic
+from usvauv.extend.task import TargetRule, target_rules
+from usvauv.extend.world import vec2
 
 @ti.func
 def north(worlds: ti.template(), w, b) -> vec2:
@@ -25,8 +28,11 @@ class Lazy(Heuristic):
 
     parameter = ("PATIENCE", "s")
 
+    def act(self, observation):
+        return observation[..., :2]
+
 boat_strategies.register("north", BoatStrategy(Strategy(start=north, goal=north), ("AUV",)))
-HEURISTICS.register("lazy", Lazy)
+heuristics.register("lazy", Lazy)
 target_rules.register("last", TargetRule(north, arguments=(("AGE", 3.0),), units=("s",), about="The last node"))
 '''
 
@@ -49,7 +55,7 @@ class TestLists:
         [
             (
                 "policies",
-                [*HEURISTICS, *trained()],
+                [*heuristics, *trained()],
                 {"ppo-extreme-torpedo": "Default in extreme-torpedo.", "keep": "Default in station-keeping"},
             ),
             (

@@ -22,7 +22,7 @@ from usvauv.cli.evaluation.comparison import (
     words,
 )
 from usvauv.cli.evaluation.tables import dependence, labels, sentence, sentences
-from usvauv.env import Scenario, World, evaluate
+from usvauv.env import Scenario, World, run_episodes
 from usvauv.env.record import evaluation
 from usvauv.env.record.metrics import FIGURES
 from usvauv.env.record.recorder import EACH
@@ -165,7 +165,7 @@ class TestComparison:
         comparison = Comparison([ONE], seas=1)
         comparison.add({ONE: rows(np.random.default_rng(8).normal(0, 1, LEAST_EPISODES))})
         assert (comparison.half("luck"), comparison.floor("luck")) == (math.inf, math.inf)
-        assert "are on one sea" in dependence(comparison, "luck")
+        assert "have one sea" in dependence(comparison, "luck")
 
     def test_the_seas_leave_a_floor(self):
         """Of two policies that the seas tell apart; of episodes on their own there is none."""
@@ -274,7 +274,7 @@ def test_resumed_it_is_bit_for_bit_what_it_would_have_been(tmp_path, run_usvauv,
         kept = {1: 4, 5: 18}[number // 2]
         assert (code, said) == (
             130,
-            f"stopped; {kept} complete episodes kept in m.csv.partial; --resume goes on from there\n",
+            f"stopped; {kept} complete episodes kept in m.csv.partial; --resume continues from there\n",
         )
         assert not out.exists()
         done = stopping(None)
@@ -296,8 +296,8 @@ def test_only_the_same_command_goes_on(tmp_path, run_usvauv, refused, stopping):
         (("--set", "auv.count=1"), "scenario.auv.count = 2, here 1"),
     ):
         said = refused(*EVAL, *more, "--out", "m.csv", "--resume")
-        assert said == f"m.csv.partial: is of another command: {told}; --force without --resume begins anew\n"
-    assert "--resume goes on with it, --force begins anew" in refused(*EVAL, "--out", "m.csv")
+        assert said == f"m.csv.partial: is of another command: {told}; --force without --resume starts again\n"
+    assert "--resume continues it, --force starts again" in refused(*EVAL, "--out", "m.csv")
     assert {path: path.read_bytes() for path in partial.iterdir()} == kept
 
 
@@ -338,7 +338,7 @@ def test_batches_are_halved_until_they_fit_into_memory(run_usvauv, tmp_path, mon
     a_third = 0.3 * memory.SHARE * memory.available()
     monkeypatch.setattr(evaluation, "trace_bytes", lambda world, steps: EACH * steps + a_third * world.num_worlds)
     code, _, error = run_usvauv(*few, "--out", "b.csv")
-    assert (code, error) == (0, "batches of 2 episodes: what fits into memory\n")
+    assert (code, error) == (0, "batches of 2 episodes: memory holds no more\n")
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
 
 
@@ -351,7 +351,7 @@ def test_from_python_a_table_has_means_and_paired_differences_with_their_interva
     table = usvauv.evaluate(scenario, made, usv=boats, episodes=5, seed=4)
     assert table.index.names == ["figure", "policy", "usv", "targets"]
     assert [which[1::-1] for which in table.loc["ec"].index] == [*product(boats, made)]
-    by_boat = {usv: evaluate(scenario, made, episodes=5, seed=4, usv=usv) for usv in boats}
+    by_boat = {usv: run_episodes(scenario, made, episodes=5, seed=4, usv=usv) for usv in boats}
     for figure in ("ec", "position_error_rms"):
         first = np.array([getattr(row, figure) for row in by_boat[boats[0]] if row.policy == "east"])
         for (policy, usv, _), row in table.loc[figure].iterrows():
@@ -381,7 +381,7 @@ def test_coverage_of_missions():
     small = [f"sea.realisations={groups * seas}", "auv.count=2", "nodes.count=16", "mission.duration=40"]
     scenario = Scenario.load("wide", [*waves, *small])
     named = policies.named("straight", "crab")
-    found = evaluate(scenario, named, episodes=groups * episodes, usv="centroid")
+    found = run_episodes(scenario, named, episodes=groups * episodes, usv="centroid")
     first, second = (np.array([row.arps for row in found if row.policy == name]) for name in named)
     for values in (first, second - first):
         by_group = np.moveaxis(values.reshape(episodes // seas, groups, seas), 1, 0).reshape(groups, episodes)

@@ -135,7 +135,7 @@ class TestReading:
         assert log.fixes[0].time.tolist() == [1, 4, 7]
         assert log.left_out == {"bad line": 4}
         assert log.warnings == [
-            "4 bad lines left out: 3: y 'x' is no number of at most 1e+20; 4: depth 'nan' is no number of at most"
+            "4 bad lines left out: 3: y 'x' is not a number of at most 1e+20; 4: depth 'nan' is not a number of at most"
             " 1e+20; 6: 3 fields, the header has 5 and 1 more"
         ]
 
@@ -411,7 +411,7 @@ class TestCommand:
         assert (tmp_path / "plan.png").exists()
         assert "Ω水中😀" in out
         code, _, err = plan("--auv", "60,80,100", "--beacon", "a")
-        assert (code, err) == (2, "error: --beacon: picks AUVs of a --log; give that too\n")
+        assert (code, err) == (2, "error: --beacon: selects AUVs of a log; needs --log\n")
 
     def test_from_a_simulated_run_to_a_place_for_the_boat(self, run_usvauv, tmp_path):
         trace = synthetic_trace(steps=60)

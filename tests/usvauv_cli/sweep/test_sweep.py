@@ -106,7 +106,7 @@ class TestFile:
         ],
     )
     def test_options_that_cannot_be_are_refused(self, tmp_path, run_usvauv, options, said):
-        assert run_usvauv("sweep", "a.toml") == (2, "", "error: a.toml: is no file\n")
+        assert run_usvauv("sweep", "a.toml") == (2, "", "error: a.toml: is not a file\n")
         written(tmp_path, '[[runs]]\npolicy = "clear"')
         code, _, complaints = run_usvauv("sweep", "study.toml", *options.split())
         assert code == 2
@@ -218,7 +218,7 @@ def test_a_file_that_changes_during_a_run_fails_it(tmp_path, monkeypatch):
     piece = Piece(definition=define(settings, Evaluation(episodes=1), "here"), method="", task="")
     signs = SimpleNamespace(advance=lambda units: None, stopping=lambda: False)
     Path("touched.py").write_text("")
-    with pytest.raises(UserError, match="a file that enters the result has changed"):
+    with pytest.raises(UserError, match="a file that the result depends on has changed"):
         run.perform(piece.definition, piece.evaluate, piece.place(tmp_path), signs)
     assert not piece.finished(tmp_path)
 
@@ -305,7 +305,7 @@ def test_a_stopped_and_killed_training_goes_on_from_its_checkpoint(tmp_path):
     os.killpg(running.pid, signal.SIGINT)  # as a terminal does
     said, complaints = running.communicate(timeout=120)
     assert (running.returncode, complaints) == (130, LOADING + "stopped\n")
-    assert "the same command goes on" in said
+    assert "run the same command to continue" in said
     saved = [run_of()["steps"]]
     running = begun()
     running.kill()

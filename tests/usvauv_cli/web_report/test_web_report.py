@@ -30,7 +30,7 @@ from usvauv.cli.web_report.episodes import (
     error_quantiles,
     front_episodes,
 )
-from usvauv.env import Scenario, evaluate
+from usvauv.env import Scenario, run_episodes
 from usvauv.env.record.metrics import EpisodeMetrics, usable
 from usvauv.env.site.place import grid_mapping
 from usvauv.env.site.site import Site
@@ -58,7 +58,7 @@ class Made:
         self.scenario = Scenario.load("extreme", ["mission.duration=60"])
         self.rows, self.traces, self.recordings = [], [], Recordings(2)
         for usv in ("fim", "hold:0,0"):
-            self.rows += evaluate(
+            self.rows += run_episodes(
                 self.scenario, policies.named("straight"), episodes=EPISODES, seed=4, usv=usv, on_trace=self.take
             )
         page.write(folder, self.scenario, 4, compared(self.rows), self.recordings)

@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 
 from tests.links import EVERY_STEP
 from tests.usvauv_env.record.test_trace import AUVS, NODES, STEP, STEPS, WORLDS, random_trace
-from usvauv.env import Scenario, Trace, World, evaluate
+from usvauv.env import Scenario, Trace, World, run_episodes
 from usvauv.env.planning import fix_errors
 from usvauv.env.planning.fix_errors import SUM, error_budget
 from usvauv.env.record import evaluation
@@ -247,7 +247,7 @@ def east(world):
 
 
 def test_each_policy_has_the_episodes_of_the_seed(scenario):
-    rows = evaluate(scenario, {"object": East, "function": east}, episodes=3, seed=5, usv="centroid")
+    rows = run_episodes(scenario, {"object": East, "function": east}, episodes=3, seed=5, usv="centroid")
     assert [(row.policy, row.episode) for row in rows] == [*product(("object", "function"), range(3))]
     world = World(scenario, 3, 5, "centroid")
     expected = episode_metrics(record(world, east(world), "expected"))
@@ -256,11 +256,11 @@ def test_each_policy_has_the_episodes_of_the_seed(scenario):
 
 
 def test_batches_change_nothing_and_are_told_of(scenario, monkeypatch):
-    whole = evaluate(scenario, {"east": East}, episodes=5)
+    whole = run_episodes(scenario, {"east": East}, episodes=5)
     monkeypatch.setattr(evaluation, "WORLDS_PER_BATCH", 2)
     batches, steps, traces = [], [], []
     told = {"on_step": steps.append, "on_batch": batches.append, "on_trace": lambda *given: traces.append(given)}
-    rows = evaluate(scenario, {"east": East}, episodes=5, **told)
+    rows = run_episodes(scenario, {"east": East}, episodes=5, **told)
     assert texts(rows) == texts(whole) == texts(chain(*batches))
     assert [len(batch) for batch in batches] == [2, 2, 1]
     assert texts(rows) == texts(chain(*(episode_metrics(trace, first) for trace, first in traces)))
@@ -275,7 +275,7 @@ def test_complete_batches_are_kept_when_a_policy_fails(scenario, monkeypatch):
         return east(world) if not kept else lambda observation: 1 / 0
 
     with pytest.raises(ZeroDivisionError):
-        evaluate(scenario, {"late": fails_later}, episodes=4, on_batch=kept.extend)
+        run_episodes(scenario, {"late": fails_later}, episodes=4, on_batch=kept.extend)
     assert [row.episode for row in kept] == [0, 1]
 
 

@@ -13,7 +13,7 @@ from usvauv.kernels.errors import DivergenceError
 from usvauv.kernels.mission.columns import AuvColumn, BodyColumn
 from usvauv.kernels.vehicles.fleet import Fleet
 from usvauv.kernels.vehicles.vehicle import Body, Command, Surroundings
-from usvauv.policies.frames import FRAMES
+from usvauv.policies.frames import frames
 
 TORPEDO = ["auv.model=torpedo", "nodes.service=passing", "mission.duration=60"]
 
@@ -130,7 +130,7 @@ def test_helm_steers_by_fins_to_its_target_at_its_depth_and_speed(step):
     """It is what commands fins where no policy is named, and what a network begins as."""
     world = torpedo(4, 1, "auv.action=fins", f"mission.step={step}", "auv.speed_max=2.5")
     assert policies.default(world.scenario) == "helm"
-    policy, frame = policies.load("helm:1.4", world), FRAMES["fins"](world.scenario)
+    policy, frame = policies.load("helm:1.4", world), frames["fins"](world.scenario)
     observation, ahead = world.reset(), []
     for _ in range(round(60 / step)):
         action = policy.act(observation)

@@ -1,0 +1,47 @@
+"""What surrounds AUVs and boats and what they observe; the arrays that every function with `@ti.func` reads.
+
+    registry              item               adds
+    `observation_terms`   `ObservationTerm`  numbers in an AUV's observation: `ObservationLayout`
+    `ambient_noise_laws`  a function         ambient noise (frequency, shipping, wind) → dB re 1 µPa²/Hz
+
+`Worlds` has the arrays of all worlds; `AuvColumn`, `NodeColumn` and so on name their columns, `Parameter` the numbers
+of `worlds.p`. `uniforms` and `normals` draw random numbers, of which `Draw` names the purposes.
+"""
+
+from usvauv.env.world.observation import ObservationLayout, ObservationTerm, observation_terms
+from usvauv.kernels.mission.columns import (
+    AuvColumn,
+    BeliefColumn,
+    BoatColumn,
+    Draw,
+    EstimateColumn,
+    ExchangeColumn,
+    ForesightColumn,
+    NodeColumn,
+    Parameter,
+    TallyColumn,
+)
+from usvauv.kernels.mission.worlds import Worlds, normals, uniforms
+from usvauv.kernels.positioning.sonar import ambient_noise_laws
+from usvauv.kernels.types import vec2
+
+__all__ = [
+    "AuvColumn",
+    "BeliefColumn",
+    "BoatColumn",
+    "Draw",
+    "EstimateColumn",
+    "ExchangeColumn",
+    "ForesightColumn",
+    "NodeColumn",
+    "ObservationLayout",
+    "ObservationTerm",
+    "Parameter",
+    "TallyColumn",
+    "Worlds",
+    "ambient_noise_laws",
+    "normals",
+    "observation_terms",
+    "uniforms",
+    "vec2",
+]
