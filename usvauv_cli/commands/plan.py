@@ -154,7 +154,7 @@ def plan(
     from usvauv.env import Scenario
     from usvauv.env.exchange import geojson
     from usvauv.env.planning.plan import solve
-    from usvauv.env.site.place import DEGREES, auv_position, boat_position, look_geographic
+    from usvauv.env.site.positions import DEGREES, auv_position, boat_position, look_geographic
     from usvauv.env.storage.files import atomic_write
     from usvauv.kernels.planning.information import MEASUREMENTS
     from usvauv.kernels.planning.objectives import OBJECTIVES
@@ -227,7 +227,7 @@ def plan(
 
 def surface_slope(text: str) -> tuple[float, float]:
     """Read SX,SY of the surface, each at most 1 (45°)."""
-    from usvauv.env.site.place import numbers
+    from usvauv.env.site.positions import numbers
 
     x, y = numbers("--slope", text, "SX,SY", "")
     if not (abs(x) <= 1 and abs(y) <= 1):
@@ -285,7 +285,7 @@ def print_table(result: Plan) -> None:
     """Print each place with ln of the objective and the fixes of each AUV to expect from there."""
     from usvauv.env.planning.fix_errors import LEAST_GOOD
     from usvauv.env.planning.plan import OBJECTIVE_NAMES
-    from usvauv.env.site.place import coordinates
+    from usvauv.env.site.positions import coordinates
 
     best = result.optimum
     places = [("optimum", best), ("centroid", result.centroid), *(("compare", p) for p in result.compare)]

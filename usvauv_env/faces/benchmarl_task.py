@@ -12,7 +12,7 @@ from typing import cast
 
 import torch
 
-from usvauv.env.scenario import Scenario
+from usvauv.env.scenario.scenario import Scenario
 
 try:
     from benchmarl.environments.common import TaskClass  # pyright: ignore[reportMissingImports]

@@ -28,7 +28,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from usvauv.env.record.recorder import SURFACE_PIXELS, Recorder, trace_bytes
-from usvauv.env.scenario import Scenario, ScenarioError
+from usvauv.env.scenario.fields import ScenarioError
+from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.storage.memory import require
 from usvauv.env.world.agents import action_space, auv_observation_space
 from usvauv.env.world.state import Numbers, numbers_of

@@ -23,7 +23,7 @@ from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode
 
 from usvauv.env.faces.gymnasium_env import DataCollectionVectorEnv
-from usvauv.env.scenario import Scenario
+from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.world.state import numbers_of
 
 try:

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from usvauv.env.record.trace import Trace
-from usvauv.env.scenario import Scenario
+from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.site.site import Site
 from usvauv.env.world import tables
 from usvauv.kernels import runtime

@@ -12,7 +12,7 @@ import torch
 
 from usvauv.env.planning import fix_errors
 from usvauv.env.planning.fix_errors import LEAST_GOOD, SUM, FixError, Position
-from usvauv.env.scenario import Scenario
+from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.site.place import wrapped
 from usvauv.env.site.site import Site
 from usvauv.env.world.tables import link_table, sound_profile

@@ -17,7 +17,7 @@ from usvauv.env.render.mission import ROUNDING, TRAIL, Playback, Vehicle, error_
 from usvauv.env.render.sea import CurrentStreaks, MapView, SeaSurface, colour_scale
 from usvauv.env.render.shapes import LegendSymbol, Overlay
 from usvauv.env.render.style import text_width, write
-from usvauv.env.scenario import Scenario
+from usvauv.env.scenario.scenario import Scenario
 from usvauv.kernels.flow.vortex import Eddies
 from usvauv.kernels.types import Level
 

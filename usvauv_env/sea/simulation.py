@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from usvauv.env.scenario import Scenario, ScenarioError
+from usvauv.env.scenario.fields import ScenarioError
+from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.sea.long_waves import build_sea, check_sea
 from usvauv.env.sea.water import LARGEST_SEED, advance, build_short_waves, whole_number
 from usvauv.env.site.site import Site

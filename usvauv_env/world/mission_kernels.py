@@ -8,7 +8,8 @@ from typing import Any
 
 import torch
 
-from usvauv.env.scenario import Scenario, ScenarioError
+from usvauv.env.scenario.fields import ScenarioError
+from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.sea.water import Seeds, WorldWater
 from usvauv.env.site.site import Site
 from usvauv.env.world import tables

@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from usvauv.env.scenario import Scenario
+from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.sea.long_waves import forced_gain, long_wave_rms
 from usvauv.env.sea.storm import uneven_bed_warning, wave_systems
 from usvauv.env.site.site import Site

@@ -9,7 +9,8 @@ from typing import Any, NamedTuple, NoReturn, TypeGuard
 import numpy as np
 import torch
 
-from usvauv.env.scenario import Scenario, ScenarioError
+from usvauv.env.scenario.fields import ScenarioError
+from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.world.observation import ObservationLayout
 from usvauv.kernels.functions import LANES, Limits
 from usvauv.kernels.mission.worlds import REWARDS, STATE

@@ -11,11 +11,12 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from usvauv.env.scenario import Scenario, ScenarioError
+from usvauv.env.scenario.fields import ScenarioError
+from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.scenario.team import CLEAREST, Nodes
 from usvauv.env.sea.storm import total_height, wave_systems
 from usvauv.env.sea.water import Seeds, current_bound
-from usvauv.env.site.place import far_position
+from usvauv.env.site.positions import far_position
 from usvauv.env.site.site import Site
 from usvauv.env.site.sound_speed import SoundSpeedProfile
 from usvauv.env.world.boat_strategies import BoatStrategy, StrategyChoice

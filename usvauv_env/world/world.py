@@ -10,7 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
-from usvauv.env.scenario import Scenario, ScenarioError
+from usvauv.env.scenario.fields import ScenarioError
+from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.sea.long_waves import LongWaves
 from usvauv.env.sea.water import AirySea, Seeds, WorldWater, whole_number
 from usvauv.env.site.site import Site
