@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from usvauv.env.planning.plan import AuvPosition, BoatPlace, Plan
+from usvauv.env.accuracy.boat_place import AuvPosition, BoatPlace, Plan
 from usvauv.env.record.metrics import served
 from usvauv.env.record.trace import Trace
 from usvauv.env.scenario.scenario import Scenario

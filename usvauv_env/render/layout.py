@@ -12,7 +12,7 @@ import numpy as np
 
 from usvauv.env.render import style
 from usvauv.env.render.style import Theme, clock, shorten, text_width, write
-from usvauv.env.scenario.sea import Area
+from usvauv.env.scenario.environment import Area
 
 
 class Rectangle(NamedTuple):

@@ -13,8 +13,8 @@ from typing import Annotated, Any
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
-from usvauv.env.scenario import sea as environment
-from usvauv.env.scenario import team
+from usvauv.env.scenario import environment, team
+from usvauv.env.scenario.environment import INFRAGRAVITY, SMALLEST_PERIOD
 from usvauv.env.scenario.fields import (
     FILE,
     Layer,
@@ -30,7 +30,6 @@ from usvauv.env.scenario.fields import (
     shipped,
     without_retired,
 )
-from usvauv.env.scenario.sea import INFRAGRAVITY, SMALLEST_PERIOD
 from usvauv.env.storage.files import TextFileError, check_plain
 from usvauv.kernels.mission.tasks.task import Task, tasks
 from usvauv.kernels.positioning.pulse import FEWEST_CHIPS, FEWEST_PERIODS

@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
+from usvauv.env.scenario.environment import INFRAGRAVITY
 from usvauv.env.scenario.fields import ScenarioError
 from usvauv.env.scenario.scenario import Scenario
-from usvauv.env.scenario.sea import INFRAGRAVITY
 from usvauv.env.sea.storm import cumulative, density, total_height, wave_systems
 from usvauv.env.site.site import Site
 from usvauv.env.storage.memory import require

@@ -67,7 +67,7 @@ class SeaSimulation:
         seed: from 0 to 2⁶⁴ − 1, as of `World`.
         shape: cells (nx, ny).
         interval: time of one `advance`, s.
-        vortices: as of `usvauv.env.world.tables.first_vortices`; none by default.
+        vortices: as of `usvauv.env.world.mission_parameters.first_vortices`; none by default.
 
     Attributes:
         site: the place. long_waves: the solver. storm: the short waves.

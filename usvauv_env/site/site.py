@@ -9,9 +9,9 @@ from functools import cached_property
 
 import numpy as np
 
+from usvauv.env.scenario.environment import Area
 from usvauv.env.scenario.fields import ScenarioError
 from usvauv.env.scenario.scenario import Scenario
-from usvauv.env.scenario.sea import Area
 from usvauv.env.site.cf import iso, parse_time
 from usvauv.env.site.ocean import Flow, bilinear, read_bathymetry, read_flow
 from usvauv.env.site.place import LocalFrame

@@ -19,7 +19,7 @@ from usvauv.env import Scenario, Trace, World, plugins
 from usvauv.env.record.metrics import COLUMNS
 from usvauv.env.render import style
 from usvauv.env.storage.files import locked
-from usvauv.env.world.tables import first_vortices
+from usvauv.env.world.mission_parameters import first_vortices
 
 COMMAND = [sys.executable, "-c", "from usvauv.cli.app import main; main()"]
 EXTREME = Path(env.__file__).parent / "scenarios" / "extreme.toml"

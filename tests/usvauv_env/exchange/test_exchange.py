@@ -12,7 +12,7 @@ from rerun.chunk import RrdReader
 
 from tests.usvauv_env.record.made_traces import diving, synthetic_trace
 from usvauv.env.exchange import export_trace
-from usvauv.env.exchange.tables import tables
+from usvauv.env.exchange.trace_tables import tables
 from usvauv.env.record.metrics import served
 from usvauv.env.record.trace import VARIABLES
 from usvauv.env.render.style import auv_colour

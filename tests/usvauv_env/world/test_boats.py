@@ -8,7 +8,7 @@ import torch
 
 from tests.links import CODED, EVERY_STEP
 from usvauv.env import Scenario, ScenarioError, World
-from usvauv.env.world.tables import link_table
+from usvauv.env.world.mission_parameters import link_table
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, ExchangeColumn, ForesightColumn, Reply
 from usvauv.kernels.planning import objectives, search
 from usvauv.kernels.positioning import tracker, usbl

@@ -13,7 +13,7 @@ from usvauv.env.sea.water import current_bound
 from usvauv.env.site.ocean import Flow
 from usvauv.env.site.site import Site
 from usvauv.env.world.current_statistics import current_model, current_parts
-from usvauv.env.world.tables import link_table
+from usvauv.env.world.mission_parameters import link_table
 from usvauv.kernels.positioning import acoustic_link
 from usvauv.kernels.types import Level
 

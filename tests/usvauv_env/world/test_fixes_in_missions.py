@@ -11,11 +11,11 @@ from scipy import stats
 from tests.links import CODED
 from tests.slowly import slowly
 from usvauv.env import Scenario, World
-from usvauv.env.planning import fix_errors
-from usvauv.env.planning.fix_errors import error_budget, reception
-from usvauv.env.planning.plan import solve
+from usvauv.env.accuracy import fix_errors
+from usvauv.env.accuracy.boat_place import solve
+from usvauv.env.accuracy.fix_errors import error_budget, reception
 from usvauv.env.site.site import Site
-from usvauv.env.world.tables import link_table
+from usvauv.env.world.mission_parameters import link_table
 from usvauv.kernels.mission.columns import AuvColumn
 from usvauv.kernels.positioning import acoustic_link, sonar, usbl
 from usvauv.kernels.positioning.sonar import coates

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from usvauv.env.planning.fix_errors import LEAST_GOOD, FixError, ellipse
-from usvauv.env.planning.plan import deviations, reason
+from usvauv.env.accuracy.boat_place import deviations, reason
+from usvauv.env.accuracy.fix_errors import LEAST_GOOD, FixError, ellipse
 
 
 def error(**known) -> FixError:
