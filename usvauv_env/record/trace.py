@@ -346,7 +346,7 @@ class Trace:
         return at_time(self.stream_time, self.stream, t) if len(self.stream) else self.stream.reshape(0, 0, 2)
 
     def episode(self, world: int) -> Trace:
-        """The same trace for one world only (the world axis is kept, with length 1)."""
+        """This trace of one world only (the world axis is kept, with length 1)."""
         picked = {
             name: getattr(self, name).take([world], axis=about.dimensions.index("world"))
             for name, about in VARIABLES.items()

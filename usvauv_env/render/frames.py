@@ -375,7 +375,7 @@ class ComparisonFrames(Frames):
             write(picture, difference(second, value, form), (right, line), 12 * unit, theme.muted, anchor="right")
 
     def _figures(self, side: int, t: float) -> list[tuple[str, float, str]]:
-        """Those of a mission, and its position error as it is plotted."""
+        """Figures of a mission, and its position error as it is plotted."""
         error = "position error, m", float(self._errors[side][step_of(t)]), ".2f"
         return [*self._plays[side].figures(t), error]
 

@@ -122,7 +122,7 @@ class Room(NamedTuple):
         return self.top + self.height
 
     def pixels(self, unit: float) -> Rectangle:
-        """In pixels of a frame with `unit` of them to one of the design."""
+        """This rectangle in pixels of a frame with `unit` of them to one of the design."""
         left, top = round(self.left * unit), round(self.top * unit)
         return Rectangle(left, top, round(self.right * unit) - left, round(self.bottom * unit) - top)
 

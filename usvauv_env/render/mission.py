@@ -213,7 +213,7 @@ class Playback:
 
     @cached_property
     def site(self) -> Site:
-        """With the bed."""
+        """Site of the mission, with its bed."""
         return Site.recorded(self.trace.scenario)
 
     @cached_property

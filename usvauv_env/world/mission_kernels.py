@@ -15,7 +15,7 @@ from usvauv.env.site.site import Site
 from usvauv.env.world import mission_parameters
 from usvauv.env.world.boat_strategies import StrategyChoice, boat_strategies
 from usvauv.env.world.observation import ObservationLayout, observation_terms
-from usvauv.env.world.state import ALIGNMENT, Memory, padded_length
+from usvauv.env.world.state import ALIGNMENT, StateBuffer, padded_length
 from usvauv.kernels import random, runtime
 from usvauv.kernels.errors import blaming
 from usvauv.kernels.flow import vortex_motion
@@ -47,7 +47,7 @@ class MissionKernels:
 
     Args:
         site, strategy, layout: of the worlds; the last of their observations.
-        seeds: of each world. water: on which they sail.
+        seeds: of each world. water: of the worlds.
         memory: of the worlds' arrays.
         pulses: of AUVs, where they are used.
 
@@ -66,7 +66,7 @@ class MissionKernels:
         layout: ObservationLayout,
         seeds: Seeds,
         water: WorldWater,
-        memory: Memory,
+        memory: StateBuffer,
         pulses: Pulses,
     ) -> None:
         scenario, running = site.scenario, runtime.start()

@@ -328,7 +328,7 @@ def pulse_tables(scenario: Scenario, device: torch.device) -> pulse.Pulses:
 
 
 def no_pulses(device: torch.device) -> pulse.Pulses:
-    """What stands for `pulse_tables` where none are used."""
+    """Empty tables in place of `pulse_tables` where none are used."""
     none = torch.zeros(1, dtype=torch.float32, device=device)
     return pulse.Pulses(none.view(1, 1), none.view(1, 1, 1), none)
 

@@ -505,7 +505,7 @@ class World:
         return self.storm.components(int(self._water.sea_index[world]))
 
     def long_waves(self, pixels: int, world: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The same for the long waves alone, and x (X,) and y (Y,) of the centres of the averaged cells, m."""
+        """Elevation of the long waves alone, averaged as in `surface`, and its cells' centres x (X,) and y (Y,), m."""
         return self._water.mean_elevation(pixels, world)
 
 

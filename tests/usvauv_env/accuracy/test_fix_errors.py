@@ -10,7 +10,7 @@ from usvauv.env.accuracy.fix_errors import LEAST_GOOD, FixError, ellipse
 
 
 def error(**known) -> FixError:
-    """Of a fix that is sure, but for what is known."""
+    """The error of a fix that is sure, but for what is known."""
     sure = {"range": 100.0, "major": 2.0, "minor": 1.0, "angle": 0.0, "good": 1.0, "detected": 1.0}
     rest = {"good_if_detected": 1.0, "wrapped": 0.0, "direct_ray": True, "signal_excess": 20.0}
     return FixError(**(sure | rest | known))

@@ -88,7 +88,7 @@ def rotated(turn, vector):
 
 
 def numbers(message):
-    """Those of a point, a vector or a quaternion."""
+    """Numbers of a point, a vector or a quaternion."""
     return np.array([getattr(message, name) for name in "xyzw" if hasattr(message, name)])
 
 

@@ -242,7 +242,7 @@ class East:
 
 
 def east(world):
-    """The same, as a function."""
+    """The constant action of `East`, as a function."""
     return East(world).act
 
 

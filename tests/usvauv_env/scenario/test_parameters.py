@@ -38,7 +38,7 @@ NUMBERS = {
 
 
 def site(**changes: dict) -> Site:
-    """Of `NUMBERS`, with changes by section."""
+    """The site of `NUMBERS`, with changes by section."""
     return Site(Scenario.from_dict({name: NUMBERS.get(name, {}) | changes.get(name, {}) for name in NUMBERS | changes}))
 
 

@@ -1,7 +1,7 @@
 """The TorchRL environment as a task of BenchMARL: `DataCollectionTask`, for its experiments, algorithms and models.
 
-Groups, keys and seeds are those of `usvauv.env.faces.torchrl_env`. This module needs the extra `benchmarl`, which needs
-TorchRL below 0.12; nothing else in the package imports it.
+Groups, keys and seeds are those of `usvauv.env.interfaces.torchrl_env`. This module needs the extra `benchmarl`, which
+needs TorchRL below 0.12; nothing else in the package imports it.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ except ModuleNotFoundError as missing:
 from torchrl.data import Composite
 from torchrl.envs import EnvBase
 
-from usvauv.env.faces.torchrl_env import DataCollectionTorchRLEnv
+from usvauv.env.interfaces.torchrl_env import DataCollectionTorchRLEnv
 
 
 class DataCollectionTask(TaskClass):

@@ -184,7 +184,7 @@ class DataCollectionEnv(_PlainSpec, gymnasium.Env[np.ndarray, np.ndarray]):
     def step_with_boats(
         self, action: Numbers, boat_action: Numbers | None
     ) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """As `step`, with actions (B, 2) of the boats if they are agents."""
+        """A step with actions (B, 2) of the boats where they are agents, see `step`."""
         _need_reset(self.world)
         boats = None if boat_action is None else numbers_of("boat_action", boat_action, (self.world.boat.shape[1], 2))
         own_action = numbers_of("action", action, (self.world.num_auvs, self.world.action_size))
