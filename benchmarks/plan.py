@@ -23,7 +23,7 @@ from scipy.optimize import differential_evolution
 from benchmarks.machine import batch, best_time, command_line, describe, parse, show
 from usvauv.env import Scenario
 from usvauv.env.site.site import Site
-from usvauv.env.world.tables import link_table
+from usvauv.env.world.mission_parameters import link_table
 from usvauv.kernels import runtime
 from usvauv.kernels.planning import information, objectives, search
 from usvauv.kernels.positioning import acoustic_link

@@ -14,7 +14,7 @@ from stable_baselines3.common.vec_env import VecEnv, VecEnvWrapper
 from examples.stable_baselines3_sac import REWARD_SCALE
 from usvauv import policies
 from usvauv.env import Scenario
-from usvauv.env.faces.sb3_env import AuvVecEnv
+from usvauv.env.interfaces.sb3_env import AuvVecEnv
 from usvauv.policies.frames import Frame, frames
 
 DEFAULT_WORLDS = 4

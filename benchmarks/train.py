@@ -13,7 +13,7 @@ is the untrained policy's.
 "ours" is `usvauv train`, "ours_shared" the same with one network for all AUVs; both use the guided frame, whose
 autopilot makes an untrained policy a good heuristic. "ours_target_frame" is shared and without autopilot; its course is
 relative to the target's bearing, so an untrained policy heads for the target. "ours_world_axes" has neither.
-Stable-Baselines3 learns one policy for all AUVs through the adapter `usvauv.env.faces.sb3_env`:
+Stable-Baselines3 learns one policy for all AUVs through the adapter `usvauv.env.interfaces.sb3_env`:
 "sb3_defaults" in 4 worlds (8 environments) with all its defaults, "sb3_tuned" in as many worlds as ours and with our
 settings wherever it has them (batch, learning rate, n-step returns, sizes of networks, updates, exploration before
 learning), "sb3_tuned_our_frame" the same with our features and actions. torch uses one thread, kernels all.

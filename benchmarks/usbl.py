@@ -21,7 +21,7 @@ import torch
 
 from benchmarks import pulse as pulses
 from benchmarks.machine import batch, best_time, command_line, describe, parse, show
-from usvauv.env.planning.fix_errors import reception
+from usvauv.env.accuracy.fix_errors import reception
 from usvauv.kernels import runtime
 from usvauv.kernels.positioning import acoustic_link, matched_filter, pulse, usbl
 

@@ -15,7 +15,7 @@ from benchmarl.experiment import Callback, Experiment, ExperimentConfig
 from benchmarl.models import MlpConfig
 from tensordict import TensorDictBase
 
-from usvauv.env.faces.benchmarl_task import DataCollectionTask
+from usvauv.env.interfaces.benchmarl_task import DataCollectionTask
 
 
 class Report(Callback):

@@ -13,7 +13,7 @@ import numpy as np
 from stable_baselines3 import SAC
 from stable_baselines3.common.callbacks import BaseCallback
 
-from usvauv.env.faces.sb3_env import AuvVecEnv
+from usvauv.env.interfaces.sb3_env import AuvVecEnv
 
 REWARD_SCALE = 0.1  # a service brings 30, and Adam's defaults suit numbers of order one
 

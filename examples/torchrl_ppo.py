@@ -18,7 +18,7 @@ from torchrl.modules import MultiAgentMLP, NormalParamExtractor, ProbabilisticAc
 from torchrl.objectives import ValueEstimators
 from torchrl.objectives.multiagent import IPPOLoss
 
-from usvauv.env.faces.torchrl_env import DataCollectionTorchRLEnv
+from usvauv.env.interfaces.torchrl_env import DataCollectionTorchRLEnv
 
 VALUE, LOG_PROB = ("agents", "state_value"), ("agents", "action_log_prob")
 

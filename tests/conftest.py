@@ -30,7 +30,7 @@ LONG = (
     "policies/test_training.py",
     "kernels/planning/test_search.py",
     "policies/test_guidance.py",
-    "usvauv_env/faces/test_faces.py",
+    "usvauv_env/interfaces/test_interfaces.py",
     "usvauv_env/world/test_world.py",
 )
 

@@ -59,7 +59,7 @@ def snippets() -> Iterator:
         calls = [span for span in spans(text) if is_call(span)]
         if calls:
             found.append(
-                "\n".join(["import gymnasium, usvauv.env.faces.torchrl_env; from usvauv import policies", *calls])
+                "\n".join(["import gymnasium, usvauv.env.interfaces.torchrl_env; from usvauv import policies", *calls])
             )
         if found:
             yield pytest.param(found, id=page.stem)

@@ -49,13 +49,14 @@ def kind_of(name: str | Path) -> str:
 
 def _of_toml(path: Path) -> str:
     from usvauv.env import Scenario
+    from usvauv.env.scenario.fields import BASE
     from usvauv.env.storage.files import TextFileError, read_text
 
     try:
         names = read_text(path, "TOML").keys()
     except (OSError, TextFileError):
         return ""
-    return "study" if "runs" in names else "scenario" if names <= Scenario.model_fields.keys() else ""
+    return "study" if "runs" in names else "scenario" if names <= {BASE, *Scenario.model_fields} else ""
 
 
 def expect(kind: str, name: str | Path) -> None:

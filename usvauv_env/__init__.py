@@ -1,4 +1,4 @@
-"""The simulator: scenarios, sites and seas, the batched world, its records, pictures and environments (`faces`).
+"""The simulator: scenarios, sites and seas, the batched world, its records, pictures and environments (`interfaces`).
 
 Public: the names below, `plugins.load`, and the names that the subpackages' docstrings list. Importing this package
 registers the Gymnasium environments.
@@ -11,7 +11,7 @@ from usvauv.kernels import runtime  # noqa: F401
 
 from gymnasium.envs.registration import register
 
-from usvauv.env.faces.pettingzoo_env import parallel_env
+from usvauv.env.interfaces.pettingzoo_env import parallel_env
 from usvauv.env.record.evaluation import run_episodes
 from usvauv.env.record.metrics import EpisodeMetrics
 from usvauv.env.record.trace import Trace, TraceError
@@ -31,6 +31,6 @@ __all__ = [
 
 register(
     id="usvauv/DataCollection-v0",
-    entry_point="usvauv.env.faces.gymnasium_env:DataCollectionEnv",
-    vector_entry_point="usvauv.env.faces.gymnasium_env:DataCollectionVectorEnv",
+    entry_point="usvauv.env.interfaces.gymnasium_env:DataCollectionEnv",
+    vector_entry_point="usvauv.env.interfaces.gymnasium_env:DataCollectionVectorEnv",
 )

@@ -24,7 +24,7 @@ from matplotlib.figure import Figure
 
 from usvauv.env.render.style import Ground, write_pair
 from usvauv.env.scenario import Scenario
-from usvauv.env.scenario.sea import Storm
+from usvauv.env.scenario.environment import Storm
 from usvauv.env.sea.storm import draw_storm
 from usvauv.kernels.positioning import sonar
 

@@ -18,7 +18,7 @@ import torch
 
 from usvauv.env import Scenario
 from usvauv.env.site.site import Site
-from usvauv.env.world.tables import first_vortices
+from usvauv.env.world.mission_parameters import first_vortices
 from usvauv.kernels.flow import vortex, vortex_motion
 
 TIMES = (100, 200, 500, 1000)  # s

@@ -23,7 +23,7 @@ from matplotlib.figure import Figure
 from benchmarks.machine import describe
 from usvauv import policies
 from usvauv.env import Scenario, World
-from usvauv.env.planning import fix_errors
+from usvauv.env.accuracy import fix_errors
 from usvauv.env.record.metrics import own_error, position_error, usable
 from usvauv.env.record.recorder import record
 from usvauv.env.record.trace import Trace

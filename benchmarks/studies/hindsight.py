@@ -27,7 +27,7 @@ from usvauv.env.record.metrics import episode_metrics, served
 from usvauv.env.record.recorder import record
 from usvauv.env.record.trace import Trace
 from usvauv.env.site.site import Site
-from usvauv.env.world.tables import reference_rate
+from usvauv.env.world.mission_parameters import reference_rate
 from usvauv.kernels.mission.columns import AuvColumn, BeliefColumn, NodeColumn
 from usvauv.kernels.mission.target_rules import TargetRule, knowledge, rollout, target_rules
 

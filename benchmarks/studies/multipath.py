@@ -20,9 +20,9 @@ import torch
 
 from benchmarks.machine import best_time, describe
 from usvauv.env import Scenario, World
-from usvauv.env.planning.fix_errors import error_budget, reflection_errors
+from usvauv.env.accuracy.fix_errors import error_budget, reflection_errors
 from usvauv.env.site.site import Site
-from usvauv.env.world.tables import boundaries, link_table
+from usvauv.env.world.mission_parameters import boundaries, link_table
 from usvauv.kernels import runtime
 from usvauv.kernels.mission.columns import AuvColumn
 from usvauv.kernels.positioning import usbl

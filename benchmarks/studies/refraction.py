@@ -23,7 +23,7 @@ from usvauv.env import Scenario
 from usvauv.env.render.style import Ground, write_pair
 from usvauv.env.site.site import Site
 from usvauv.env.site.sound_speed import SoundSpeedProfile
-from usvauv.env.world.tables import link_table
+from usvauv.env.world.mission_parameters import link_table
 from usvauv.kernels import runtime
 from usvauv.kernels.positioning import rays, usbl
 

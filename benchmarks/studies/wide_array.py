@@ -24,7 +24,7 @@ from usvauv.env.record.metrics import position_error
 from usvauv.env.record.recorder import record
 from usvauv.env.record.trace import Trace
 from usvauv.env.site.site import Site
-from usvauv.env.world.tables import link_table
+from usvauv.env.world.mission_parameters import link_table
 from usvauv.kernels import runtime
 from usvauv.kernels.positioning import usbl
 

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.patches import Ellipse
 
 from usvauv.env import Scenario
-from usvauv.env.planning.plan import solve
+from usvauv.env.accuracy.boat_place import solve
 
 # %%
 # Three AUVs, at x, y and depth in metres. This is what ``usvauv plan`` computes.

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from usvauv.env.scenario import Scenario
 from usvauv.env.site.site import Site
-from usvauv.env.world.tables import DataLink, reference_rate
+from usvauv.env.world.mission_parameters import DataLink, reference_rate
 from usvauv.env.world.world import World
 from usvauv.kernels.vehicles.vehicle import vehicles
 from usvauv.policies.guidance import command, crab, follow_circle, unit, unrotate

@@ -13,7 +13,7 @@ from tests.slowly import slowly
 from usvauv import policies
 from usvauv.env import Scenario
 from usvauv.env.site.site import Site
-from usvauv.env.world.observation import observed
+from usvauv.env.world.agents import observed
 from usvauv.policies import LearnedPolicy, PolicyError, TrainingConfig
 from usvauv.policies import export as exporting
 from usvauv.policies.algorithms import Sizes, algorithms

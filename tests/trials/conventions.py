@@ -26,9 +26,9 @@ def files(folder: Path) -> list[tuple[Path, bool]]:
     from usvauv import policies
     from usvauv.env import Scenario, World
     from usvauv.env.record.recorder import record
-    from usvauv.env.sea.netcdf import SeaFile
+    from usvauv.env.sea.sea_file import SeaFile
     from usvauv.env.sea.simulation import SeaSimulation
-    from usvauv.env.world.tables import first_vortices
+    from usvauv.env.world.mission_parameters import first_vortices
 
     made = []
     for name, changes in (("nowhere", []), ("place", PLACE), ("date", DATE)):

@@ -210,8 +210,8 @@ def fuzz_learn(r: random.Random, folder: Path) -> None:
 def fuzz_plan(r: random.Random, folder: Path) -> None:
     from usvauv.cli.commands.plan import surface_slope, with_team
     from usvauv.env import Scenario
-    from usvauv.env.planning.plan import solve
-    from usvauv.env.site.place import auv_position, boat_position
+    from usvauv.env.accuracy.boat_place import solve
+    from usvauv.env.site.positions import auv_position, boat_position
     from usvauv.kernels.planning.objectives import MEASUREMENTS, OBJECTIVES
 
     overrides = []

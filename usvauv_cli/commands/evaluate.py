@@ -103,7 +103,7 @@ def evaluate(
     from usvauv.env import Scenario
     from usvauv.env.record.evaluation import WORLDS_PER_BATCH, batch_size
     from usvauv.env.record.metrics import FIGURES, task_metrics
-    from usvauv.env.storage.tables import growing_table
+    from usvauv.env.storage.result_tables import growing_table
 
     setting = Scenario.load(scenario, overrides or ())
     options.writable(context, out, "--out", (".csv",))

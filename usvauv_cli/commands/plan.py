@@ -14,7 +14,7 @@ from usvauv.kernels.errors import UserError
 if TYPE_CHECKING:
     from usvauv.cli.planning.fix_log import Log, PositionEstimate
     from usvauv.env import Scenario
-    from usvauv.env.planning.plan import BoatPlace, Plan
+    from usvauv.env.accuracy.boat_place import BoatPlace, Plan
 
 FORMATS = (".png", ".pdf", ".svg", ".geojson")
 LONGEST_NAME = 40  # characters of a name in the table
@@ -152,9 +152,9 @@ def plan(
     from dataclasses import asdict, replace
 
     from usvauv.env import Scenario
+    from usvauv.env.accuracy.boat_place import solve
     from usvauv.env.exchange import geojson
-    from usvauv.env.planning.plan import solve
-    from usvauv.env.site.place import DEGREES, auv_position, boat_position, look_geographic
+    from usvauv.env.site.positions import DEGREES, auv_position, boat_position, look_geographic
     from usvauv.env.storage.files import atomic_write
     from usvauv.kernels.planning.information import MEASUREMENTS
     from usvauv.kernels.planning.objectives import OBJECTIVES
@@ -227,7 +227,7 @@ def plan(
 
 def surface_slope(text: str) -> tuple[float, float]:
     """Read SX,SY of the surface, each at most 1 (45°)."""
-    from usvauv.env.site.place import numbers
+    from usvauv.env.site.positions import numbers
 
     x, y = numbers("--slope", text, "SX,SY", "")
     if not (abs(x) <= 1 and abs(y) <= 1):
@@ -283,9 +283,9 @@ def print_estimates(estimates: list[PositionEstimate]) -> None:
 
 def print_table(result: Plan) -> None:
     """Print each place with ln of the objective and the fixes of each AUV to expect from there."""
-    from usvauv.env.planning.fix_errors import LEAST_GOOD
-    from usvauv.env.planning.plan import OBJECTIVE_NAMES
-    from usvauv.env.site.place import coordinates
+    from usvauv.env.accuracy.boat_place import OBJECTIVE_NAMES
+    from usvauv.env.accuracy.fix_errors import LEAST_GOOD
+    from usvauv.env.site.positions import coordinates
 
     best = result.optimum
     places = [("optimum", best), ("centroid", result.centroid), *(("compare", p) for p in result.compare)]

@@ -17,7 +17,7 @@ from usvauv.kernels.interruption import stoppable
 if TYPE_CHECKING:
     from usvauv.cli.sea_view.figure import SeaFigure
     from usvauv.cli.sea_view.video import SeaVideo
-    from usvauv.env.sea.netcdf import SeaFile
+    from usvauv.env.sea.sea_file import SeaFile
     from usvauv.env.sea.simulation import SeaSimulation
 
     Sink = SeaFile | SeaFigure | SeaVideo  # a file that is made of the records of a sea
@@ -85,7 +85,7 @@ def sea(
     from usvauv.env import Scenario
     from usvauv.env.render.style import clock
     from usvauv.env.sea.simulation import SeaSimulation, cells
-    from usvauv.env.world.tables import first_vortices
+    from usvauv.env.world.mission_parameters import first_vortices
 
     setting = Scenario.load(scenario, overrides or ())
     out = out or Path(f"usvauv-sea-{setting.name}.mp4")
@@ -155,7 +155,7 @@ def sink(out: Path, water: SeaSimulation, records: int, pixels: tuple[int, int],
     """The file that the suffix of `out` asks for; it appears when the context ends, and not at all after an error."""
     kind = out.suffix.lower()
     if kind == ".nc":
-        from usvauv.env.sea.netcdf import SeaFile
+        from usvauv.env.sea.sea_file import SeaFile
 
         return SeaFile(out, water)
     from usvauv.env.sea.simulation import survey

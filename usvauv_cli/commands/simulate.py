@@ -79,7 +79,7 @@ def simulate(
     """
     from usvauv import policies
     from usvauv.env import Scenario
-    from usvauv.env.planning.fix_errors import reflections_warning
+    from usvauv.env.accuracy.fix_errors import reflections_warning
     from usvauv.env.record.metrics import episode_metrics
     from usvauv.env.site.site import Site
     from usvauv.env.world.boat_strategies import StrategyChoice

@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from usvauv.env.record.metrics import COLUMNS, FIGURES
-from usvauv.env.storage.tables import Combination
+from usvauv.env.storage.result_tables import Combination
 
 LEVEL = 0.95
 

@@ -10,7 +10,7 @@ from usvauv.cli import terminal
 from usvauv.cli.evaluation.comparison import Comparison, Estimate, words
 from usvauv.cli.terminal import counted
 from usvauv.env.scenario import Scenario
-from usvauv.env.storage.tables import Combination
+from usvauv.env.storage.result_tables import Combination
 
 # Those shown by default, by task, between ARPS and those of positions; of a plugin's task, all of its own.
 BY_TASK = {"data-collection": ("delivered_mbit", "ec"), "station-keeping": ("target_distance", "ec")}

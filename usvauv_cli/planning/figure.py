@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from usvauv.env.planning.plan import OBJECTIVE_NAMES, BoatPlace, Landscape, Plan
+from usvauv.env.accuracy.boat_place import OBJECTIVE_NAMES, BoatPlace, Landscape, Plan
 from usvauv.env.render import style
 from usvauv.env.render.style import CATEGORICAL, ON_DARK, SEA_COLOURS, save_figure, style_axes, web
 

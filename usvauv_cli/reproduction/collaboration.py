@@ -16,7 +16,7 @@ from usvauv.cli.sweep.run import Piece
 from usvauv.cli.sweep.study import Evaluation, StudyRun, define
 from usvauv.env.render.style import Figure, Ground, looks, write_pair
 from usvauv.env.scenario import Scenario
-from usvauv.env.storage.tables import write_rows
+from usvauv.env.storage.result_tables import write_rows
 
 NAME = "collaboration"
 WIDE = "wide"  # the scenario in which the boat's strategy decides

@@ -15,7 +15,7 @@ from usvauv.cli.reproduction import paper
 from usvauv.cli.reproduction.paper import HEURISTICS, Settings, heuristic, learned, markdown_table, rounded, spread
 from usvauv.cli.sweep.run import Piece
 from usvauv.env.render.style import Figure, Ground, Line2D, looks, write_pair
-from usvauv.env.storage.tables import write_rows
+from usvauv.env.storage.result_tables import write_rows
 from usvauv.kernels.mission.motion import travelling_power
 
 Row = dict[str, Any]  # of table2.csv, see `pool`

@@ -18,11 +18,11 @@ import numpy as np
 from usvauv import policies
 from usvauv.cli.sweep.run import Evaluate, Piece
 from usvauv.env import Scenario, World
-from usvauv.env.planning.fix_errors import best_variance, median_of_normals
+from usvauv.env.accuracy.fix_errors import best_variance, median_of_normals
 from usvauv.env.record.metrics import episode_metrics, position_error
 from usvauv.env.record.recorder import record
 from usvauv.env.render.style import Figure, Ground
-from usvauv.env.storage.tables import write_rows
+from usvauv.env.storage.result_tables import write_rows
 from usvauv.env.world.boat_strategies import StrategyChoice
 from usvauv.policies import TrainingConfig, checkpoint
 from usvauv.policies.inputs import digests

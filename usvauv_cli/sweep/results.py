@@ -33,7 +33,7 @@ from usvauv.env.record.metrics import EpisodeMetrics
 from usvauv.env.render.style import Axes, Figure
 from usvauv.env.scenario import Scenario
 from usvauv.env.storage.files import atomic_write, inside, locked, writing
-from usvauv.env.storage.tables import write_rows
+from usvauv.env.storage.result_tables import write_rows
 from usvauv.kernels.errors import UserError
 from usvauv.policies.policy import PolicyError
 

@@ -25,7 +25,7 @@ from usvauv import env, policies
 from usvauv.cli.sweep.engine import Signs, Stopped
 from usvauv.env import Scenario, World
 from usvauv.env.storage.files import OutputError, atomic_write, inside, locked, read_text, writing
-from usvauv.env.storage.tables import read_rows, write_rows
+from usvauv.env.storage.result_tables import read_rows, write_rows
 from usvauv.kernels.errors import UserError
 from usvauv.policies import checkpoint
 from usvauv.policies.checkpoint import provenance

@@ -20,7 +20,7 @@ from usvauv import policies
 from usvauv.cli.sweep.run import Piece, key_of
 from usvauv.env.record.metrics import FIGURES, task_metrics
 from usvauv.env.scenario import Scenario
-from usvauv.env.scenario.fields import Section, one_line, one_of
+from usvauv.env.scenario.fields import Layer, Section, one_line, one_of
 from usvauv.env.storage.files import TextFileError, decoded, read_text
 from usvauv.env.world.boat_strategies import StrategyChoice
 from usvauv.kernels.errors import UserError
@@ -133,7 +133,7 @@ def _valid(kind: type[S], values: Mapping[str, Any], source: str) -> S:
     try:
         return kind.model_validate(values)
     except ValidationError as error:
-        raise UserError(one_line(error, source, kind)) from None
+        raise UserError(one_line(error, [Layer(values, source)], kind)) from None
 
 
 def _combinations(fields: Mapping[str, Any], source: str) -> Iterator[dict[str, Any]]:

@@ -19,7 +19,7 @@ from usvauv.env.record.metrics import usable
 from usvauv.env.record.trace import Trace
 from usvauv.env.render.style import CATEGORICAL
 from usvauv.env.scenario import Scenario
-from usvauv.env.storage.tables import Combination
+from usvauv.env.storage.result_tables import Combination
 from usvauv.kernels.flow.vortex import IMAGES
 
 MOST_SHOWN = 12  # combinations with an episode and a line in the figures

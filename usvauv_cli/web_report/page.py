@@ -36,7 +36,7 @@ from usvauv.env.record.trace import Trace
 from usvauv.env.render.style import Axes, Figure, Line2D, MaxNLocator, WrittenOut
 from usvauv.env.scenario import Scenario
 from usvauv.env.site.site import Site
-from usvauv.env.storage.tables import Combination
+from usvauv.env.storage.result_tables import Combination
 from usvauv.kernels import runtime
 from usvauv.kernels.errors import UserError
 

@@ -1,6 +1,6 @@
 """Export of a recorded run for other tools: tables (CSV, Parquet), ROS 2 messages (MCAP), a Rerun recording, GeoJSON.
 
-`export_trace` writes all but the last; `tables` has the columns of the tables, `geojson` the features of a map.
+`export_trace` writes all but the last; `trace_tables` has the columns of the tables, `geojson` the features of a map.
 """
 
 from __future__ import annotations
@@ -12,7 +12,12 @@ from usvauv.env.record.trace import Trace
 from usvauv.kernels.errors import UserError
 
 FOLDERS = ("csv", "parquet")  # formats with a file for each table
-WRITERS = {"csv": "tables", "parquet": "tables", "mcap": "ros2", "rrd": "rerun_recording"}  # modules by format
+WRITERS = {
+    "csv": "trace_tables",
+    "parquet": "trace_tables",
+    "mcap": "ros2",
+    "rrd": "rerun_recording",
+}  # modules by format
 NEEDED = {"parquet": ("export", "pyarrow"), "mcap": ("export", "rosbags", "mcap"), "rrd": ("rerun", "rerun")}
 
 

@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from usvauv.env.planning.plan import AuvPosition, BoatPlace, Plan
+from usvauv.env.accuracy.boat_place import AuvPosition, BoatPlace, Plan
 from usvauv.env.record.metrics import served
 from usvauv.env.record.trace import Trace
-from usvauv.env.scenario import Scenario
+from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.site.place import LocalFrame, wrapped
 from usvauv.env.site.site import Site
 from usvauv.env.storage.files import atomic_write

@@ -11,7 +11,7 @@ from torch import Tensor
 from usvauv.env.record.metrics import EpisodeMetrics, episode_metrics
 from usvauv.env.record.recorder import EACH, record, trace_bytes
 from usvauv.env.record.trace import Trace
-from usvauv.env.scenario import Scenario
+from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.storage import memory
 from usvauv.env.world.world import World
 from usvauv.kernels.errors import UserError

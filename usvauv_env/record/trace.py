@@ -16,9 +16,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from usvauv.env.scenario import Scenario, ScenarioError
+from usvauv.env.scenario.fields import ScenarioError
+from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.site import place
-from usvauv.env.site.ocean import at_time, parse_time
+from usvauv.env.site.cf import parse_time
+from usvauv.env.site.ocean import at_time
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site
 from usvauv.env.storage import netcdf
@@ -344,7 +346,7 @@ class Trace:
         return at_time(self.stream_time, self.stream, t) if len(self.stream) else self.stream.reshape(0, 0, 2)
 
     def episode(self, world: int) -> Trace:
-        """The same trace for one world only (the world axis is kept, with length 1)."""
+        """This trace of one world only (the world axis is kept, with length 1)."""
         picked = {
             name: getattr(self, name).take([world], axis=about.dimensions.index("world"))
             for name, about in VARIABLES.items()

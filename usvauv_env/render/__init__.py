@@ -2,6 +2,6 @@
 
 `video.write_video` is the entry point; `frames` draws what it encodes. These use the map with its axes and legend
 (`map`), the perspective view (`perspective`) of a scene with its camera (`scene`), plots of the side panel (`plots`),
-pictures of the sea (`sea`), the trace's data at any moment (`mission`), the boxes of a frame (`layout`), symbols
-(`shapes`), and colours, text and matplotlib's figures (`style`).
+pictures of the sea (`sea_surface`), the trace's data at any moment (`mission`), the boxes of a frame (`layout`),
+symbols (`shapes`), and colours, text and matplotlib's figures (`style`).
 """

@@ -27,9 +27,9 @@ from usvauv.env.render.map import MissionMap, draw_legend, draw_map_axes, view_n
 from usvauv.env.render.mission import Playback, Series, Vehicle, step_of
 from usvauv.env.render.perspective import PerspectiveView
 from usvauv.env.render.plots import DepthSection, FixInsets, RecordedPlot, RewardBars
-from usvauv.env.render.sea import elevation_limit
+from usvauv.env.render.sea_surface import elevation_limit
 from usvauv.env.render.style import Colour, Theme, shorten, text_width, write
-from usvauv.env.scenario.sea import Area
+from usvauv.env.scenario.environment import Area
 from usvauv.kernels.errors import UserError
 
 VIEWS = ("map", "sea", "both")
@@ -375,7 +375,7 @@ class ComparisonFrames(Frames):
             write(picture, difference(second, value, form), (right, line), 12 * unit, theme.muted, anchor="right")
 
     def _figures(self, side: int, t: float) -> list[tuple[str, float, str]]:
-        """Those of a mission, and its position error as it is plotted."""
+        """Figures of a mission, and its position error as it is plotted."""
         error = "position error, m", float(self._errors[side][step_of(t)]), ".2f"
         return [*self._plays[side].figures(t), error]
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from usvauv.env.render import style
 from usvauv.env.render.style import Theme, clock, shorten, text_width, write
-from usvauv.env.scenario.sea import Area
+from usvauv.env.scenario.environment import Area
 
 
 class Rectangle(NamedTuple):
@@ -122,7 +122,7 @@ class Room(NamedTuple):
         return self.top + self.height
 
     def pixels(self, unit: float) -> Rectangle:
-        """In pixels of a frame with `unit` of them to one of the design."""
+        """This rectangle in pixels of a frame with `unit` of them to one of the design."""
         left, top = round(self.left * unit), round(self.top * unit)
         return Rectangle(left, top, round(self.right * unit) - left, round(self.bottom * unit) - top)
 

@@ -14,10 +14,10 @@ from usvauv.env.record.trace import Trace
 from usvauv.env.render import shapes, style
 from usvauv.env.render.layout import Layout, Rectangle, draw_card, nice, nice_above
 from usvauv.env.render.mission import ROUNDING, TRAIL, Playback, Vehicle, error_axes, step_of
-from usvauv.env.render.sea import CurrentStreaks, MapView, SeaSurface, colour_scale
+from usvauv.env.render.sea_surface import CurrentStreaks, MapView, SeaSurface, colour_scale
 from usvauv.env.render.shapes import LegendSymbol, Overlay
 from usvauv.env.render.style import text_width, write
-from usvauv.env.scenario import Scenario
+from usvauv.env.scenario.scenario import Scenario
 from usvauv.kernels.flow.vortex import Eddies
 from usvauv.kernels.types import Level
 

@@ -17,13 +17,13 @@ import numpy as np
 import torch
 from contourpy import contour_generator
 
-from usvauv.env.planning.fix_errors import reception
+from usvauv.env.accuracy.fix_errors import reception
 from usvauv.env.record.metrics import age, energy_consumption, position_error, target_distance
 from usvauv.env.record.trace import Trace, latest
-from usvauv.env.scenario import Scenario
+from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.sea.storm import elevation
 from usvauv.env.site.site import Site
-from usvauv.env.world.tables import link_table
+from usvauv.env.world.mission_parameters import link_table
 from usvauv.kernels import runtime
 from usvauv.kernels.errors import UserError
 from usvauv.kernels.positioning import usbl
@@ -213,7 +213,7 @@ class Playback:
 
     @cached_property
     def site(self) -> Site:
-        """With the bed."""
+        """Site of the mission, with its bed."""
         return Site.recorded(self.trace.scenario)
 
     @cached_property

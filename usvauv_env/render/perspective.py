@@ -24,7 +24,7 @@ from usvauv.env.render.scene import (
     look,
     turned,
 )
-from usvauv.env.render.sea import TEXELS, MapView, SeaShading, colour_scale, elevation_limit
+from usvauv.env.render.sea_surface import TEXELS, MapView, SeaShading, colour_scale, elevation_limit
 from usvauv.env.render.style import Theme, shorten, text_width, write
 
 OPACITY = 0.78  # of the surface over the scene below

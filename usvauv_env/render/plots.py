@@ -20,7 +20,7 @@ from usvauv.env.render.layout import (
     write_heading,
 )
 from usvauv.env.render.mission import Playback, Series, error_axes, step_of
-from usvauv.env.render.sea import MapView
+from usvauv.env.render.sea_surface import MapView
 from usvauv.env.render.style import Colour, clock, text_width, write
 from usvauv.env.storage.memory import extremes
 

@@ -18,7 +18,7 @@ import numpy as np
 from usvauv.env.render import shapes, style
 from usvauv.env.render.layout import nice, nice_above
 from usvauv.env.render.style import Colour
-from usvauv.env.scenario import Scenario
+from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.site.site import Site
 
 ELEVATION = math.radians(25)  # of the camera above the scene's centre

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import os
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
+from functools import reduce
 from importlib import resources
 from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any, NamedTuple, get_args
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator
 from pydantic.fields import FieldInfo
@@ -47,6 +50,7 @@ RETIRED: dict[str, tuple[object, ...]] = {
     "sea.start_modes": (4,),
     "reference.zermelo_speed": (1.1, 1.2, 1.3, 1.5, 1.6, 1.7, 1.8),
 }
+BASE = "base"  # key of a file with the name of the scenario that it differs from
 GONE = ("planner.objective", "e")  # a retired value of an existing field
 REMOVED_IN_03 = ("planner.horizon", GONE[0])  # the others in 0.4
 
@@ -74,28 +78,68 @@ class Section(BaseModel):
         return value if bool in kinds or _fields(field) else no_boolean(value)
 
 
-def one_line(error: ValidationError, source: str, model: type[Section]) -> str:
-    """The first problem of a validation as one line: file, field, problem, given value."""
+class Layer(NamedTuple):
+    """Values that a file, a keyword or an option gives to a scenario.
+
+    Attributes:
+        data: nested sections.
+        source: its name in messages.
+        section: of a keyword; messages name its fields without it.
+    """
+
+    data: Mapping[str, Any]
+    source: str
+    section: str = ""
+
+
+def merged(layers: Iterable[Mapping[str, Any]]) -> Mapping[str, Any]:
+    """Values of all layers: tables are merged key by key, anything else is replaced by that of a later layer."""
+
+    def over(below: Any, above: Any) -> Any:
+        if not isinstance(below, Mapping) or not isinstance(above, Mapping):
+            return above
+        return {**below, **{key: over(below[key], value) if key in below else value for key, value in above.items()}}
+
+    return reduce(over, layers)
+
+
+def one_line(error: ValidationError, layers: Sequence[Layer], model: type[Section]) -> str:
+    """The first problem of a validation as one line: the layer in which the value stands, field, problem, value."""
     problem = error.errors()[0]
-    field = ".".join(str(part) for part in problem["loc"])
+    place, field = problem["loc"], ".".join(str(part) for part in problem["loc"])
     plain = {"tuple_type": "must be a list", "model_type": "must be a section with fields"}  # not Python's words
     message = plain.get(problem["type"], problem["msg"]).removeprefix("Value error, ")
+    line = f"{field} = {problem['input']!r}: {message[0].lower()}{message[1:]}"
     if problem["type"] == "extra_forbidden":
         section: Any = model
-        for part in problem["loc"][:-1]:
+        for part in place[:-1]:
             section = section.model_fields[part].annotation
         names = list(section.model_fields)
-        if len(problem["loc"]) == 1:  # the section may be what was left out
+        if len(place) == 1:  # the section may be what was left out
             names += [f"{name}.{inner}" for name, info in model.model_fields.items() for inner in _fields(info)]
-        guess = choices(problem["loc"][-1], names).partition("; ")[2]
+        guess = choices(place[-1], names).partition("; ")[2]
         found = f"unknown field; allowed here: {', '.join(section.model_fields)}"
-        return f"{source}: {field}: {found}{guess and f'; {guess}'}"
-    if problem["type"] == "literal_error":
+        line = f"{field}: {found}{guess and f'; {guess}'}"
+    elif problem["type"] == "literal_error":
         names = re.findall(r"'([^']*)'", problem.get("ctx", {})["expected"])
-        return f"{source}: {field} = {problem['input']!r}: {choices(problem['input'], names)}"
-    if problem["type"] == "value_error":
-        return f"{source}: {field}: {message}" if field else f"{source}: {message}"
-    return f"{source}: {field} = {problem['input']!r}: {message[0].lower()}{message[1:]}"
+        line = f"{field} = {problem['input']!r}: {choices(problem['input'], names)}"
+    elif problem["type"] == "value_error":
+        line = f"{field}: {message}" if field else message
+        if named := re.match(r"\w+(\.\w+)*", message):  # a check of several fields begins with one of them
+            place = (*place, *named[0].split("."))
+    layer = next((each for each in reversed(layers) if _holds(each.data, place)), layers[-1])
+    return f"{layer.source}: {line.removeprefix(f'{layer.section}.')}"
+
+
+def _holds(data: Any, place: Sequence[int | str]) -> bool:
+    """Whether a field stands in nested sections."""
+    for part in place:
+        if not isinstance(data, Mapping):  # within a field
+            return True
+        if part not in data:
+            return False
+        data = data[part]
+    return True
 
 
 def _fields(info: FieldInfo) -> Collection[str]:
@@ -119,47 +163,68 @@ def shipped() -> list[str]:
     return sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml"))
 
 
-def read(name_or_path: str | Path) -> tuple[dict[str, Any], str]:
-    """Content of a scenario's file, and its name in messages."""
+def layers_of(name_or_path: str | Path, above: tuple[str, ...] = ()) -> list[Layer]:
+    """A scenario's file, and before it those whose values it takes over by `base`, the farthest first.
+
+    Args:
+        name_or_path: a shipped name, or a path.
+        above: the files that are based on it, the nearest last; a base's path is relative to the file that names it.
+
+    Raises:
+        ScenarioError: a file is missing or unreadable, or is based on itself.
+    """
     name = str(name_or_path)
-    if name in shipped():
-        text = (resources.files("usvauv.env") / "scenarios" / f"{name}.toml").read_text(encoding="utf-8")
-        return parse_text(text, "TOML"), name
+    chain = " → ".join([*above, name])
     try:
-        return read_text(name_or_path, "TOML"), name
+        if name in shipped():
+            text = (resources.files("usvauv.env") / "scenarios" / f"{name}.toml").read_text(encoding="utf-8")
+            data = parse_text(text, "TOML")
+        else:
+            data = read_text(name_or_path, "TOML")
     except FileNotFoundError:
         known = choices(name, shipped(), ", or the path of a TOML file")
-        raise ScenarioError(f"scenario {name!r}: {known}") from None
+        what = f"{' → '.join(above)}: base =" if above else "scenario"
+        raise ScenarioError(f"{what} {name!r}: {known}") from None
     except TextFileError as error:
-        raise ScenarioError(f"{name}: {error}") from None
+        raise ScenarioError(f"{chain}: {error}") from None
+    if os.path.realpath(name) in map(os.path.realpath, above):
+        raise ScenarioError(f"{chain}: base: a scenario cannot be based on itself")
+    if BASE not in data:
+        return [Layer(data, name)]
+    base = data.pop(BASE)
+    if not isinstance(base, str):
+        raise ScenarioError(f"{chain}: base = {base!r}: must be a shipped name or the path of a TOML file")
+    place = base if base in shipped() else str(Path(name).parent / base)
+    return [*layers_of(place, (*above, name)), Layer(data, name)]
 
 
-def override_field(data: dict[str, Any], override: str) -> None:
-    """Set one `section.field=value` in nested data; the value is TOML, or a bare word taken as text."""
+def parse_override(override: str) -> Mapping[str, Any]:
+    """Nested data of one `section.field=value`; the value is TOML, or a bare word taken as text.
+
+    Raises:
+        ScenarioError: it is of another form.
+    """
     key, separator, text = override.partition("=")
     parts = key.strip().split(".")
     if not separator or not all(parts):
         raise ScenarioError(f"--set {override!r}: expected section.field=value, for example auv.count=3")
     if len(parts) > DEEPEST:
         raise ScenarioError(f"--set {override!r}: nested too deep")
-    try:
-        value = parse_text(f"value = {text}", "TOML")["value"]
-    except TextFileError:
-        value = text.strip()
-    place = data
-    for part in parts[:-1]:
-        place = place.setdefault(part, {})
-        if not isinstance(place, dict):
-            raise ScenarioError(f"--set {override!r}: {part} is not a section")
-    place[parts[-1]] = value
+    data: Any = text.strip()
+    with suppress(TextFileError):
+        data = parse_text(f"value = {text}", "TOML")["value"]
+    for part in reversed(parts):
+        data = {part: data}
+    return data
 
 
-def without_retired(data: Mapping[str, Any], source: str, stored: bool) -> Mapping[str, Any]:
-    """Data without the fields and values in `RETIRED` and `GONE`.
+def without_retired(layer: Layer, stored: bool) -> Mapping[str, Any]:
+    """Data of a layer without the fields and values in `RETIRED` and `GONE`.
 
     Raises:
         ScenarioError: a retired field has a value that only stored scenarios may have.
     """
+    data = layer.data
     for name in (*RETIRED, GONE[0]):
         section, _, field = name.partition(".")
         content = data.get(section) if isinstance(data, Mapping) else None
@@ -170,7 +235,7 @@ def without_retired(data: Mapping[str, Any], source: str, stored: bool) -> Mappi
             continue
         if not stored and value not in RETIRED.get(name, ()):
             version = "0.3" if name in REMOVED_IN_03 else "0.4"
-            raise ScenarioError(f"{source}: {name} = {value!r}: was removed in {version}")
+            raise ScenarioError(f"{layer.source}: {name} = {value!r}: was removed in {version}")
         data = {**data, section: {other: inner for other, inner in content.items() if other != field}}
     return data
 

@@ -13,10 +13,23 @@ from typing import Annotated, Any
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
-from usvauv.env.scenario import fields, team
-from usvauv.env.scenario import sea as environment
-from usvauv.env.scenario.fields import ScenarioError, Section, as_toml, one_line, one_of, section
-from usvauv.env.scenario.sea import INFRAGRAVITY, SMALLEST_PERIOD
+from usvauv.env.scenario import environment, team
+from usvauv.env.scenario.environment import INFRAGRAVITY, SMALLEST_PERIOD
+from usvauv.env.scenario.fields import (
+    FILE,
+    Layer,
+    ScenarioError,
+    Section,
+    as_toml,
+    layers_of,
+    merged,
+    one_line,
+    one_of,
+    parse_override,
+    section,
+    shipped,
+    without_retired,
+)
 from usvauv.env.storage.files import TextFileError, check_plain
 from usvauv.kernels.mission.tasks.task import Task, tasks
 from usvauv.kernels.positioning.pulse import FEWEST_CHIPS, FEWEST_PERIODS
@@ -32,7 +45,7 @@ MOST_CHIPS = 1000  # of a coded pulse; codes are chosen by their correlations
 class Scenario(Section):
     """All numbers of a simulation.
 
-    Load a shipped scenario by name or any by path: `Scenario.load("extreme", ["auv.count=3"])`.
+    Load a shipped scenario by name or any by path: `Scenario.load("extreme", auv=dict(count=3))`.
     """
 
     name: str = Field("unnamed", min_length=1, description="name shown in tables and on videos")
@@ -319,7 +332,7 @@ class Scenario(Section):
             for _, section in self
             if isinstance(section, Section)
             for name, info in type(section).model_fields.items()
-            if fields.FILE in info.metadata
+            if FILE in info.metadata
         ]
         return [Path(name) for name in filter(None, named)]
 
@@ -328,19 +341,25 @@ class Scenario(Section):
         """Number of possible targets: nodes, or stations."""
         return self.nodes.count if self.task_definition.targets == "nodes" else self.auv.count
 
-    shipped = staticmethod(fields.shipped)
+    shipped = staticmethod(shipped)
 
     @classmethod
-    def load(cls, name_or_path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
-        """Read a scenario by shipped name or by path, apply `section.field=value` overrides, validate it.
+    def load(cls, name_or_path: str | Path, overrides: Sequence[str] = (), **sections: Any) -> Scenario:
+        """Read a scenario by shipped name or by path, change fields, validate it.
+
+        Args:
+            name_or_path: of the TOML file; by `base` it can state only what differs from another one.
+            overrides: each `section.field=value`, as the option `--set` takes them; after the keywords.
+            **sections: by name, as in `auv=dict(count=3)`; fields that one does not name stay.
 
         Raises:
             ScenarioError: unknown name, unreadable file, unknown field, wrong type or a value out of range.
         """
-        data, source = fields.read(name_or_path)
-        for override in overrides:
-            fields.override_field(data, override)
-        return cls.from_dict(data, source)
+        layers = layers_of(name_or_path)
+        source = layers[-1].source
+        layers += [Layer({name: value}, f"Scenario.load(…, {name}=…)", name) for name, value in sections.items()]
+        layers += [Layer(parse_override(override), source) for override in overrides]
+        return cls._merged(layers)
 
     def with_targets(self, rule: str | None) -> Scenario:
         """This scenario with another target rule; unchanged for None.
@@ -377,18 +396,25 @@ class Scenario(Section):
             data: as `to_dict` returns them.
             source: their name in an error message.
             stored: written by this version or an earlier one, as in a checkpoint or a trace: fields and values retired
-                since (`fields.RETIRED`) get their defaults.
+                since (`usvauv.env.scenario.fields.RETIRED`) get their defaults.
 
         Raises:
             ScenarioError: an unknown or retired field, wrong type or a value out of range.
         """
+        return cls._merged([Layer(data, source)], stored)
+
+    @classmethod
+    def _merged(cls, layers: Sequence[Layer], stored: bool = False) -> Scenario:
+        """The scenario of files and changes, later ones over earlier ones."""
+        for layer in layers:
+            try:
+                check_plain(layer.data)
+            except TextFileError as error:
+                raise ScenarioError(f"{layer.source}: {error}") from None
         try:
-            check_plain(data)
-            return cls.model_validate(fields.without_retired(data, source, stored))
-        except TextFileError as error:
-            raise ScenarioError(f"{source}: {error}") from None
+            return cls.model_validate(merged(without_retired(layer, stored) for layer in layers))
         except ValidationError as error:
-            raise ScenarioError(one_line(error, source, cls)) from None
+            raise ScenarioError(one_line(error, layers, cls)) from None
 
     def __repr__(self) -> str:
         """Name and sizes, and differences from the shipped scenario of that name, or else from the defaults."""

@@ -2,5 +2,5 @@
 
 `long_waves` forces and starts the solver, `storm` has the spectra, `water` combines both and the real current on one
 clock for worlds. For a sea without vehicles there are `simulation.SeaSimulation` and its record as CF-NetCDF,
-`netcdf.SeaFile`; `usvauv.cli.sea_view` draws it.
+`sea_file.SeaFile`; `usvauv.cli.sea_view` draws it.
 """

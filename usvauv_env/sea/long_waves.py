@@ -13,8 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
-from usvauv.env.scenario import Scenario, ScenarioError
-from usvauv.env.scenario.sea import INFRAGRAVITY
+from usvauv.env.scenario.environment import INFRAGRAVITY
+from usvauv.env.scenario.fields import ScenarioError
+from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.sea.storm import cumulative, density, total_height, wave_systems
 from usvauv.env.site.site import Site
 from usvauv.env.storage.memory import require
@@ -64,7 +65,7 @@ class NonlinearSeas:
         return self._solvers[0].time
 
     def set_forcing(self, amplitude: np.ndarray, period: np.ndarray, phase: np.ndarray) -> None:
-        """As `usvauv.kernels.shallow_water.linear.ShallowWater.set_forcing`, from the next interval on."""
+        """Set the waves at the forced edge from the next interval on, see `ShallowWater.set_forcing`."""
         for solver, *wave in zip(self._solvers, amplitude, period, phase, strict=True):
             solver.set_forcing(*wave)
 

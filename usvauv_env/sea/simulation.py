@@ -9,7 +9,8 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from usvauv.env.scenario import Scenario, ScenarioError
+from usvauv.env.scenario.fields import ScenarioError
+from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.sea.long_waves import build_sea, check_sea
 from usvauv.env.sea.water import LARGEST_SEED, advance, build_short_waves, whole_number
 from usvauv.env.site.site import Site
@@ -66,7 +67,7 @@ class SeaSimulation:
         seed: from 0 to 2⁶⁴ − 1, as of `World`.
         shape: cells (nx, ny).
         interval: time of one `advance`, s.
-        vortices: as of `usvauv.env.world.tables.first_vortices`; none by default.
+        vortices: as of `usvauv.env.world.mission_parameters.first_vortices`; none by default.
 
     Attributes:
         site: the place. long_waves: the solver. storm: the short waves.

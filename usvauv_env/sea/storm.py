@@ -28,8 +28,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from usvauv.env.scenario import ScenarioError
-from usvauv.env.scenario.sea import Storm
+from usvauv.env.scenario.environment import Storm
+from usvauv.env.scenario.fields import ScenarioError
 from usvauv.env.site.site import Site
 from usvauv.env.site.waves import Partition, WaveSpectrum
 from usvauv.kernels.flow import airy

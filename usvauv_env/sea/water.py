@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from usvauv.env.scenario import ScenarioError
+from usvauv.env.scenario.fields import ScenarioError
 from usvauv.env.sea.long_waves import LongWaves, boundary_waves, build_sea, speed_bound
 from usvauv.env.sea.storm import density, draw_storm, elevation, wave_systems
 from usvauv.env.site.site import Site

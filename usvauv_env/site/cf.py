@@ -10,10 +10,12 @@ import importlib.util
 import warnings
 from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from usvauv.env.storage import netcdf
 from usvauv.env.storage.netcdf import OceanError
@@ -29,6 +31,7 @@ DEGREES = {
 }
 MOST_VALUES = {"time": 10**7, "depth": 1000, "latitude": 10**7, "longitude": 10**7}  # of a coordinate
 CLOSEST = 1e-7  # degrees between points; 1 cm
+TOLERANCE = 1e-3  # s by which rounded times may miss the mission
 DEEPEST = 12000.0  # m; larger values are fill values or in other units
 FIRST_YEAR, LAST_YEAR = 1678, 2262  # before the second: what datetime64[ns] can hold
 CALENDARS = ("standard", "gregorian", "proleptic_gregorian")
@@ -309,3 +312,56 @@ def to_nanoseconds(times: np.ndarray, where: str) -> np.ndarray:
     if wrong.size:
         raise OceanError(f"{where}: {wrong[0]}; allowed: the years {FIRST_YEAR} to {LAST_YEAR - 1}")
     return times.astype("datetime64[ns]")
+
+
+def mission_times(
+    source: Field, path: str | Path, start: str | None, duration: float
+) -> tuple[np.ndarray, np.ndarray, str]:
+    """Positions on the time axis that enclose the mission, their seconds since its start, and that start."""
+    if "time" not in source.axes:
+        if start:
+            raise OceanError(f"{path}: {source.name}: has no time coordinate; start = {start!r} must be left empty")
+        return np.zeros(1, int), np.zeros(1), ""
+    values = source.axes["time"].values
+    begin = parse_time(start) if start else values[0]
+    seconds = (values - begin) / np.timedelta64(1, "ns") * 1e-9
+    if len(values) == 1:
+        if abs(seconds[0]) > TOLERANCE:
+            raise OceanError(f"{path}: has one time, {iso(values[0])}; start = {start!r} must be that or left empty")
+        return np.zeros(1, int), np.zeros(1), iso(begin)
+    if seconds[0] > TOLERANCE or duration > seconds[-1] + TOLERANCE:
+        end = begin + np.timedelta64(round(duration * 1e9), "ns")
+        raise OceanError(
+            f"{path}: {source.axes['time'].name}: the mission lasts from {iso(begin)} to {iso(end)} "
+            f"and the file from {iso(values[0])} to {iso(values[-1])}; it must enclose the mission"
+        )
+    first = np.searchsorted(seconds, TOLERANCE, "right") - 1
+    last = max(np.searchsorted(seconds, duration - TOLERANCE, "left"), first + 1)
+    picked = np.arange(first, min(last, len(values) - 1) + 1)
+    return picked, seconds[picked], iso(begin)
+
+
+def parse_time(start: str) -> np.datetime64:
+    """A time in ISO 8601, UTC unless it says otherwise, as datetime64[ns].
+
+    Raises:
+        OceanError: it is none.
+    """
+    try:
+        moment = datetime.fromisoformat(start)
+        if moment.tzinfo:
+            moment = moment.astimezone(UTC).replace(tzinfo=None)
+    except (ValueError, OverflowError):
+        raise OceanError(f"start = {start!r}; allowed: ISO 8601, such as 2026-01-31T06:00:00") from None
+    return to_nanoseconds(np.array([moment], "datetime64[us]"), f"start = {start!r}")[0]
+
+
+def iso(moment: Any) -> str:
+    """A datetime64 as text, to the microsecond."""
+    return str(moment.astype("datetime64[us]")).removesuffix(".000000")
+
+
+def bracket(values: np.ndarray, targets: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    """Index of the value at or below each target and the weight, 0 to 1, of the next."""
+    index = np.clip(np.searchsorted(values, targets, "right") - 1, 0, len(values) - 2)
+    return index, np.clip((targets - values[index]) / (values[index + 1] - values[index]), 0, 1)

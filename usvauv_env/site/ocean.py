@@ -9,12 +9,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from usvauv.env.site.cf import (
     DEEPEST,
@@ -22,9 +20,11 @@ from usvauv.env.site.cf import (
     METRES_PER_SECOND,
     Axis,
     Field,
+    bracket,
     field,
     find,
-    to_nanoseconds,
+    iso,
+    mission_times,
 )
 from usvauv.env.site.place import EQUATOR, LocalFrame
 from usvauv.env.storage.netcdf import OceanError, open_decoded
@@ -62,7 +62,6 @@ SURFACE_LAYER = 15.0  # m; a file whose first depth is at most this serves up to
 MAX_NODES = 129
 BLOCK = 2**21  # values interpolated at a time
 SLACK = 1e-5  # degrees by which rounded coordinates may miss the area
-TOLERANCE = 1e-3  # s by which rounded times may miss the mission
 
 
 @dataclass(frozen=True)
@@ -250,53 +249,6 @@ def _layers(source: Field, path: str | Path, levels: Sequence[float]) -> dict[st
     return {"depth": axis.part(needed)}
 
 
-def mission_times(
-    source: Field, path: str | Path, start: str | None, duration: float
-) -> tuple[np.ndarray, np.ndarray, str]:
-    """Positions on the time axis that enclose the mission, their seconds since its start, and that start."""
-    if "time" not in source.axes:
-        if start:
-            raise OceanError(f"{path}: {source.name}: has no time coordinate; start = {start!r} must be left empty")
-        return np.zeros(1, int), np.zeros(1), ""
-    values = source.axes["time"].values
-    begin = parse_time(start) if start else values[0]
-    seconds = (values - begin) / np.timedelta64(1, "ns") * 1e-9
-    if len(values) == 1:
-        if abs(seconds[0]) > TOLERANCE:
-            raise OceanError(f"{path}: has one time, {iso(values[0])}; start = {start!r} must be that or left empty")
-        return np.zeros(1, int), np.zeros(1), iso(begin)
-    if seconds[0] > TOLERANCE or duration > seconds[-1] + TOLERANCE:
-        end = begin + np.timedelta64(round(duration * 1e9), "ns")
-        raise OceanError(
-            f"{path}: {source.axes['time'].name}: the mission lasts from {iso(begin)} to {iso(end)} "
-            f"and the file from {iso(values[0])} to {iso(values[-1])}; it must enclose the mission"
-        )
-    first = np.searchsorted(seconds, TOLERANCE, "right") - 1
-    last = max(np.searchsorted(seconds, duration - TOLERANCE, "left"), first + 1)
-    picked = np.arange(first, min(last, len(values) - 1) + 1)
-    return picked, seconds[picked], iso(begin)
-
-
-def parse_time(start: str) -> np.datetime64:
-    """A time in ISO 8601, UTC unless it says otherwise, as datetime64[ns].
-
-    Raises:
-        OceanError: it is none.
-    """
-    try:
-        moment = datetime.fromisoformat(start)
-        if moment.tzinfo:
-            moment = moment.astimezone(UTC).replace(tzinfo=None)
-    except (ValueError, OverflowError):
-        raise OceanError(f"start = {start!r}; allowed: ISO 8601, such as 2026-01-31T06:00:00") from None
-    return to_nanoseconds(np.array([moment], "datetime64[us]"), f"start = {start!r}")[0]
-
-
-def iso(moment: Any) -> str:
-    """A datetime64 as text, to the microsecond."""
-    return str(moment.astype("datetime64[us]")).removesuffix(".000000")
-
-
 def _nodes(windows: Sequence[dict[str, Axis]], width: float, length: float) -> tuple[np.ndarray, np.ndarray]:
     """x and y, (ny, nx), of nodes at most half the files' spacing apart, as far as `MAX_NODES` go."""
     steps = np.min([spacing(axes) for axes in windows], axis=0)
@@ -386,9 +338,3 @@ def at_time(times: np.ndarray, values: np.ndarray, t: float) -> np.ndarray:
     index, weight = bracket(times, t)
     weight = np.float32(weight)
     return (1 - weight) * values[index] + weight * values[index + 1]
-
-
-def bracket(values: np.ndarray, targets: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """Index of the value at or below each target and the weight, 0 to 1, of the next."""
-    index = np.clip(np.searchsorted(values, targets, "right") - 1, 0, len(values) - 2)
-    return index, np.clip((targets - values[index]) / (values[index + 1] - values[index]), 0, 1)

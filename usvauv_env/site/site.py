@@ -9,9 +9,11 @@ from functools import cached_property
 
 import numpy as np
 
-from usvauv.env.scenario import Scenario, ScenarioError
-from usvauv.env.scenario.sea import Area
-from usvauv.env.site.ocean import Flow, bilinear, iso, parse_time, read_bathymetry, read_flow
+from usvauv.env.scenario.environment import Area
+from usvauv.env.scenario.fields import ScenarioError
+from usvauv.env.scenario.scenario import Scenario
+from usvauv.env.site.cf import iso, parse_time
+from usvauv.env.site.ocean import Flow, bilinear, read_bathymetry, read_flow
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.sound_speed import SoundSpeedError, SoundSpeedProfile
 from usvauv.env.site.waves import Waves, read_waves
@@ -199,8 +201,10 @@ class Site:
 
     @property
     def frame(self) -> LocalFrame | None:
-        """The area's plane on the Earth; None where the scenario names no place."""
-        return LocalFrame.of(self.scenario)
+        """The area's plane on the Earth; None where the scenario names no place: no file, and the default corner."""
+        water = self.scenario.water
+        named = water.bathymetry or water.currents or water.waves or water.longitude or water.latitude
+        return self._frame if named else None
 
     @property
     def _frame(self) -> LocalFrame:

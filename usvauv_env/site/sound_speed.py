@@ -59,7 +59,7 @@ class SoundSpeedProfile:
 
     @classmethod
     def constant(cls, speed: float) -> SoundSpeedProfile:
-        """The same speed (m/s) at all depths.
+        """A profile of one speed (m/s) at all depths.
 
         Raises:
             SoundSpeedError: not a speed of sound in water.
@@ -68,7 +68,7 @@ class SoundSpeedProfile:
 
     @classmethod
     def from_table(cls, rows: Sequence[Sequence[float]]) -> SoundSpeedProfile:
-        """From rows of depth (m, positive downwards) and speed (m/s).
+        """A profile from rows of depth (m, positive downwards) and speed (m/s).
 
         Raises:
             SoundSpeedError: no or ragged rows, depths that do not rise or begin too deep, a number out of range.
@@ -87,7 +87,7 @@ class SoundSpeedProfile:
         longitude: float = 0.0,
         salinity: str = "practical",
     ) -> SoundSpeedProfile:
-        """From rows of depth (m), in-situ temperature (°C, ITS-90) and salinity, by TEOS-10's exact speed of sound.
+        """A profile from rows of depth (m), in-situ temperature (°C, ITS-90) and salinity, by TEOS-10's speed of sound.
 
         Between rows temperature and salinity are linear; rows are added where the speed would not be.
 
@@ -298,7 +298,7 @@ def _simplified(
 def _thinned(
     depths: np.ndarray, speeds: np.ndarray, arrays: tuple[float, ...], source: float, longest: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """As few depths, and speeds there, as are found to serve; see `SoundSpeedProfile.thinned`.
+    """Fewest depths, and speeds there, that are found to serve; see `SoundSpeedProfile.thinned`.
 
     Each speed weighs as the time that the flattest direct ray within the longest range takes at it, by 1/cos θ.
     """

@@ -13,13 +13,14 @@ import numpy as np
 from usvauv.env.site.cf import (
     Axis,
     Field,
+    bracket,
     coordinates_along,
     kind_of,
+    mission_times,
     read_axis,
     refuse_dimension,
     require_numbers,
 )
-from usvauv.env.site.ocean import bracket, mission_times
 from usvauv.env.site.place import EQUATOR
 from usvauv.env.storage import netcdf
 from usvauv.env.storage.netcdf import OceanError

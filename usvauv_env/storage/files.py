@@ -186,7 +186,7 @@ class HDF5File(FileIO):
 
 @contextmanager
 def hdf5_file(path: Path) -> Iterator[HDF5File]:
-    """As `atomic_write`, a file for HDF5, which is to be closed by HDF5 before the block ends.
+    """A file for HDF5 in the place of `atomic_write`'s, which is to be closed by HDF5 before the block ends.
 
     Raises:
         OutputError: as `atomic_write`.

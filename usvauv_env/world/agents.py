@@ -7,15 +7,17 @@ receive everything while each agent receives its own observation.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 import torch
 from gymnasium.spaces import Box
 
-from usvauv.env.scenario import Scenario
+from usvauv.env.scenario.scenario import Scenario
+from usvauv.env.sea.water import current_bound
 from usvauv.env.site.site import Site
-from usvauv.env.world.observation import POSITION_BOUND, Quantity, observed
+from usvauv.env.world.observation import POSITION_BOUND, ObservationLayout, Quantity, observation_terms, quantities
 from usvauv.env.world.world import World
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, ExchangeColumn, NodeColumn
 from usvauv.kernels.positioning import tracker
@@ -24,8 +26,22 @@ SILENCE = 300.0  # s, the unit of times
 LONGEST = 10.0  # of these units; longer times are clamped to it
 
 
+def observed(site: Site) -> list[Quantity]:
+    """The observation of one AUV, number by number, with the bounds of the space."""
+    scenario, largest = site.scenario, current_bound(site)
+    layout = ObservationLayout.of(scenario)
+    rows: list[Quantity] = []
+    for name in layout.terms:
+        term = observation_terms[name]
+        unit = f"area's diagonal, {scenario.area.diagonal:.6g} m" if term.unit == "D" else term.unit
+        low, high = (math.copysign(largest, x) if math.isinf(x) else x for x in (term.low, term.high))
+        for text in quantities(name, layout.num_auvs):
+            rows.append(Quantity(len(rows), text, unit, low, high))
+    return rows
+
+
 def auv_observation_space(site: Site) -> Box:
-    """Space of one AUV's observations, (O,), as `usvauv.env.world.observation` tabulates them.
+    """Space of one AUV's observations, (O,), as `observed` tabulates them.
 
     Fixes and storm waves have no hard bounds: the rare observation beyond (fixes at a low signal-to-noise ratio in very
     large areas, freak waves) is clamped into the space.

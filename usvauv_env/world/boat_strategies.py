@@ -7,8 +7,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
-from usvauv.env.scenario import Scenario, ScenarioError
-from usvauv.env.site.place import SIDED, position
+from usvauv.env.scenario.fields import ScenarioError
+from usvauv.env.scenario.scenario import Scenario
+from usvauv.env.site.positions import SIDED, position
 from usvauv.kernels.errors import choices
 from usvauv.kernels.mission import boat_strategies as kernel
 from usvauv.kernels.mission.worlds import Strategy

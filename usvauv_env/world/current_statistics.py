@@ -16,7 +16,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from usvauv.env.scenario import Scenario
+from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.sea.long_waves import long_wave_rms
 from usvauv.env.sea.storm import density, wave_systems
 from usvauv.env.site.site import Site

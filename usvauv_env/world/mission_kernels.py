@@ -8,13 +8,14 @@ from typing import Any
 
 import torch
 
-from usvauv.env.scenario import Scenario, ScenarioError
+from usvauv.env.scenario.fields import ScenarioError
+from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.sea.water import Seeds, WorldWater
 from usvauv.env.site.site import Site
-from usvauv.env.world import tables
+from usvauv.env.world import mission_parameters
 from usvauv.env.world.boat_strategies import StrategyChoice, boat_strategies
 from usvauv.env.world.observation import ObservationLayout, observation_terms
-from usvauv.env.world.state import ALIGNMENT, Memory, padded_length
+from usvauv.env.world.state import ALIGNMENT, StateBuffer, padded_length
 from usvauv.kernels import random, runtime
 from usvauv.kernels.errors import blaming
 from usvauv.kernels.flow import vortex_motion
@@ -38,7 +39,7 @@ def workspace_numbers(scenario: Scenario, pulses: Pulses) -> int:
     """Numbers of a world's workspaces, at most."""
     drawn = draw_numbers(scenario.auv.count, scenario.boat.count, scenario.targets).size
     received = scenario.auv.count * len(ReceptionColumn.names)
-    return tables.rule_workspace(scenario) + 8 * pulses.noise.shape[2] + 4 * drawn + received
+    return mission_parameters.rule_workspace(scenario) + 8 * pulses.noise.shape[2] + 4 * drawn + received
 
 
 class MissionKernels:
@@ -46,7 +47,7 @@ class MissionKernels:
 
     Args:
         site, strategy, layout: of the worlds; the last of their observations.
-        seeds: of each world. water: on which they sail.
+        seeds: of each world. water: of the worlds.
         memory: of the worlds' arrays.
         pulses: of AUVs, where they are used.
 
@@ -65,7 +66,7 @@ class MissionKernels:
         layout: ObservationLayout,
         seeds: Seeds,
         water: WorldWater,
-        memory: Memory,
+        memory: StateBuffer,
         pulses: Pulses,
     ) -> None:
         scenario, running = site.scenario, runtime.start()
@@ -96,9 +97,9 @@ class MissionKernels:
 
     def use(self, site: Site) -> None:
         """Make the tables of a site; `bind` is to follow."""
-        scenario, uploaded = site.scenario, tables.kernel_tables(site, self._strategy)
+        scenario, uploaded = site.scenario, mission_parameters.kernel_tables(site, self._strategy)
         self._site = site
-        program = tables.program(site, self._strategy.strategy, uploaded["link"])
+        program = mission_parameters.program(site, self._strategy.strategy, uploaded["link"])
         worlds, auvs = self.action.shape[:2]
         few = runtime.better_alone(AUV_STEP * worlds * auvs)
         known = not self.plugins()  # plugins' functions may read anything, and may not compile with whole vectors
@@ -131,7 +132,7 @@ class MissionKernels:
             "due": self._due,
             "vortex_rows": self._rows(arrays["vortex"], in_lanes),
             "drift_rows": self._rows(arrays["drift"], in_lanes),
-            "workspace": self._zeros(worlds, tables.rule_workspace(scenario) + losses),
+            "workspace": self._zeros(worlds, mission_parameters.rule_workspace(scenario) + losses),
             "ways": self._zeros(*ways, random.LANES),
             "pulse_envelope": self._pulses.envelope,
             "pulse_output": self._pulses.noise,
@@ -200,15 +201,15 @@ class MissionKernels:
     def _moving(self, phase: int, arguments: Mapping[str, Any]) -> Launch:
         """The kernel that deploys the vehicles with dynamics, or moves them through a mission step."""
         scenario = self._site.scenario
-        table = torch.from_numpy(tables.vehicle_table(scenario)).to(self._device)
+        table = torch.from_numpy(mission_parameters.vehicle_table(scenario)).to(self._device)
         given = (arguments[name] for name in ("key", "clock", "chosen", "action", "auv"))
         body = arguments["body"].view(-1, arguments["body"].shape[-1])
         return Launch(
             move,
             phase,
             runtime.better_alone(self._blocks.shape[0]),
-            tables.vehicle_motion(scenario),
-            tables.vehicle_substeps(scenario),
+            mission_parameters.vehicle_motion(scenario),
+            mission_parameters.vehicle_substeps(scenario),
             arguments["p"],
             table,
             *given,

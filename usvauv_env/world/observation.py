@@ -11,9 +11,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, NamedTuple
 
-from usvauv.env.scenario import Scenario, ScenarioError
-from usvauv.env.sea.water import current_bound
-from usvauv.env.site.site import Site
+from usvauv.env.scenario.fields import ScenarioError
+from usvauv.env.scenario.scenario import Scenario
 from usvauv.kernels.errors import choices
 from usvauv.kernels.mission import observation as kernel
 from usvauv.kernels.mission.observation import BEAM_ANGLE, BEAM_CELL, BEAMS, PROFILE_POINTS
@@ -131,20 +130,6 @@ class ObservationLayout:
             KeyError: the term is not present.
         """
         return dict(self)[name]
-
-
-def observed(site: Site) -> list[Quantity]:
-    """The observation of one AUV, number by number, with the bounds of the space."""
-    scenario, largest = site.scenario, current_bound(site)
-    layout = ObservationLayout.of(scenario)
-    rows: list[Quantity] = []
-    for name in layout.terms:
-        term = observation_terms[name]
-        unit = f"area's diagonal, {scenario.area.diagonal:.6g} m" if term.unit == "D" else term.unit
-        low, high = (math.copysign(largest, x) if math.isinf(x) else x for x in (term.low, term.high))
-        for text in quantities(name, layout.num_auvs):
-            rows.append(Quantity(len(rows), text, unit, low, high))
-    return rows
 
 
 def commanded(scenario: Scenario) -> list[Quantity]:

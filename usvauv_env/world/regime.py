@@ -13,11 +13,11 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from usvauv.env.scenario import Scenario
+from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.sea.long_waves import forced_gain, long_wave_rms
 from usvauv.env.sea.storm import uneven_bed_warning, wave_systems
 from usvauv.env.site.site import Site
-from usvauv.env.world import tables
+from usvauv.env.world import mission_parameters
 from usvauv.env.world.current_statistics import drift_speed
 from usvauv.kernels.mission.tasks.data_collection import LEAST_RATE
 from usvauv.kernels.positioning import acoustic_link
@@ -133,7 +133,7 @@ def _currents(site: Site) -> Iterator[Finding]:
 
 def _replies(site: Site) -> Finding:
     distance, depth, reaches = np.geomspace(1.0, 1e5, 2000), site.scenario.auv.depth, []
-    for link in tables.link_table(site).astype(float):
+    for link in mission_parameters.link_table(site).astype(float):
         loss = link[acoustic_link.SPREADING] * np.log10(distance) + link[acoustic_link.ABSORPTION] * distance / 1e3
         ratio = link[acoustic_link.RATIO_AT_1M] - link[acoustic_link.PATHS] * (loss + link[acoustic_link.BUBBLES])
         least = 10 * math.log10(max(link[acoustic_link.THRESHOLD] / 8 - 1, 1e-9))
@@ -146,7 +146,7 @@ def _replies(site: Site) -> Finding:
 
 
 def _data_link(site: Site) -> Finding:
-    nodes, rate = site.scenario.nodes, tables.reference_rate(site)
+    nodes, rate = site.scenario.nodes, mission_parameters.reference_rate(site)
     efficiency, value = 1e6 * rate / nodes.bandwidth, "nothing"
     verdict: Verdict = "error"
     if rate > LEAST_RATE:

@@ -9,7 +9,8 @@ from typing import Any, NamedTuple, NoReturn, TypeGuard
 import numpy as np
 import torch
 
-from usvauv.env.scenario import Scenario, ScenarioError
+from usvauv.env.scenario.fields import ScenarioError
+from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.world.observation import ObservationLayout
 from usvauv.kernels.functions import LANES, Limits
 from usvauv.kernels.mission.worlds import REWARDS, STATE
@@ -67,7 +68,7 @@ def padded_length(shape: Sequence[int]) -> int:
     return -(-math.prod(shape) // ALIGNMENT) * ALIGNMENT
 
 
-class Memory(NamedTuple):
+class StateBuffer(NamedTuple):
     """The arrays of `STATE` and `REWARDS` of worlds, one after the other, so that one check finds any fault.
 
     Attributes:
@@ -84,8 +85,10 @@ class Memory(NamedTuple):
     limits: Limits
 
 
-def allocate(shapes: Mapping[str, Sequence[int]], scenario: Scenario, num_worlds: int, device: torch.device) -> Memory:
-    """Memory of zeros for arrays of these shapes, in worlds of this scenario."""
+def allocate(
+    shapes: Mapping[str, Sequence[int]], scenario: Scenario, num_worlds: int, device: torch.device
+) -> StateBuffer:
+    """A buffer of zeros for arrays of these shapes, in worlds of this scenario."""
     lengths = [padded_length(shape) for shape in shapes.values()]
     numbers = torch.zeros(sum(lengths), dtype=torch.float32, device=device)
     named = zip(numbers.split(lengths), shapes.items(), strict=True)
@@ -95,7 +98,7 @@ def allocate(shapes: Mapping[str, Sequence[int]], scenario: Scenario, num_worlds
         (row, math.prod(shape[1:])) for row, shape in zip(rows, shapes.values(), strict=False) if shape[0] == num_worlds
     ]
     spans = torch.tensor(np.array(each, np.int32), device=device)
-    return Memory(numbers, arrays, spans, limits_of(shapes, scenario, device))
+    return StateBuffer(numbers, arrays, spans, limits_of(shapes, scenario, device))
 
 
 def limits_of(shapes: Mapping[str, Sequence[int]], scenario: Scenario, device: torch.device) -> Limits:

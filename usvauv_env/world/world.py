@@ -10,12 +10,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
-from usvauv.env.scenario import Scenario, ScenarioError
+from usvauv.env.scenario.fields import ScenarioError
+from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.sea.long_waves import LongWaves
 from usvauv.env.sea.water import AirySea, Seeds, WorldWater, whole_number
 from usvauv.env.site.site import Site
 from usvauv.env.storage.memory import require
-from usvauv.env.world import tables
+from usvauv.env.world import mission_parameters
 from usvauv.env.world.boat_strategies import AGENT, StrategyChoice
 from usvauv.env.world.mission_kernels import MissionKernels, workspace_numbers
 from usvauv.env.world.observation import ObservationLayout
@@ -181,7 +182,11 @@ class World:
         self._foresees = foresees = self.strategy.strategy.functions.foresees
         shapes = array_shapes(scenario, num_worlds, foresees)
         used = scenario.uses_pulse_tables
-        pulses = tables.pulse_tables(scenario, self.device) if used else tables.no_pulses(self.device)
+        pulses = (
+            mission_parameters.pulse_tables(scenario, self.device)
+            if used
+            else mission_parameters.no_pulses(self.device)
+        )
         workspaces = num_worlds * workspace_numbers(scenario, pulses)
         size = 4.0 * (WORKSPACE * sum(map(padded_length, shapes.values())) + workspaces)
         require(size, f"num_worlds = {num_worlds} of {self.num_auvs} AUVs", self.device)
@@ -234,7 +239,7 @@ class World:
     @property
     def rule_workspace(self) -> torch.Tensor:
         """The target rule's workspace after the last step, (W, ≥ 1)."""
-        return self._kernels.tables["workspace"][:, : tables.rule_workspace(self.scenario)]
+        return self._kernels.tables["workspace"][:, : mission_parameters.rule_workspace(self.scenario)]
 
     @property
     def begun(self) -> bool:
@@ -317,16 +322,18 @@ class World:
         if not torch.isfinite(action).all():
             raise ScenarioError("boat_action: all numbers must be finite")
         boat = self.scenario.boat
-        velocity = tables.top_speed(self.scenario) * action / action.norm(dim=-1, keepdim=True).clamp(min=1.0)
+        velocity = (
+            mission_parameters.top_speed(self.scenario) * action / action.norm(dim=-1, keepdim=True).clamp(min=1.0)
+        )
         place = self.boat[..., BoatColumn.span("x", "y")]
-        if response := tables.response_time(self.scenario):
+        if response := mission_parameters.response_time(self.scenario):
             drift = self.boat[..., BoatColumn.span("drift_x", "drift_y")]
             velocity = velocity + drift
             place = place + response * (self.boat[..., BoatColumn.span("water_x", "water_y")] + drift)
             place = place + boat.dead_band * velocity / velocity.norm(dim=-1, keepdim=True).clamp(min=1e-6)
         elif boat.drifts:
             velocity = velocity + self.boat[..., BoatColumn.span("current_x", "current_y")]
-        place = place + tables.control_time(self.scenario) * velocity
+        place = place + mission_parameters.control_time(self.scenario) * velocity
         self.boat[..., BoatColumn.span("goal_x", "goal_y")] = place
 
     @property
@@ -498,7 +505,7 @@ class World:
         return self.storm.components(int(self._water.sea_index[world]))
 
     def long_waves(self, pixels: int, world: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The same for the long waves alone, and x (X,) and y (Y,) of the centres of the averaged cells, m."""
+        """Elevation of the long waves alone, averaged as in `surface`, and its cells' centres x (X,) and y (Y,), m."""
         return self._water.mean_elevation(pixels, world)
 
 

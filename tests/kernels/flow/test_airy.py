@@ -9,7 +9,7 @@ import torch
 from scipy.integrate import quad, trapezoid
 from scipy.signal import welch
 
-from usvauv.env.scenario.sea import Storm
+from usvauv.env.scenario.environment import Storm
 from usvauv.env.sea.storm import band, draw_storm, spread
 from usvauv.env.sea.water import AirySea
 from usvauv.kernels.flow import airy

@@ -11,7 +11,7 @@ from usvauv import policies
 from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.record.recorder import record
 from usvauv.env.site.site import Site
-from usvauv.env.world.tables import link_table
+from usvauv.env.world.mission_parameters import link_table
 from usvauv.kernels.mission.columns import AuvColumn
 from usvauv.kernels.positioning import tracker, usbl
 

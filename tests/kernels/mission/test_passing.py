@@ -11,7 +11,7 @@ from usvauv.env import Scenario, World
 from usvauv.env.record.metrics import energy_consumption, episode_metrics, fairness
 from usvauv.env.record.recorder import record
 from usvauv.env.site.site import BED_WAVES, Site, random_bed
-from usvauv.env.world.tables import DataLink
+from usvauv.env.world.mission_parameters import DataLink
 from usvauv.kernels.mission.columns import AuvColumn, BeliefColumn, NodeColumn, TallyColumn
 from usvauv.policies.heuristics.passing import Loiter, loiter_radius
 

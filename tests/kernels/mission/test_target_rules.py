@@ -15,7 +15,7 @@ from tests.links import EVERY_STEP
 from tests.slowly import slowly
 from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.site.site import Site
-from usvauv.env.world.tables import reference_rate
+from usvauv.env.world.mission_parameters import reference_rate
 from usvauv.kernels.mission.columns import AuvColumn, BeliefColumn, NodeColumn
 from usvauv.kernels.mission.target_rules import knowledge
 from usvauv.kernels.types import array2

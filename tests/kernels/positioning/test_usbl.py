@@ -9,7 +9,7 @@ import torch
 from scipy import stats
 
 from tests.kernels.planning.reference import loss
-from usvauv.env.planning.fix_errors import reception
+from usvauv.env.accuracy.fix_errors import reception
 from usvauv.kernels.positioning import acoustic_link, sonar, usbl
 from usvauv.kernels.positioning.sonar import coates
 from usvauv.kernels.types import array2, vec2, vec3

@@ -27,7 +27,7 @@ from usvauv.env.sea.storm import cumulative
 from usvauv.env.sea.water import build_short_waves
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site
-from usvauv.env.world.tables import first_vortices
+from usvauv.env.world.mission_parameters import first_vortices
 
 STEADY = ["current.mutual=false", "current.viscosity=0"]
 

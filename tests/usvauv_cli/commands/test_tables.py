@@ -14,7 +14,7 @@ from usvauv.cli.evaluation.tables import COLUMNS as HEADED
 from usvauv.cli.evaluation.tables import OF_STATIONS, metrics_tables
 from usvauv.env import Scenario
 from usvauv.env.record.metrics import COLUMNS, FIGURES, EpisodeMetrics
-from usvauv.env.storage.tables import Combination
+from usvauv.env.storage.result_tables import Combination
 from usvauv.policies import TrainingConfig
 from usvauv.policies.algorithms import Batch, Sizes, algorithms
 

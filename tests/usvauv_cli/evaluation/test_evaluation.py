@@ -27,7 +27,7 @@ from usvauv.env.record import evaluation
 from usvauv.env.record.metrics import FIGURES
 from usvauv.env.record.recorder import EACH
 from usvauv.env.storage import memory
-from usvauv.env.storage.tables import Combination
+from usvauv.env.storage.result_tables import Combination
 from usvauv.kernels.errors import UserError
 
 ONE, TWO, THREE = (Combination(name, "fim", "tour") for name in ("one", "two", "three"))

@@ -11,9 +11,9 @@ import torch
 
 from tests.links import TILTING, TILTING_OPTIONS
 from usvauv.env import Scenario
-from usvauv.env.planning.fix_errors import predict
+from usvauv.env.accuracy.fix_errors import predict
 from usvauv.env.site.site import Site
-from usvauv.env.world.tables import link_table
+from usvauv.env.world.mission_parameters import link_table
 from usvauv.kernels.planning import objectives, search
 from usvauv.kernels.positioning import acoustic_link, usbl
 

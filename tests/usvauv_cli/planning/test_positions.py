@@ -6,9 +6,9 @@ import math
 import pytest
 
 from usvauv.env import Scenario
-from usvauv.env.site.place import angle, auv_position, coordinates
+from usvauv.env.site.positions import angle, auv_position, coordinates
 from usvauv.env.world.boat_strategies import StrategyChoice
-from usvauv.env.world.tables import fixed_vortices
+from usvauv.env.world.mission_parameters import fixed_vortices
 from usvauv.kernels.errors import UserError
 
 CORNER = {"water.latitude": 22.51, "water.longitude": 114.02}

@@ -17,7 +17,7 @@ from usvauv import policies
 from usvauv.cli.reproduction import collaboration, fig4, learning, page, paper
 from usvauv.cli.reproduction.paper import FULL, METHODS, Settings, heuristic, learned
 from usvauv.env import Scenario
-from usvauv.env.storage.tables import read_rows, write_rows
+from usvauv.env.storage.result_tables import read_rows, write_rows
 from usvauv.env.world.observation import ObservationLayout
 
 SAME = "observation.current=speed"  # so that all methods share what is compiled

@@ -21,7 +21,7 @@ from usvauv.cli.sweep import perform, run
 from usvauv.cli.sweep.run import Piece, key_of
 from usvauv.cli.sweep.study import Evaluation, Resources, StudyRun, define, read
 from usvauv.env.scenario import Scenario
-from usvauv.env.storage.tables import read_rows
+from usvauv.env.storage.result_tables import read_rows
 from usvauv.kernels.errors import UserError
 from usvauv.policies import checkpoint
 

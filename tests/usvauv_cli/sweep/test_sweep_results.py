@@ -15,7 +15,7 @@ from usvauv.cli.sweep.run import FAILURE, MADE, RESULT
 from usvauv.cli.sweep.study import Evaluation, Study, read
 from usvauv.cli.sweep.summary import improvement, interquartile_mean, interval, mean, median, normalised
 from usvauv.env.record.metrics import EpisodeMetrics
-from usvauv.env.storage.tables import read_rows, write_rows
+from usvauv.env.storage.result_tables import read_rows, write_rows
 from usvauv.policies import checkpoint
 
 DRAW = np.random.default_rng(3)

@@ -34,7 +34,7 @@ from usvauv.env import Scenario, run_episodes
 from usvauv.env.record.metrics import EpisodeMetrics, usable
 from usvauv.env.site.place import grid_mapping
 from usvauv.env.site.site import Site
-from usvauv.env.storage.tables import Combination, read_rows
+from usvauv.env.storage.result_tables import Combination, read_rows
 from usvauv.kernels.errors import UserError
 
 EPISODES = 3

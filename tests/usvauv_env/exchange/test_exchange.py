@@ -12,7 +12,7 @@ from rerun.chunk import RrdReader
 
 from tests.usvauv_env.record.made_traces import diving, synthetic_trace
 from usvauv.env.exchange import export_trace
-from usvauv.env.exchange.tables import tables
+from usvauv.env.exchange.trace_tables import tables
 from usvauv.env.record.metrics import served
 from usvauv.env.record.trace import VARIABLES
 from usvauv.env.render.style import auv_colour
@@ -88,7 +88,7 @@ def rotated(turn, vector):
 
 
 def numbers(message):
-    """Those of a point, a vector or a quaternion."""
+    """Numbers of a point, a vector or a quaternion."""
     return np.array([getattr(message, name) for name in "xyzw" if hasattr(message, name)])
 
 

@@ -13,15 +13,15 @@ from scipy.optimize import brentq
 from tests.links import EVERY_STEP
 from tests.usvauv_env.record.test_trace import AUVS, NODES, STEP, STEPS, WORLDS, random_trace
 from usvauv.env import Scenario, Trace, World, run_episodes
-from usvauv.env.planning import fix_errors
-from usvauv.env.planning.fix_errors import SUM, error_budget
+from usvauv.env.accuracy import fix_errors
+from usvauv.env.accuracy.fix_errors import SUM, error_budget
 from usvauv.env.record import evaluation
 from usvauv.env.record.metrics import COLUMNS, energy_consumption, episode_metrics, mean_figures, newest_birth, usable
 from usvauv.env.record.recorder import record
 from usvauv.env.record.trace import VARIABLES
 from usvauv.env.site.site import Site
-from usvauv.env.storage.tables import read_rows, write_rows
-from usvauv.env.world.tables import link_table
+from usvauv.env.storage.result_tables import read_rows, write_rows
+from usvauv.env.world.mission_parameters import link_table
 from usvauv.kernels.mission.columns import AuvColumn
 from usvauv.kernels.planning import objectives, search
 from usvauv.kernels.positioning import usbl
@@ -242,7 +242,7 @@ class East:
 
 
 def east(world):
-    """The same, as a function."""
+    """The constant action of `East`, as a function."""
     return East(world).act
 
 

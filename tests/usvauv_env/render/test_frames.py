@@ -16,9 +16,9 @@ from usvauv.env.render import style
 from usvauv.env.render.frames import frames_of
 from usvauv.env.render.layout import Arrangement
 from usvauv.env.render.mission import Playback, error_axes
-from usvauv.env.render.sea import elevation_limit
+from usvauv.env.render.sea_surface import elevation_limit
 from usvauv.env.render.style import CATEGORICAL, CATEGORICAL_ON_WHITE, web
-from usvauv.env.scenario.sea import Area
+from usvauv.env.scenario.environment import Area
 from usvauv.kernels.errors import UserError
 
 VIEWS = [("map", 1), ("sea", 1), ("both", 1), ("map", 2)]  # traces beside each other

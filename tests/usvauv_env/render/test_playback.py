@@ -38,7 +38,7 @@ class TestSea:
             np.testing.assert_array_equal(sea.at(t), trace.surface[t])
 
     def test_in_between_it_is_that_of_a_simulation_with_half_the_step(self, trace):
-        """Of another solver, of which the long waves are advanced twice as often; to a centimetre in waves of 6.5 m.
+        """Its solver is another one, with intervals half as long; the sea agrees to a centimetre in waves of 6.5 m.
 
         The mean of the recorded seas before and after would be off by more than twenty times that.
         """

@@ -113,7 +113,7 @@ class TestContent:
         ],
     )
     def test_moments(self, tmp_path, mission, options, first, pace, count):
-        """Of a mission of 300 steps of 1 s; the sea is shown 4 times faster than it is, for a minute."""
+        """The mission has 300 steps of 1 s; the sea is shown 4 times faster than it is, for a minute."""
         moments = Video(tmp_path / "x.mp4", **options).moments([mission])
         np.testing.assert_allclose(moments, first + pace * np.arange(count), atol=1e-9)
 

@@ -7,7 +7,7 @@ import pytest
 
 from usvauv.env import Scenario, ScenarioError
 from usvauv.env.site.site import Site
-from usvauv.env.world import tables
+from usvauv.env.world import mission_parameters
 from usvauv.env.world.boat_strategies import StrategyChoice
 from usvauv.kernels.mission.columns import Parameter
 from usvauv.kernels.positioning.pulse import FEWEST_PERIODS
@@ -38,12 +38,12 @@ NUMBERS = {
 
 
 def site(**changes: dict) -> Site:
-    """Of `NUMBERS`, with changes by section."""
+    """The site of `NUMBERS`, with changes by section."""
     return Site(Scenario.from_dict({name: NUMBERS.get(name, {}) | changes.get(name, {}) for name in NUMBERS | changes}))
 
 
 def packed(place: Site) -> dict[str, float]:
-    numbers = tables.pack_parameters(place, tables.link_table(place))
+    numbers = mission_parameters.pack_parameters(place, mission_parameters.link_table(place))
     assert numbers.dtype == np.float32
     return dict(zip(Parameter.names, numbers.tolist(), strict=True))
 
@@ -81,15 +81,15 @@ class TestSound:
     def test_speed_of_a_profile(self):
         """The way over the time, z/∫dz/c, down to the AUVs at 60 m, where it is 0.5 m/s slower a metre."""
         place = site(acoustics={"sound_speed_profile": ((0, 1500), (140, 1430))})
-        assert tables.sound_speed(place) == pytest.approx(30 / math.log(1500 / 1470))
+        assert mission_parameters.sound_speed(place) == pytest.approx(30 / math.log(1500 / 1470))
         assert program(place).refraction
-        assert tables.sound_speed(site()) == 1480.0
+        assert mission_parameters.sound_speed(site()) == 1480.0
         assert not program(site()).refraction
 
 
 def program(place: Site):
     strategy = StrategyChoice.parse(None, place.scenario).strategy
-    return tables.program(place, strategy, tables.link_table(place))
+    return mission_parameters.program(place, strategy, mission_parameters.link_table(place))
 
 
 def test_a_tone_too_short_for_the_waveform_receiver():
@@ -103,8 +103,8 @@ class TestWindAndNoise:
     def test_wind(self):
         storm = {"spectrum": "pm", "significant_height": 3}
         blown = {"acoustics": {"wind": "storm"}}
-        assert tables.wind(site(storm=storm)) == 9.0
-        assert tables.wind(site(storm=storm, **blown)) == wind_of_growing_sea(3, 11)
+        assert mission_parameters.wind(site(storm=storm)) == 9.0
+        assert mission_parameters.wind(site(storm=storm, **blown)) == wind_of_growing_sea(3, 11)
         steep = {**storm, "significant_height": 14}
-        assert tables.wind(site(storm=steep, **blown)) == tables.STRONGEST
-        assert tables.wind(site(**blown)) == 0.0
+        assert mission_parameters.wind(site(storm=steep, **blown)) == mission_parameters.STRONGEST
+        assert mission_parameters.wind(site(**blown)) == 0.0

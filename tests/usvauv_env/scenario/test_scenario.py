@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import tomllib
 from importlib import resources
 
@@ -16,10 +17,11 @@ from usvauv.env.scenario.team import PluginNumbers
 @pytest.mark.parametrize("name", Scenario.shipped())
 def test_file_holds_what_differs_and_what_is_printed_explains_every_field(name):
     text = (resources.files("usvauv.env") / "scenarios" / f"{name}.toml").read_text(encoding="utf-8")
-    given, plain, whole = tomllib.loads(text), Scenario().to_dict(), Scenario.load(name).to_toml()
+    given, whole = tomllib.loads(text), Scenario.load(name).to_toml()
+    base = (Scenario.load(given["base"]) if "base" in given else Scenario()).to_dict()
     for section, fields in given.items():
         for field in fields if isinstance(fields, dict) else ():
-            assert Scenario.load(name).to_dict()[section][field] != plain[section][field], f"{section}.{field}"
+            assert Scenario.load(name).to_dict()[section][field] != base[section][field], f"{section}.{field}"
     assert tomllib.loads(whole) == Scenario.load(name).to_dict()
     assert Scenario.load(name).name == name
     fields = [line for line in whole.splitlines() if line and not line.startswith("[")]
@@ -224,10 +226,74 @@ def test_any_other_name_is_one(name):
         ("sea.drag=1e6", "^ideal: sea.drag = 1000000.0: input should be less than or equal to 1"),
         ("acoustics.ambient_noise=silence", "^ideal: acoustics.ambient_noise: 'silence': allowed are coates"),
         ("auv.count", "^--set 'auv.count': expected section.field=value"),
-        ("name.first=1", "^--set 'name.first=1': name is not a section$"),
+        ("name.first=1", "^ideal: name = {'first': 1}: input should be a valid string$"),
         (f"{'a.' * 32}a=1", r"^--set 'a\..*=1': nested too deep$"),
     ],
 )
 def test_one_line_names_file_field_and_value(override, said):
     with pytest.raises(ScenarioError, match=said):
         Scenario.load("ideal", [override])
+
+
+class TestBase:
+    """Files that state what differs from another scenario."""
+
+    @pytest.fixture
+    def write(self, tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+        (tmp_path / "mine").mkdir()
+
+        def write(**files):
+            for name, text in files.items():
+                (tmp_path / "mine" / f"{name}.toml").write_text(text)
+
+        return write
+
+    def test_tables_are_merged_and_lists_replaced(self, write):
+        write(
+            far='base = "extreme"\n[auv]\ncount = 4\n[nodes]\narrival_rates = [1.0, 2.0]\n',
+            own='base = "far.toml"\nname = "own"\n[auv]\ndepth = 90.0\n[nodes]\narrival_rates = [3.0]\n',
+        )
+        changes = ["auv.count=4", "auv.depth=90", "nodes.arrival_rates=[3.0]", "name=own"]
+        assert Scenario.load("mine/own.toml") == Scenario.load("extreme", changes)
+        assert Scenario.load("mine/own.toml", ["auv.count=3"], auv={"count": 2}).auv.count == 3
+
+    @pytest.mark.parametrize(
+        ("own", "far", "said"),
+        [
+            ('"none.toml"', "", "mine/own.toml: base = 'mine/none.toml': allowed are extreme, "),
+            ('"own.toml"', "", "mine/own.toml → mine/own.toml: base: a scenario cannot be based on itself"),
+            (
+                '"far.toml"',
+                'base = "../mine/own.toml"',
+                "mine/own.toml → mine/far.toml → mine/../mine/own.toml: base: a scenario cannot be based on itself",
+            ),
+            ('"far.toml"', "x", "mine/own.toml → mine/far.toml: not valid TOML: "),
+            ("3", "", "mine/own.toml: base = 3: must be a shipped name or the path of a TOML file"),
+            ('"far.toml"', "[auv]\ncount = 0", "mine/far.toml: auv.count = 0: "),
+            ('"far.toml"', "[auv]\ndepth = 200.0", "mine/far.toml: auv.depth = 200: must be below area.depth"),
+            ('"far.toml"', "[planner]\nhorizon = 12", "mine/far.toml: planner.horizon = 12: "),
+        ],
+    )
+    def test_the_file_with_the_problem_is_named(self, write, own, far, said):
+        write(own=f"base = {own}\n[auv]\nspeed_max = 2.0\n", far=far)
+        with pytest.raises(ScenarioError, match=f"^{re.escape(said)}"):
+            Scenario.load("mine/own.toml")
+
+    @pytest.mark.parametrize(
+        ("changes", "said"),
+        [
+            ({"auv": {"count": 0}}, "Scenario.load(…, auv=…): count = 0: input should be greater"),
+            ({"auv": {"cuont": 3}}, "Scenario.load(…, auv=…): cuont: unknown field; allowed here: count, "),
+            (
+                {"area": {"width": 60.0, "length": 60.0}, "auv": {"count": 6}},
+                "Scenario.load(…, auv=…): start_separation = 20: is too large for 6 AUVs in this area",
+            ),
+            ({"auv": 3}, "Scenario.load(…, auv=…): auv = 3: must be a section with fields"),
+            ({"task": "fishing", "auv": {"count": 3}}, "Scenario.load(…, task=…): task: 'fishing': allowed are "),
+            ({"base": "wide"}, "Scenario.load(…, base=…): base: unknown field"),
+        ],
+    )
+    def test_keywords_are_named_as_python_has_them(self, changes, said):
+        with pytest.raises(ScenarioError, match=f"^{re.escape(said)}"):
+            Scenario.load("extreme", **changes)

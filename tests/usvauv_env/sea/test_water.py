@@ -13,7 +13,7 @@ from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.sea.long_waves import build_sea
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site
-from usvauv.env.world.tables import DataLink
+from usvauv.env.world.mission_parameters import DataLink
 from usvauv.kernels.flow import vortex, vortex_motion
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn
 from usvauv.kernels.positioning import sonar

@@ -317,7 +317,7 @@ class TestBathymetry:
         np.testing.assert_allclose(h, expected, rtol=0, atol=1e-9)
 
     def test_integers_and_north_first(self, tmp_path):
-        """As GEBCO stores it: whole metres in 16 bits; and with rows from the north."""
+        """GEBCO stores whole metres in 16 bits, and with rows from the north."""
         dataset = sloping()
         path = write(
             dataset.isel(lat=slice(None, None, -1)),

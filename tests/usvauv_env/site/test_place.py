@@ -10,7 +10,8 @@ from pyproj import CRS, Transformer
 from usvauv.env import Scenario
 from usvauv.env.site import cf, place
 from usvauv.env.site.cf import Axis
-from usvauv.env.site.place import LocalFrame, auv_position, boat_position
+from usvauv.env.site.place import LocalFrame
+from usvauv.env.site.positions import auv_position, boat_position
 from usvauv.env.site.sound_speed import SoundSpeedError, SoundSpeedProfile
 from usvauv.env.site.waves import Partition, Waves, WaveSpectrum
 from usvauv.env.storage.netcdf import OceanError

@@ -10,7 +10,7 @@ from scipy.integrate import quad
 from usvauv.env.scenario import Scenario
 from usvauv.env.site.site import Site
 from usvauv.env.site.sound_speed import SoundSpeedError, SoundSpeedProfile
-from usvauv.env.world.tables import sound_profile
+from usvauv.env.world.mission_parameters import sound_profile
 from usvauv.kernels.positioning import rays
 
 THERMOCLINE = SoundSpeedProfile.from_table([(0, 1522.0), (20, 1522.3), (50, 1492.0), (200, 1490.0)])

@@ -8,13 +8,13 @@ import pytest
 from tests.usvauv_env.site.ocean_files import cmems, write
 from tests.usvauv_env.site.wave_files import era5, fields, partitions, scenario_of, spectrum_of, waves_of, ww3
 from usvauv.env import Scenario, ScenarioError, World
-from usvauv.env.scenario.sea import Storm
+from usvauv.env.scenario.environment import Storm
 from usvauv.env.sea.storm import band, cumulative, total_height, wave_systems
 from usvauv.env.sea.water import build_short_waves
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site
 from usvauv.env.site.waves import WaveSpectrum
-from usvauv.env.world.tables import wind
+from usvauv.env.world.mission_parameters import wind
 from usvauv.kernels.positioning.sonar import wind_of_developed_sea
 
 WIND_SEA = (5.0, 11.0, 90.0, 10)  # Hs, Tp, travels towards the east, s

@@ -8,8 +8,8 @@ import pytest
 
 from usvauv.env.record.metrics import COLUMNS
 from usvauv.env.storage.files import OutputError
-from usvauv.env.storage.tables import ABOUT as DEFINITION
-from usvauv.env.storage.tables import Combination, growing_table, write_rows
+from usvauv.env.storage.result_tables import ABOUT as DEFINITION
+from usvauv.env.storage.result_tables import Combination, growing_table, write_rows
 from usvauv.kernels.errors import UserError
 
 ABOUT = {"definition": {"seed": 3}, "batch": 4}

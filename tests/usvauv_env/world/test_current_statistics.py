@@ -13,7 +13,7 @@ from usvauv.env.sea.water import current_bound
 from usvauv.env.site.ocean import Flow
 from usvauv.env.site.site import Site
 from usvauv.env.world.current_statistics import current_model, current_parts
-from usvauv.env.world.tables import link_table
+from usvauv.env.world.mission_parameters import link_table
 from usvauv.kernels.positioning import acoustic_link
 from usvauv.kernels.types import Level
 
@@ -52,7 +52,7 @@ def orbital(z: float, depth: float) -> tuple[float, float]:
 
 class TestParts:
     def test_vortices(self):
-        """As the closed form for the mean square strength and core of this area, which is not square."""
+        """Statistics equal the closed form for the mean square strength and core of this area, which is not square."""
         ((variance, omega),) = current_parts(
             site(*VORTICES, "current.core_radius_min=20", "reference.straight_speed=2")
         )
@@ -113,7 +113,7 @@ class TestParts:
         assert (variance, omega) == pytest.approx((0.5 * G / DEPTH * 0.5**2 / 2, 2 * math.pi / 40))
 
     def test_a_current_from_a_file(self):
-        """Of what is at the AUVs: mean square of a component, and of its change along a way in any direction."""
+        """The current at the AUVs counts: mean square of a component and of its change along a way in any direction."""
         ((variance, omega),) = current_parts(with_flow("reference.straight_speed=2"))
         y, x = np.meshgrid(np.linspace(0, LENGTH, 5), np.linspace(0, WIDTH, 9), indexing="ij")
         both = np.stack([0.2 + 3e-3 * x + 1e-3 * y, -0.3 + 2e-3 * x + 5e-3 * y])

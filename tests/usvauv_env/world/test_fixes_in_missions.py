@@ -11,11 +11,11 @@ from scipy import stats
 from tests.links import CODED
 from tests.slowly import slowly
 from usvauv.env import Scenario, World
-from usvauv.env.planning import fix_errors
-from usvauv.env.planning.fix_errors import error_budget, reception
-from usvauv.env.planning.plan import solve
+from usvauv.env.accuracy import fix_errors
+from usvauv.env.accuracy.boat_place import solve
+from usvauv.env.accuracy.fix_errors import error_budget, reception
 from usvauv.env.site.site import Site
-from usvauv.env.world.tables import link_table
+from usvauv.env.world.mission_parameters import link_table
 from usvauv.kernels.mission.columns import AuvColumn
 from usvauv.kernels.positioning import acoustic_link, sonar, usbl
 from usvauv.kernels.positioning.sonar import coates
@@ -159,7 +159,7 @@ UNDISTURBED = {
 
 @pytest.mark.parametrize("case", slowly(UNDISTURBED, "bent"))
 def test_errors_without_reflections(device, case):
-    """The same rms within 3 %, from an E/N0 of 15 dB on, 6 dB over the threshold of detection; in the storm a tone."""
+    """Both agree in the rms within 3 % from an E/N0 of 15 dB on, 6 dB over that of detection; a tone in a storm."""
     statistical, sampled = both(device, [*STORM, *UNDISTURBED[case]], "extreme" if case == "tone" else "ideal")
     assert min((part[1] & usbl.DETECTED).mean() for part in (statistical, sampled)) > 0.999
     assert rms(sampled[0]) == pytest.approx(rms(statistical[0]), rel=0.03)
@@ -189,7 +189,7 @@ REFLECTING = {
 
 @pytest.mark.parametrize("case", slowly(REFLECTING, "shallow, bent", "steep, mirror"))
 def test_errors_with_reflections(device, case):
-    """The same rms within 5 %, the same share of good fixes within 0.05, and what a reflection does to a fix itself."""
+    """Both agree in the rms within 5 %, in good fixes within 0.05, and in what a reflection does to a fix itself."""
     statistical, sampled = both(device, [*REFLECTING[case], "acoustics.multipath=true"])
     good = (statistical[1] == usbl.DETECTED) & (sampled[1] == usbl.DETECTED)
     assert np.corrcoef(statistical[3][good].ravel(), sampled[3][good].ravel())[0, 1] > 0.5

@@ -81,7 +81,7 @@ class TestStorm:
         torch.testing.assert_close((moved - drift).norm(dim=1).cpu(), torch.full((16,), 4.0), atol=1e-4, rtol=0)
 
     def test_it_carries_the_auvs(self):
-        """Of the waves that do not reach down to them, which are left out, no more than 1e-5 m/s is missing."""
+        """Waves that do not reach down to them are left out; no more than 1e-5 m/s of their motion is missing."""
         world = World(Scenario.load("extreme", [*self.quiet]), num_worlds=16, seed=3)
         run(world, 7)
         for k in range(world.num_auvs):
@@ -305,7 +305,7 @@ class TestObservation:
         torch.testing.assert_close(o[..., 11:13], world.current())
 
     def test_profile(self):
-        """Of nine vortices over the area whose images are 100 km away."""
+        """The profile is that of nine vortices over the area whose images are 100 km away."""
         only = ["storm.spectrum=none", "sea.irregular_rms=0"]
         alone = ["current.period=100000", "current.decay_depth=0", "current.mutual=false"]
         world = World(Scenario.load("extreme", [*only, *alone]), num_worlds=4, seed=1)

@@ -10,7 +10,8 @@ import torch
 from usvauv.env import Scenario, World
 from usvauv.env.sea.water import current_bound
 from usvauv.env.site.site import Site
-from usvauv.env.world.observation import ObservationLayout, observation_terms, observed, quantities
+from usvauv.env.world.agents import observed
+from usvauv.env.world.observation import ObservationLayout, observation_terms, quantities
 
 
 @pytest.mark.parametrize("num_auvs", [1, 2, 5])

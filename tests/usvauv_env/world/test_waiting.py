@@ -17,7 +17,7 @@ WORLDS = 4
 
 @pytest.fixture
 def elsewhere(monkeypatch, device):
-    """As if torch's tensors did not lie in the memory of the host."""
+    """A host in whose memory torch's tensors do not lie."""
     monkeypatch.setattr(runtime.Runtime, "torch_on_host", False)
     monkeypatch.setattr(runtime, "upload", lambda numbers, tensor: None)  # does not wait
 

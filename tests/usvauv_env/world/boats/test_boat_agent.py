@@ -120,7 +120,7 @@ def test_boats_are_a_group_of_the_torchrl_environment():
     pytest.importorskip("torchrl")
     from torchrl.envs.utils import check_env_specs
 
-    from usvauv.env.faces.torchrl_env import DataCollectionTorchRLEnv
+    from usvauv.env.interfaces.torchrl_env import DataCollectionTorchRLEnv
 
     env = DataCollectionTorchRLEnv(TWO, 4, 5, "agent")
     check_env_specs(env)

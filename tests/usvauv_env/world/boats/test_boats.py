@@ -8,7 +8,7 @@ import torch
 
 from tests.links import CODED, EVERY_STEP
 from usvauv.env import Scenario, ScenarioError, World
-from usvauv.env.world.tables import link_table
+from usvauv.env.world.mission_parameters import link_table
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, ExchangeColumn, ForesightColumn, Reply
 from usvauv.kernels.planning import objectives, search
 from usvauv.kernels.positioning import tracker, usbl
@@ -40,7 +40,7 @@ def put(world, auvs):
 
 
 def exchanges(world, auvs, steps):
-    """Of AUVs that stay in places (K, 2): those heard, by which boat, and that reply, each (steps, W, K)."""
+    """Exchanges of AUVs that stay in places (K, 2): those heard, by which boat, and that reply, each (steps, W, K)."""
     put(world, auvs)
     seen = []
     for _ in range(steps):
@@ -106,7 +106,7 @@ class TestFixes:
         assert (counts > 300).all()
 
     def test_each_boat_has_errors_of_its_own(self):
-        """Those of the first are the same as of one boat alone; those of the second are drawn apart."""
+        """Errors of the first are the same as of one boat alone; errors of the second are drawn apart."""
         both = world_of([*TWO, *self.ERRORS], APART, worlds=100)
         alone = world_of([*TWO, *self.ERRORS, "boat.count=1"], "hold:50,200", worlds=100)
         for _ in range(3):

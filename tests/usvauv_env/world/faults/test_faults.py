@@ -115,7 +115,7 @@ def test_a_sea_alone_that_runs_away_stops(equations):
 
 @pytest.mark.parametrize("array", ["auv", "vortex", "boat", "estimate", "belief", "sea"])
 def test_all_worlds_begin_anew_after_a_divergence(world, array):
-    """As those that did not diverge do."""
+    """Worlds begin anew whether they diverged or not."""
     other = World(world.scenario, WORLDS, 0, first_world=10)
     other.reset()
     (world.sea.eta if array == "sea" else getattr(world, array))[...] = math.nan

@@ -16,7 +16,7 @@ pytest.importorskip("torchrl")
 from tensordict import TensorDict
 from torchrl.envs.utils import check_env_specs, step_mdp
 
-from usvauv.env.faces.torchrl_env import DataCollectionTorchRLEnv
+from usvauv.env.interfaces.torchrl_env import DataCollectionTorchRLEnv
 
 STEPS = 5
 OBSERVATION, ACTION, REWARD = ("agents", "observation"), ("agents", "action"), ("agents", "reward")
@@ -146,7 +146,7 @@ class TestRefusals:
     def test_without_the_library(self, library, module, what):
         """The package does not import it; the face names the extra that brings it."""
         absent = f"import sys, usvauv.env; assert '{library}' not in sys.modules; sys.modules['{library}'] = None"
-        code = f"{absent}; import usvauv.env.faces.{module}"
+        code = f"{absent}; import usvauv.env.interfaces.{module}"
         run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
         assert run.stderr.splitlines()[-1] == (
             f'ModuleNotFoundError: the {what} needs the extra {library}: pip install "usvauv[{library}]"'

@@ -11,11 +11,12 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from usvauv.env.scenario import Scenario, ScenarioError
+from usvauv.env.scenario.fields import ScenarioError
+from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.scenario.team import CLEAREST, Nodes
 from usvauv.env.sea.storm import total_height, wave_systems
 from usvauv.env.sea.water import Seeds, current_bound
-from usvauv.env.site.place import far_position
+from usvauv.env.site.positions import far_position
 from usvauv.env.site.site import Site
 from usvauv.env.site.sound_speed import SoundSpeedProfile
 from usvauv.env.world.boat_strategies import BoatStrategy, StrategyChoice
@@ -327,7 +328,7 @@ def pulse_tables(scenario: Scenario, device: torch.device) -> pulse.Pulses:
 
 
 def no_pulses(device: torch.device) -> pulse.Pulses:
-    """What stands for `pulse_tables` where none are used."""
+    """Empty tables in place of `pulse_tables` where none are used."""
     none = torch.zeros(1, dtype=torch.float32, device=device)
     return pulse.Pulses(none.view(1, 1), none.view(1, 1, 1), none)
 

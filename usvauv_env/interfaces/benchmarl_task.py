@@ -1,7 +1,7 @@
 """The TorchRL environment as a task of BenchMARL: `DataCollectionTask`, for its experiments, algorithms and models.
 
-Groups, keys and seeds are those of `usvauv.env.faces.torchrl_env`. This module needs the extra `benchmarl`, which needs
-TorchRL below 0.12; nothing else in the package imports it.
+Groups, keys and seeds are those of `usvauv.env.interfaces.torchrl_env`. This module needs the extra `benchmarl`, which
+needs TorchRL below 0.12; nothing else in the package imports it.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import cast
 
 import torch
 
-from usvauv.env.scenario import Scenario
+from usvauv.env.scenario.scenario import Scenario
 
 try:
     from benchmarl.environments.common import TaskClass  # pyright: ignore[reportMissingImports]
@@ -26,7 +26,7 @@ except ModuleNotFoundError as missing:
 from torchrl.data import Composite
 from torchrl.envs import EnvBase
 
-from usvauv.env.faces.torchrl_env import DataCollectionTorchRLEnv
+from usvauv.env.interfaces.torchrl_env import DataCollectionTorchRLEnv
 
 
 class DataCollectionTask(TaskClass):

@@ -30,7 +30,8 @@ from pathlib import Path
 
 import torch
 
-from usvauv.env.scenario import Scenario, ScenarioError
+from usvauv.env.scenario.fields import ScenarioError
+from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.world.agents import action_space, auv_observation_space, boat_observation_space, observe_boats
 from usvauv.env.world.boat_strategies import AGENT
 from usvauv.env.world.state import numbers_of

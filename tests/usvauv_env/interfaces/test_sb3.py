@@ -8,7 +8,7 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecCheckNan, VecMonitor, VecNormalize
 
 from usvauv.env import Scenario, World
-from usvauv.env.faces.sb3_env import AuvVecEnv
+from usvauv.env.interfaces.sb3_env import AuvVecEnv
 
 STEPS, WORLDS, AUVS = 4, 3, 2
 

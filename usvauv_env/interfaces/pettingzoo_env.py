@@ -11,8 +11,8 @@ import torch
 from gymnasium.spaces import Box
 from pettingzoo import ParallelEnv
 
-from usvauv.env.faces.gymnasium_env import FPS, MODES, DataCollectionEnv
-from usvauv.env.scenario import Scenario
+from usvauv.env.interfaces.gymnasium_env import FPS, MODES, DataCollectionEnv
+from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.world.agents import (
     action_space,
     auv_observation_space,

@@ -10,12 +10,12 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from usvauv.env.planning import fix_errors
-from usvauv.env.planning.fix_errors import LEAST_GOOD, SUM, FixError, Position
-from usvauv.env.scenario import Scenario
+from usvauv.env.accuracy import fix_errors
+from usvauv.env.accuracy.fix_errors import LEAST_GOOD, SUM, FixError, Position
+from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.site.place import wrapped
 from usvauv.env.site.site import Site
-from usvauv.env.world.tables import link_table, sound_profile
+from usvauv.env.world.mission_parameters import link_table, sound_profile
 from usvauv.kernels import runtime
 from usvauv.kernels.planning import objectives, search
 from usvauv.kernels.positioning import acoustic_link

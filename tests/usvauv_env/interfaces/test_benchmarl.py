@@ -3,7 +3,7 @@
 BenchMARL wants another TorchRL than the extra `torchrl`, so in an environment of its own
 
     pip install -c constraints.txt -e ".[benchmarl]" pytest pytest-timeout
-    pytest tests/usvauv_env/faces/test_benchmarl.py tests/test_examples.py
+    pytest tests/usvauv_env/interfaces/test_benchmarl.py tests/test_examples.py
 """
 
 import pytest
@@ -17,7 +17,7 @@ from benchmarl.algorithms import IddpgConfig, MappoConfig
 from benchmarl.experiment import Experiment, ExperimentConfig
 from benchmarl.models import MlpConfig
 
-from usvauv.env.faces.benchmarl_task import DataCollectionTask
+from usvauv.env.interfaces.benchmarl_task import DataCollectionTask
 
 pytestmark = pytest.mark.filterwarnings("ignore:SyncDataCollector has been deprecated:DeprecationWarning")
 
@@ -31,7 +31,7 @@ def short():
 
 
 def settings(folder):
-    """Of an experiment with two iterations of two missions in each of three worlds."""
+    """Settings of an experiment with two iterations of two missions in each of three worlds."""
     config = ExperimentConfig.get_from_yaml()
     config.loggers, config.create_json, config.save_folder = [], False, str(folder)
     config.max_n_frames, config.max_n_iters = None, 2
@@ -52,7 +52,7 @@ def experiment(task, algorithm, folder):
 
 
 def weights(running, group):
-    """Of a group's actor."""
+    """Weights of a group's actor."""
     return [*running.losses[group].actor_network_params.values(True, True)]
 
 

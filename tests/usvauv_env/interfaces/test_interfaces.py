@@ -16,7 +16,7 @@ from pettingzoo.utils import parallel_to_aec
 
 from tests.usvauv_env.world.faults.test_faults import until_seen
 from usvauv.env import Scenario, ScenarioError, World, parallel_env
-from usvauv.env.faces.gymnasium_env import DataCollectionEnv, DataCollectionVectorEnv
+from usvauv.env.interfaces.gymnasium_env import DataCollectionEnv, DataCollectionVectorEnv
 from usvauv.env.site.site import Site
 from usvauv.env.world.agents import auv_observation_space
 from usvauv.kernels.errors import DivergenceError
@@ -65,7 +65,7 @@ class TestAutoreset:
 
     @pytest.mark.parametrize("mode", list(AutoresetMode))
     def test_as_gymnasiums_own_vector_env(self, mode):
-        """The same as SyncVectorEnv over the single face, to the bit, with a seed for each, and worlds out of step.
+        """It equals SyncVectorEnv over the single environment, to the bit, with a seed for each and worlds out of step.
 
         Except that "auv_reward" is there in every step. Without waves, on which a world goes on when it begins anew
         beside others.

@@ -28,7 +28,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from usvauv.env.record.recorder import SURFACE_PIXELS, Recorder, trace_bytes
-from usvauv.env.scenario import Scenario, ScenarioError
+from usvauv.env.scenario.fields import ScenarioError
+from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.storage.memory import require
 from usvauv.env.world.agents import action_space, auv_observation_space
 from usvauv.env.world.state import Numbers, numbers_of
@@ -183,7 +184,7 @@ class DataCollectionEnv(_PlainSpec, gymnasium.Env[np.ndarray, np.ndarray]):
     def step_with_boats(
         self, action: Numbers, boat_action: Numbers | None
     ) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """As `step`, with actions (B, 2) of the boats if they are agents."""
+        """A step with actions (B, 2) of the boats where they are agents, see `step`."""
         _need_reset(self.world)
         boats = None if boat_action is None else numbers_of("boat_action", boat_action, (self.world.boat.shape[1], 2))
         own_action = numbers_of("action", action, (self.world.num_auvs, self.world.action_size))

@@ -22,8 +22,8 @@ import numpy as np
 from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode
 
-from usvauv.env.faces.gymnasium_env import DataCollectionVectorEnv
-from usvauv.env.scenario import Scenario
+from usvauv.env.interfaces.gymnasium_env import DataCollectionVectorEnv
+from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.world.state import numbers_of
 
 try:
@@ -112,11 +112,11 @@ class AuvVecEnv(VecEnv):
         return [getattr(self, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Not possible: environments are rows of one world's arrays."""
+        """Refuse: environments are rows of one world's arrays."""
         raise NotImplementedError(f"{attr_name}: the environments have no attributes of their own")
 
     def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
-        """Not possible: environments are rows of one world's arrays."""
+        """Refuse: environments are rows of one world's arrays."""
         raise NotImplementedError(f"{method_name}: the environments have no methods of their own")
 
     def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:

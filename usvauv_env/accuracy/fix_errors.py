@@ -10,9 +10,9 @@ import numpy as np
 import torch
 
 from usvauv.env.record.trace import Trace
-from usvauv.env.scenario import Scenario
+from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.site.site import Site
-from usvauv.env.world import tables
+from usvauv.env.world import mission_parameters
 from usvauv.kernels import runtime
 from usvauv.kernels.planning import objectives, search
 from usvauv.kernels.planning.information import FIX, MEASUREMENTS, tilted_batch
@@ -216,7 +216,7 @@ def error_budget(
     """Horizontal rms error (m) of a good fix of each AUV, by cause: "noise", `ERRORS` and `SUM`.
 
     Args:
-        link: of `usvauv.env.world.tables.link_table`.
+        link: of `usvauv.env.world.mission_parameters.link_table`.
         auvs, boat, measurement, slope: as for `predict`.
     """
 
@@ -252,8 +252,8 @@ def reflection_errors(
         auvs: x, y and depth (m) of all AUVs of the scenario, once or any number of times.
     """
     index, offset, level = _seen_from(boat, auvs, (0.0, 0.0), link)
-    water = offset.new_tensor(tables.boundaries(site)).expand(len(auvs), -1).contiguous()
-    pulses = tables.pulse_tables(site.scenario, link.device)
+    water = offset.new_tensor(mission_parameters.boundaries(site)).expand(len(auvs), -1).contiguous()
+    pulses = mission_parameters.pulse_tables(site.scenario, link.device)
     variance = reflections.multipath_variances(pulses, link, index, offset, level, water).double()
     square = offset.double().square().sum(1)
     across = square / link[index.long(), KAPPA].double().square() * (variance[:, 0] + variance[:, 1])
@@ -283,7 +283,7 @@ def omitted_reflections(
 
 def reflections_warning(site: Site) -> str:
     """The line of `omitted_reflections` for AUVs a quarter of the area's diagonal from the boat, or nothing."""
-    scenario, link = site.scenario, torch.from_numpy(tables.link_table(site)).to(runtime.start().device)
+    scenario, link = site.scenario, torch.from_numpy(mission_parameters.link_table(site)).to(runtime.start().device)
     place = DISTANCE * scenario.area.diagonal, 0.0, scenario.auv.depth
     return " ".join(omitted_reflections(site, link, [place] * scenario.auv.count, (0.0, 0.0)))
 
@@ -297,7 +297,7 @@ def best_variance(trace: Trace) -> np.ndarray:
     sound takes time is worse.
     """
     scenario = trace.scenario
-    link = torch.from_numpy(tables.link_table(Site(scenario))).to(runtime.start().device)
+    link = torch.from_numpy(mission_parameters.link_table(Site(scenario))).to(runtime.start().device)
     steps, worlds, auvs = trace.power.shape
     surface = np.take_along_axis(trace.boat_surface[..., 0], trace.served_by.astype(np.intp), axis=-1)
     separation = scenario.auv.depth + surface
