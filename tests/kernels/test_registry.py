@@ -19,19 +19,6 @@ class Item(Form):
     pass
 
 
-def test_a_mapping_that_grows():
-    registry: Registry = Registry("law", Wrong, Form)
-    one = Form()
-    assert registry.register("b", Item) is Item
-    assert registry.register("a", one) is one
-    assert (list(registry), len(registry), dict(registry)) == (["b", "a"], 2, {"b": Item, "a": one})
-    assert "a" in registry
-    assert "c" not in registry
-    assert (registry.get("a"), registry.get("c"), registry.get("c", one)) == (one, None, one)
-    with pytest.raises(Wrong, match=r"^law 'c': allowed are b, a$"):
-        registry["c"]
-
-
 @pytest.mark.parametrize(
     ("name", "item", "problem"),
     [
