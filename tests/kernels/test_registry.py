@@ -47,26 +47,6 @@ def test_an_item_from_elsewhere_is_named_with_its_file():
         raise ValueError("odd")
 
 
-class Mute(UserError):
-    def __init__(self):
-        pass
-
-    def __str__(self):
-        raise RuntimeError("no words")
-
-    __repr__ = __str__
-
-
-def test_what_has_no_words_is_told_in_one_line():
-    """An exception or a value of a plugin whose own text cannot be made, also where its kind may pass."""
-    registry: Registry = Registry("law", Wrong)
-    registry.register("a", len)
-    told = "^law 'a' of .*: raised Mute, whose text cannot be made, in .* line"
-    with pytest.raises(Wrong, match=told), registry.calling("a"):
-        raise Mute
-    assert str(registry.refuse("a", Mute(), "1")).endswith(": returned a Mute: must be 1")
-
-
 def test_an_item_of_the_packages_raises_as_it_does():
     name = next(iter(absorption_laws))
     assert absorption_laws.described(name) == absorption_laws.described("none of them") == ""

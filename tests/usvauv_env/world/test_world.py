@@ -204,18 +204,6 @@ class TestStart:
         np.testing.assert_array_less(np.abs(found - expected).max(0), 0.02 * np.abs(expected).max(0) + 1e-7)
 
 
-def test_a_person_reads_what_a_world_is():
-    scenario = Scenario.load("extreme", ["mission.duration=40"])
-    world = World(scenario, 3, np.int64(7), "hold:90,90")
-    assert repr(world).splitlines() == [
-        f"World of 3 missions, seed 7, on {world.device}",
-        f"  boat hold:90,90, targets {scenario.nodes.target_rule}, 40 steps of 1 s",
-        f"  observation {tuple(world.reset().shape)}, action (3, 2, 2)",
-        *(f"  {line}" for line in repr(world.scenario).splitlines()),
-    ]
-    assert repr(World(scenario, 2, [3, 4])).startswith("World of 2 missions, seeds [3, 4], on ")
-
-
 @pytest.mark.parametrize(
     ("arguments", "match"),
     [
