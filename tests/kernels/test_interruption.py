@@ -56,13 +56,6 @@ class TestSignal:
         assert stop.asked
 
 
-def test_sigterm_without_a_handler_keeps_ending_the_process():
-    before = signal.getsignal(signal.SIGTERM)
-    assert before == signal.SIG_DFL
-    with stoppable():
-        assert signal.getsignal(signal.SIGTERM) is before
-
-
 def test_a_signal_that_is_ignored_stays_ignored(interruption):
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     interruption.install()

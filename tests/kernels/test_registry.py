@@ -19,19 +19,6 @@ class Item(Form):
     pass
 
 
-def test_a_mapping_that_grows():
-    registry: Registry = Registry("law", Wrong, Form)
-    one = Form()
-    assert registry.register("b", Item) is Item
-    assert registry.register("a", one) is one
-    assert (list(registry), len(registry), dict(registry)) == (["b", "a"], 2, {"b": Item, "a": one})
-    assert "a" in registry
-    assert "c" not in registry
-    assert (registry.get("a"), registry.get("c"), registry.get("c", one)) == (one, None, one)
-    with pytest.raises(Wrong, match=r"^law 'c': allowed are b, a$"):
-        registry["c"]
-
-
 @pytest.mark.parametrize(
     ("name", "item", "problem"),
     [
@@ -58,26 +45,6 @@ def test_an_item_from_elsewhere_is_named_with_its_file():
     where = r"in .*test_registry\.py, line \d+ \(set USVAUV_TRACEBACK=1"
     with pytest.raises(Wrong, match=f"^law 'a' of .*: raised ValueError: odd, {where}"), registry.calling("a"):
         raise ValueError("odd")
-
-
-class Mute(UserError):
-    def __init__(self):
-        pass
-
-    def __str__(self):
-        raise RuntimeError("no words")
-
-    __repr__ = __str__
-
-
-def test_what_has_no_words_is_told_in_one_line():
-    """An exception or a value of a plugin whose own text cannot be made, also where its kind may pass."""
-    registry: Registry = Registry("law", Wrong)
-    registry.register("a", len)
-    told = "^law 'a' of .*: raised Mute, whose text cannot be made, in .* line"
-    with pytest.raises(Wrong, match=told), registry.calling("a"):
-        raise Mute
-    assert str(registry.refuse("a", Mute(), "1")).endswith(": returned a Mute: must be 1")
 
 
 def test_an_item_of_the_packages_raises_as_it_does():

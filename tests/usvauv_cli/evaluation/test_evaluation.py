@@ -204,12 +204,6 @@ class TestComparison:
             ),
             (Estimate(-5.0, 0.0, 9), "energy_wh", "a uses 5 Wh less than b in every world"),
             (Estimate(0.0, 0.0, 9), "jain", "Jain's index: a and b are equal in every world"),
-            (Estimate(12.0, 3.0, 9), "aoi_mean", "age is 12.0 ± 3.0 s higher with a than with b"),
-            (
-                Estimate(-0.2, 0.3, 9),
-                "position_error_rms",
-                "position error rms: no difference beyond chance between a and b (−0.20 ± 0.30 m)",
-            ),
             (Estimate(2.0, 1.0, 9), "luck", "luck is 2.0 ± 1.0 higher with a than with b"),
             (Estimate(math.nan, math.nan, 0), "aoi_peak", "peak age: no world has it for both a and b"),
         ],

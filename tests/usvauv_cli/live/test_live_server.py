@@ -86,17 +86,6 @@ def test_another_site_is_refused_even_with_the_token(address, host, origin, stat
     assert answer.startswith(b"HTTP/1.1 %d " % status)
 
 
-@pytest.mark.parametrize(
-    "path", ["/\xe4\xf6\xfc", "/%ff/", "{token}\xff", "{token}../../etc/passwd", "//evil.example/"]
-)
-def test_paths_that_are_none(address, path):
-    token = address.rsplit("/", 2)[1]
-    path = path.format(token=f"/{token}/")
-    answer = raw_answer(address, b"GET %s HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n" % path.encode("latin-1"))
-    assert answer.startswith((b"HTTP/1.1 403 ", b"HTTP/1.1 404 "))
-    assert answer.startswith(b"HTTP/1.1 403 ") or path.isascii()
-
-
 def test_what_is_no_request_or_no_message_ends_its_connection_without_a_word(address, capfd):
     post = b"POST / HTTP/1.1\r\nHost: a\r\n\r\n{}"
     for garbage in (b"\x16\x03\x01\x02\x00", post, b"GET\r\n\r\n", b"a" * 100_000, b""):

@@ -13,13 +13,12 @@ from pathlib import Path
 import pytest
 
 from tests.usvauv_cli.sweep import slurm_here, work
-from usvauv.cli import app
 from usvauv.cli.sweep import perform
 from usvauv.cli.sweep.engine import Ended, Engine, Local, Task, conduct, signs_in
 from usvauv.cli.sweep.perform import OnRay, OnSlurm
 from usvauv.cli.sweep.study import Resources
 from usvauv.kernels.errors import UserError
-from usvauv.kernels.interruption import SIGNALS, Interrupted, Interruption
+from usvauv.kernels.interruption import SIGNALS
 
 ROOT = Path(__file__).parents[3]
 SMALL = Resources(memory=0.5, hours=0.1)
@@ -161,20 +160,6 @@ def running(process: int) -> bool:
         return "State:\tZ" not in Path(f"/proc/{process}/status").read_text()
     except OSError:
         return False
-
-
-@pytest.mark.parametrize("signum", SIGNALS)
-def test_a_command_that_a_library_ends_with_ctrl_c_reports_the_signal(monkeypatch, signum):
-    """Ray raises its own KeyboardInterrupt, whichever signal came."""
-    interruption = Interruption()
-
-    def command() -> int:
-        with pytest.raises(Interrupted):
-            interruption(signum)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(app, "_command", command)
-    assert app.run(interruption) == 128 + signum
 
 
 # Of Ray's own making: pipes and processes of nodes that are gone, and what later versions of libraries change.

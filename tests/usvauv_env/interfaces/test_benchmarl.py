@@ -9,7 +9,7 @@ BenchMARL wants another TorchRL than the extra `torchrl`, so in an environment o
 import pytest
 import torch
 
-from usvauv.env import Scenario, ScenarioError, World
+from usvauv.env import Scenario, World
 
 pytest.importorskip("benchmarl", reason="needs the extra benchmarl")
 
@@ -83,17 +83,3 @@ def test_rollouts_are_missions_of_the_world(short):
         assert torch.equal(data["next", *OBSERVATION][:, step], observation)
         assert torch.equal(data["next", *REWARD][:, step, :, 0], reward)
     assert data["next", "done"][:, -1].all()
-
-
-def test_specs_are_of_one_mission(short):
-    task = DataCollectionTask(short, "agent")
-    env = task.get_env_fun(num_envs=3, continuous_actions=True, seed=7, device="cpu")()
-    assert set(task.observation_spec(env).keys(True, True)) == {OBSERVATION, ("boats", "observation")}
-    assert {keys[:2] for keys in task.info_spec(env).keys(True, True)} == {("agents", "info")}
-    assert task.observation_spec(env)[OBSERVATION].shape == env.world.observation.shape[1:]
-    assert task.action_spec(env)[ACTION].shape == (2, 2)
-
-
-def test_refuses_what_is_no_scenario():
-    with pytest.raises(ScenarioError):
-        DataCollectionTask("nowhere")

@@ -116,20 +116,6 @@ class TestAutoreset:
 
 
 class TestVectorEnv:
-    @pytest.mark.parametrize(
-        ("mask", "error"),
-        [
-            ([True, False, False], TypeError),
-            (np.array([True, False]), ValueError),
-            (np.zeros(3, bool), ValueError),
-        ],
-    )
-    def test_bad_masks(self, short, mask, error):
-        envs = vector_env(short)
-        envs.reset(seed=1)
-        with pytest.raises(error, match="reset_mask"):
-            envs.reset(options={"reset_mask": mask})
-
     def test_returned_arrays_are_the_callers(self, short):
         envs = vector_env(short)
         observation, _ = envs.reset(seed=3)
@@ -185,16 +171,15 @@ class TestSpaces:
     ("make", "more"),
     [(gymnasium.make, {}), (gymnasium.make_vec, {"num_envs": 2, "autoreset_mode": AutoresetMode.SAME_STEP})],
 )
-def test_a_spec_goes_through_json(make, more, tmp_path):
-    scenario = Scenario.load("ideal", ["auv.count=3"])
+def test_a_spec_goes_through_json(make, more, short, tmp_path):
     file = tmp_path / "mine.toml"
-    file.write_text(scenario.to_toml(), encoding="utf-8")
-    for given in (file, scenario):
-        made = make(NAME, scenario=given, usv="centroid", **more)
+    file.write_text(short.to_toml(), encoding="utf-8")
+    for given in (file, short):
+        made = make(NAME, scenario=given, usv="fim", **more)
         file.unlink(missing_ok=True)
         again = make(EnvSpec.from_json(made.spec.to_json()))
         assert again.spec == made.spec
-        assert again.unwrapped.world.scenario == scenario
+        assert again.unwrapped.world.scenario == short
         np.testing.assert_array_equal(again.reset(seed=7)[0], made.reset(seed=7)[0])
 
 
@@ -269,17 +254,6 @@ FACES = [
 ]
 
 
-NO_NUMBERS = [
-    np.zeros((2, 2), complex),
-    np.zeros((2, 2), "datetime64[s]"),
-    np.zeros((2, 2), "timedelta64[s]"),
-    np.full((2, 2), "0.5"),
-    np.full((2, 2), 0.5, object),
-    np.ma.masked_array(np.zeros((2, 2)), np.eye(2)),
-    [np.ma.masked_array(np.zeros(2), [True, False])] * 2,
-]
-
-
 @pytest.mark.parametrize("make", FACES)
 def test_nothing_goes_before_reset_and_all_goes_on_after_a_divergence(short, make):
     env = make(short)
@@ -300,9 +274,7 @@ def test_nothing_goes_before_reset_and_all_goes_on_after_a_divergence(short, mak
 
 
 @pytest.mark.parametrize("make", FACES)
-@pytest.mark.parametrize(
-    "wrong", [None, "east", [1.0], np.zeros((2, 3)), np.full(2, np.nan), *NO_NUMBERS, torch.zeros(2, 2, device="meta")]
-)
+@pytest.mark.parametrize("wrong", [None, np.zeros((2, 3)), np.full((2, 2), "0.5"), np.full(2, np.nan)])
 def test_what_is_no_action_is_refused_in_words(short, make, wrong):
     env = make(short)
     env.reset(seed=3)

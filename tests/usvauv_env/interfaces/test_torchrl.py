@@ -13,7 +13,6 @@ from usvauv.env.world.agents import auv_observation_space
 
 pytest.importorskip("torchrl")
 
-from tensordict import TensorDict
 from torchrl.envs.utils import check_env_specs, step_mdp
 
 from usvauv.env.interfaces.torchrl_env import DataCollectionTorchRLEnv
@@ -120,15 +119,6 @@ class TestTensors:
 
 
 class TestRefusals:
-    @pytest.mark.parametrize(
-        ("move", "match"), [(torch.zeros(3, 3, 2), "shape"), (torch.full((3, 2, 2), torch.nan), "finite")]
-    )
-    def test_bad_actions(self, short, move, match):
-        env = DataCollectionTorchRLEnv(short, 3)
-        env.reset()
-        with pytest.raises(ValueError, match=match):
-            env.step(TensorDict({"agents": {"action": move}}, batch_size=3))
-
     def test_too_early(self, short):
         env = DataCollectionTorchRLEnv(short, 3)
         with pytest.raises(RuntimeError, match="reset before"):

@@ -9,7 +9,6 @@ from scipy.integrate import quad
 from usvauv.env import Scenario
 from usvauv.env.sea.long_waves import boundary_waves, build_sea, long_wave_rms
 from usvauv.env.site.site import Site
-from usvauv.kernels.shallow_water.discretisation import Packing
 
 SIDES = ["west", "east", "south", "north"]
 
@@ -145,26 +144,6 @@ class TestResolution:
             found += np.mean((seen - between_cells(fine.elevation()[0].astype(float), (50, 50))) ** 2)
         assert math.sqrt(found) < math.sqrt(predicted) / 2
         assert math.sqrt(found / 10) < 0.05 * np.std(seen)
-
-
-CALM = {"forced_edge": "south", "irregular_rms": 0.02, "update_interval": 2.0}
-
-
-class TestNonlinear:
-    def test_packed_fields_are_those_of_the_solvers(self):
-        """The packed elevation is the solvers' own, and goes back with the state, bit for bit."""
-        sea = sea_of(scenario(**CALM, equations="nonlinear"), 3, 19, (20, 15))
-        fields, clocks = sea.state()
-        before = sea.elevation()
-        sea.advance()
-        after = sea.elevation()
-        np.testing.assert_array_equal(Packing(19, 20, 15).unpack(sea.eta, 0, 15)[:, :, :-1], after)
-        assert np.abs(after - before).max() > 1e-3
-        sea.load_state(fields, clocks)
-        np.testing.assert_array_equal(Packing(19, 20, 15).unpack(sea.eta, 0, 15)[:, :, :-1], before)
-        sea.advance()
-        np.testing.assert_array_equal(sea.elevation(), after)
-        assert sea.time == 2.0
 
 
 class TestOpenWater:

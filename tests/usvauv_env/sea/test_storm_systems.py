@@ -8,7 +8,7 @@ import pytest
 from tests.usvauv_env.site.ocean_files import sloping, write
 from usvauv.cli.sea_view.figure import target_spectrum, wanted
 from usvauv.env import Scenario
-from usvauv.env.sea.storm import group_speed, shallowest_valid_depth, uneven_bed_warning
+from usvauv.env.sea.storm import group_speed, shallowest_valid_depth
 from usvauv.env.sea.water import current_bound
 from usvauv.env.site.site import Site
 from usvauv.env.world.current_statistics import current_parts
@@ -60,16 +60,6 @@ def test_long_waves_shoal_by_greens_law():
     assert shallowest_valid_depth(Site(load(*shallow[:3], "storm.significant_height=5.4"))) == pytest.approx(
         9.0, rel=0.01
     )
-
-
-def test_says_where_the_storm_is_wrong(tmp_path):
-    bed = write(sloping(), tmp_path / "bed.nc")
-    place = ["water.longitude=5.05", "water.latitude=60.05", "area.width=5000", "area.length=5000", "sea.cell_size=100"]
-    line = uneven_bed_warning(Site(load(*place, f"water.bathymetry={bed}")))
-    assert "in water shallower than" in line
-    assert "\n" not in line
-    assert uneven_bed_warning(Site(load(*place, f"water.bathymetry={bed}", "storm.spectrum=none"))) == ""
-    assert uneven_bed_warning(Site(load())) == ""
 
 
 def test_a_command_says_it_too(tmp_path, run_usvauv):

@@ -188,11 +188,11 @@ def test_worlds_in_threads_start_one_after_another(tmp_path):
     assert again == expected
 
 
-COPIES = {"pickle": lambda made: pickle.loads(pickle.dumps(made)), "deepcopy": copy.deepcopy}
-
-
-@pytest.mark.parametrize("copied", COPIES.values(), ids=COPIES)
-@pytest.mark.parametrize("options", [{"seed": [3, 4]}, {"first_world": 2}], ids=["seeds", "part"])
+@pytest.mark.parametrize(
+    ("copied", "options"),
+    [(lambda world: pickle.loads(pickle.dumps(world)), {"seed": [3, 4]}), (copy.deepcopy, {"first_world": 2})],
+    ids=["pickle", "deepcopy"],
+)
 def test_a_copy_of_a_world_goes_on_as_it_does(copied, options):
     world = World(Scenario.load("extreme"), 2, **options)
     actions = 2 * torch.rand((4, 2, world.num_auvs, 2), generator=torch.Generator().manual_seed(1)).to(world.device) - 1

@@ -264,8 +264,6 @@ class TestPlans:
     ("changes", "usv", "words"),
     [
         (["boat.count=2"], "hold:1,2,3", "expected hold:X,Y, for example hold:100,100 or hold:100,100,100,100"),
-        (["boat.count=2"], "hold:1,2,3,900", "must lie in the area"),
-        ([], "hold:1,2,3,4", "expected hold:X,Y, for example hold:100,100$"),
         ([], "hold:1,inf", "expected hold:X,Y"),
         ([], "fim:3", "usv: 'fim:3': allowed are fim, .*belief, agent, hold:X,Y"),
         ([], "fim-horizon", "^usv: 'fim-horizon': was removed in 0.3$"),
