@@ -71,7 +71,7 @@ class _Text(io.TextIOWrapper):
 
     @property
     def encoding(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Its name. ASCII gets another name than Python's, under which typer would write UTF-8."""
+        """The name of the encoding; ASCII gets another name than Python's, under which typer would write UTF-8."""
         return {"ascii": "7-bit"}.get(codecs.lookup(super().encoding).name, super().encoding)
 
 

@@ -12,6 +12,7 @@ from scipy import stats
 
 import usvauv
 from usvauv import policies
+from usvauv.cli.evaluation.batches import combinations, definition, first_difference
 from usvauv.cli.evaluation.comparison import (
     LEAST_EPISODES,
     Comparison,
@@ -21,8 +22,7 @@ from usvauv.cli.evaluation.comparison import (
     t_quantile,
     words,
 )
-from usvauv.cli.evaluation.run import combinations, definition, first_difference
-from usvauv.cli.evaluation.tables import dependence, labels, sentence, sentences
+from usvauv.cli.evaluation.comparison_tables import dependence, labels, sentence, sentences
 from usvauv.env import Scenario, World, run_episodes
 from usvauv.env.record import evaluation
 from usvauv.env.record.metrics import FIGURES

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usvauv.cli.planning.fixes import LONGEST, BadLine, Contents, DayClock, Fix, NoFix, geographic, near, number
+from usvauv.cli.boat_placement.fixes import LONGEST, BadLine, Contents, DayClock, Fix, NoFix, geographic, near, number
 
 CHECKED = re.compile(r"\$(?P<body>.+)\*(?P<sum>[0-9A-Fa-f]{2})(?!\w)")  # a logger may write on
 EVOLOGICS = re.compile(r"USBLLONG,(?P<body>.+)$")
@@ -78,7 +78,7 @@ class Boat(NamedTuple):
 
 
 class Heading(NamedTuple):
-    """Of the boat, radians clockwise from north."""
+    """The heading of the boat, radians clockwise from north."""
 
     angle: float
 
