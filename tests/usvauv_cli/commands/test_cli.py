@@ -392,7 +392,7 @@ def test_a_refusal_of_the_system_is_named_also_where_a_library_wraps_it(run_usva
         except FileNotFoundError as refusal:
             raise RuntimeError("\n## Exception summary\n") from refusal
 
-    monkeypatch.setattr("usvauv.policies.load_learned", vanished)
+    monkeypatch.setattr("usvauv.policies.loading.load_learned", vanished)
     assert run_usvauv("export", "sac-extreme") == (2, "", "error: No such file or directory\n")
 
 
