@@ -47,25 +47,27 @@ def _misfit(given: Any, form: Any, place: str = "") -> str:
             one of these or None. Of a class's fields, those of these forms are checked, and of a subclass the methods.
         place: names of the fields that lead to a part.
     """
-    kind, is_ = get_origin(form), f"{place} is".lstrip()
+    kind, begin = get_origin(form), f"{place} is".lstrip()
     if kind is Annotated:
         arguments = form.__metadata__[0]
         if not callable(given):
-            return f"{is_} {text_of(given, repr)}: must be a function ({arguments})"
+            return f"{begin} {text_of(given, repr)}: must be a function ({arguments})"
         if not _takes(given, arguments.count(",") + 1):
-            return f"{is_} a function ({_arguments(given)}): must take ({arguments})"
+            return f"{begin} a function ({_arguments(given)}): must take ({arguments})"
     elif kind is tuple:
         parts = get_args(form)
         many = parts[-1] is ...
         if not isinstance(given, tuple) or (not many and len(given) != len(parts)):
-            return f"{is_} {text_of(given, repr)}: must be a tuple ({'…,' if many else ', '.join('…' for _ in parts)})"
+            return (
+                f"{begin} {text_of(given, repr)}: must be a tuple ({'…,' if many else ', '.join('…' for _ in parts)})"
+            )
         forms = cycle(parts[:1]) if many else parts
         return next(filter(None, (_misfit(each, of, place) for each, of in zip(given, forms, strict=False))), "")
     elif kind in (Union, UnionType):
         return "" if given is None else _misfit(given, get_args(form)[0], place)
     elif not place or _fields(form):
         if not (issubclass(given, form) if isinstance(given, type) else isinstance(given, form)):
-            return f"{is_} {text_of(given, repr)}: must be a {form.__name__}"
+            return f"{begin} {text_of(given, repr)}: must be a {form.__name__}"
         if isinstance(given, type):
             return _misfit_of_methods(given, form)
         for name, part in _fields(form).items():

@@ -1,5 +1,6 @@
 """README and docs: snippets run, commands parse, and each file, name and dependency that they speak of is there."""
 
+import ast
 import csv
 import importlib.util
 import pkgutil
@@ -14,6 +15,7 @@ from pathlib import Path
 import pytest
 import typer
 
+from tests.import_graph import sources
 from usvauv import env
 from usvauv.cli.app import parser
 from usvauv.env import plugins
@@ -137,3 +139,17 @@ def test_the_table_has_every_dependency_and_no_other():
         rows = [(row["package"], row["bound"]) for row in csv.DictReader(table)]
     assert sorted(rows) == sorted(expected)
     assert len(rows) == len(set(rows))
+
+
+def test_docstrings_begin_with_their_subject():
+    """In `usvauv.cli` and in `usvauv` itself: what a function gives is named, not "the same" or "those" of another."""
+    documented = (ast.Module, ast.ClassDef, ast.FunctionDef)
+    without = re.compile(r"(?:Of|Those|As|The same)\b")
+    found = [
+        f"{name}: {text[:60]}"
+        for name, path in sources().items()
+        if name.split(".")[1:2] not in (["env"], ["policies"], ["kernels"])
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, documented) and without.match(text := ast.get_docstring(node) or "")
+    ]
+    assert found == []

@@ -48,7 +48,7 @@ def test_libraries_are_loaded_when_they_are_used():
     code = """
 import sys, usvauv
 print({*usvauv.__all__} <= {*dir(usvauv)}, "torch" in sys.modules)
-import usvauv.policies, usvauv.env, usvauv.cli.evaluation.tables, usvauv.cli.sweep.run
+import usvauv.policies, usvauv.env, usvauv.cli.evaluation.comparison_tables, usvauv.cli.sweep.run_folder
 print({"xarray", "h5py", "matplotlib"} & {*sys.modules})
 from usvauv import *
 from usvauv.extend import *

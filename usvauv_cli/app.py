@@ -7,17 +7,14 @@ Everything else is imported after signal handlers are set, so that Ctrl-C during
 
 from __future__ import annotations
 
-import codecs
 import contextlib
 import errno
 import gc
 import io
 import os
-import re
 import signal
 import sys
 import threading
-import unicodedata
 from typing import TYPE_CHECKING, Any, NoReturn
 
 from usvauv.kernels.errors import TRACEBACK, UserError, in_words, text_of
@@ -27,26 +24,6 @@ if TYPE_CHECKING:
     import typer
 
 FAILED = 2
-
-PLAIN = "usvauv.plain"  # handler of errors of an encoding
-SIGNS = {
-    **dict.fromkeys("−–—‐⁻₋─━╺╸", "-"),
-    "×": "x",
-    "·": ".",
-    "±": "+/-",
-    "→": "->",
-    "°": " deg",
-    "≤": "<=",
-    "≥": ">=",
-    "∞": "inf",
-    "√": "sqrt",
-    "µ": "u",
-    **dict.fromkeys("’′", "'"),
-    **dict.fromkeys("“”″", '"'),
-    "•": "*",
-    "│": "|",
-}
-GREEK = re.compile(r"GREEK (SMALL|CAPITAL) LETTER (\w+)")
 
 
 class _Output(io.FileIO):
@@ -66,15 +43,6 @@ class _Output(io.FileIO):
             raise UserError(f"standard output: cannot be written: {error.strerror or error}") from None
 
 
-class _Text(io.TextIOWrapper):
-    """Standard output in characters that the terminal has."""
-
-    @property
-    def encoding(self) -> str:  # pyright: ignore[reportIncompatibleVariableOverride]
-        """Its name. ASCII gets another name than Python's, under which typer would write UTF-8."""
-        return {"ascii": "7-bit"}.get(codecs.lookup(super().encoding).name, super().encoding)
-
-
 def main() -> NoReturn:
     """Entry point of the installed command."""
     gc.set_threshold(100_000, 20, 20)  # imports leave hardly any cycles, and searching for them takes long
@@ -83,12 +51,12 @@ def main() -> NoReturn:
     threading.excepthook, sys.unraisablehook = in_thread, _in_callback
     if sys.stdout:
         raw = _Output(sys.stdout.fileno(), "w", closefd=False)
-        stream = _Text(io.BufferedWriter(raw), sys.stdout.encoding, PLAIN, None, raw.isatty())
+        stream = io.TextIOWrapper(io.BufferedWriter(raw), sys.stdout.encoding, "replace", None, raw.isatty())
         sys.stdout = sys.__stdout__ = stream  # Taichi compares the two
     if not sys.stderr:  # closed, as by `2>&-`; text printed to None would go to standard output
         sys.stderr = os.fdopen(os.open(os.devnull, os.O_WRONLY), "w", encoding="utf-8")
     if isinstance(sys.stderr, io.TextIOWrapper):
-        sys.stderr.reconfigure(errors=PLAIN)
+        sys.stderr.reconfigure(errors="replace")
     code = run(interruption)
     for signum in SIGNALS:  # all is done; a traceback from the interpreter's end would be noise
         signal.signal(signum, signal.SIG_IGN)
@@ -223,23 +191,3 @@ def _in_callback(about: sys.UnraisableHookArgs) -> None:
     again = threading.Timer(1.1 * PATIENCE, signal.raise_signal, (about.exc_value.signum,))
     again.daemon = True
     again.start()
-
-
-def plain(letter: str) -> str:
-    """A letter in ASCII; `?` for one of another script."""
-    greek = GREEK.fullmatch(unicodedata.name(letter, ""))
-    if greek:
-        return greek[2].lower() if greek[1] == "SMALL" else greek[2].capitalize()
-    return SIGNS.get(letter) or unicodedata.normalize("NFKD", letter).encode("ascii", "ignore").decode() or "?"
-
-
-def _replaced(error: UnicodeError) -> tuple[str | bytes, int]:
-    """The first letter that cannot be encoded, made plain; a byte of a file's name that is not text is unchanged."""
-    assert isinstance(error, UnicodeEncodeError)
-    letter = error.object[error.start]
-    if "\udc80" <= letter <= "\udcff" and not error.encoding.startswith(("utf-16", "utf-32")):
-        return bytes([ord(letter) - 0xDC00]), error.start + 1
-    return plain(letter), error.start + 1
-
-
-codecs.register_error(PLAIN, _replaced)

@@ -20,7 +20,7 @@ from benchmarks.studies.table import figure, head, interval, line
 from usvauv import policies
 from usvauv.cli.sweep.engine import Local
 from usvauv.cli.sweep.perform import perform_all
-from usvauv.cli.sweep.run import Piece
+from usvauv.cli.sweep.run_folder import Piece
 from usvauv.cli.sweep.study import Evaluation, StudyRun, define
 from usvauv.env import EpisodeMetrics, Scenario, run_episodes
 from usvauv.env.storage.files import locked

@@ -12,7 +12,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from usvauv.cli.evaluation.run import evaluate
+    from usvauv.cli.evaluation.batches import evaluate
     from usvauv.cli.web_report.page import play
     from usvauv.env.record.recorder import record
     from usvauv.env.record.trace import Trace
@@ -28,7 +28,7 @@ _MODULES = {
     "Trace": "usvauv.env.record.trace",
     "UserError": "usvauv.kernels.errors",
     "World": "usvauv.env.world.world",
-    "evaluate": "usvauv.cli.evaluation.run",
+    "evaluate": "usvauv.cli.evaluation.batches",
     "play": "usvauv.cli.web_report.page",
     "record": "usvauv.env.record.recorder",
     "write_video": "usvauv.env.render.video",

@@ -36,7 +36,7 @@ import torch
 import xarray
 
 from usvauv.cli import app
-from usvauv.cli.planning import figure  # noqa: F401  imported once, for all forks
+from usvauv.cli.boat_placement import figure  # noqa: F401  imported once, for all forks
 from usvauv.cli.reproduction import page  # noqa: F401
 from usvauv.policies import checkpoint
 from usvauv.policies.policy import PolicyError

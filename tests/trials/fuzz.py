@@ -248,7 +248,7 @@ def fuzz_plan(r: random.Random, folder: Path) -> None:
     assert 0 <= answer.optimum.x <= area.width
     assert 0 <= answer.optimum.y <= area.length
     if r.random() < 0.01:
-        from usvauv.cli.planning import figure
+        from usvauv.cli.boat_placement import figure
 
         figure.draw(answer, landscape, folder / "plan.png")
     assert text

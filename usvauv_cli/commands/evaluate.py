@@ -95,19 +95,19 @@ def evaluate(
 
     `usvauv eval --policy clear --policy pace --episodes 100000 --until-halfwidth 0.05`
     """
-    from usvauv import policies
+    from usvauv.cli.evaluation.batches import batches, combinations, definition, first_difference
     from usvauv.cli.evaluation.comparison import Comparison
-    from usvauv.cli.evaluation.run import batches, combinations, definition, first_difference
-    from usvauv.cli.evaluation.tables import intervals, metrics_tables
+    from usvauv.cli.evaluation.comparison_tables import intervals, metrics_tables
     from usvauv.cli.web_report.episodes import Recordings, front_episodes
     from usvauv.env import Scenario
     from usvauv.env.record.evaluation import WORLDS_PER_BATCH, batch_size
     from usvauv.env.record.metrics import FIGURES, task_metrics
     from usvauv.env.storage.result_tables import growing_table
+    from usvauv.policies import loading
 
     setting = Scenario.load(scenario, overrides or ())
     options.writable(context, out, "--out", (".csv",))
-    names = list(dict.fromkeys(policy or [policies.default(setting), "straight"]))
+    names = list(dict.fromkeys(policy or [loading.default(setting), "straight"]))
     for name in names:
         options.check_policy(name, setting)
     scenarios = combinations(setting, names, usv or [None], targets or [None])
@@ -141,7 +141,7 @@ def evaluate(
             raise UserError(f"{table.path}: is of another command: {difference}; --force without --resume starts again")
         try:
             with terminal.progress("evaluating", len(scenarios) * episodes * setting.mission.steps) as advance:
-                makers = policies.named(*names)
+                makers = loading.named(*names)
                 on_trace = recordings.add if report_folder else lambda trace, first: None
                 for batch in batches(scenarios, makers, episodes, about["batch"], seed, arch, table, advance, on_trace):
                     comparison.add(batch)

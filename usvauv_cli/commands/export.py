@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from usvauv.cli.commands import options
-from usvauv.cli.kinds import expect
+from usvauv.cli.usage import expect
 from usvauv.kernels.errors import UserError
 
 
@@ -80,9 +80,9 @@ def export(
         from usvauv.env.exchange import WRITERS
 
         raise UserError(f"{source}: is a trace, which needs --to: {', '.join(WRITERS)}")
-    from usvauv import policies
     from usvauv.env import Scenario
     from usvauv.env.world.observation import ObservationLayout
+    from usvauv.policies import loading
     from usvauv.policies.export import export as write
 
     expect("policy", source)
@@ -94,7 +94,7 @@ def export(
     setting = None if scenario is None else Scenario.load(scenario, overrides or ())
     path = onnx or Path(f"{Path(source).name.removesuffix('.safetensors')}.onnx")
     options.writable(context, path, "--onnx", (".onnx",))
-    player = policies.load_learned(source, setting)
+    player = loading.load_learned(source, setting)
     write(player, path)
     auv, size = player.scenario.auv, ObservationLayout.of(player.scenario).size
     shapes = f"observation (N, {auv.count}, {size}), action (N, {auv.count}, {auv.action_size})"

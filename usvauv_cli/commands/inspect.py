@@ -205,7 +205,7 @@ def policies(plugins: Plugins = None) -> None:
 
     `usvauv policies --plugin mine.py`
     """
-    from usvauv import policies
+    from usvauv.policies import loading
     from usvauv.policies.heuristics import heuristics
 
     def written(name: str) -> Item:
@@ -214,9 +214,9 @@ def policies(plugins: Plugins = None) -> None:
         default = f"; default: the scenario's reference.{field}" if field else ""
         return (f"{name}[:{argument}]", f"{argument} in {unit}{default}") if argument else (name, "")
 
-    _show_registered(heuristics, written, policies.default, "Not learned, shipped with usvauv:")
-    users = _users(policies.default)
-    learned = [(name, f"{policies.about(name)}. {users.get(name, '')}".rstrip()) for name in policies.trained()]
+    _show_registered(heuristics, written, loading.default, "Not learned, shipped with usvauv:")
+    users = _users(loading.default)
+    learned = [(name, f"{loading.about(name)}. {users.get(name, '')}".rstrip()) for name in loading.trained()]
     show("Learned, shipped with usvauv:", learned)
     run = "Checkpoint, or folder of a run of `usvauv train`, whose best checkpoint is used."
     show("Your own:", [("PATH", run), ("MODULE:CLASS", "Class of a Python file in this folder, or of a module.")])

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from usvauv.cli.kinds import expect
 from usvauv.cli.terminal import counted
+from usvauv.cli.usage import expect
 from usvauv.kernels.errors import UserError, choices
 
 if TYPE_CHECKING:
@@ -238,7 +238,7 @@ def keep_others(context: typer.Context, path: Path, option: str) -> None:
     there = os.path.exists(path) and not (os.path.isdir(path) and not os.listdir(path))
     goes_on = context.params["force"] or context.params.get("resume")
     if there and not goes_on and (known := _made_by(path)) != arguments:
-        from usvauv.cli.evaluation.run import first_difference
+        from usvauv.cli.evaluation.batches import first_difference
 
         how = f"made with {first_difference(known, arguments)}" if known else "perhaps made with other arguments"
         raise UserError(f"{option} {path}: exists, {how}; --force replaces it, or choose another name")

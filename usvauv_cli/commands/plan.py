@@ -12,7 +12,7 @@ from usvauv.cli.commands.options import Arch, Force, Overrides, Plugins, choice,
 from usvauv.kernels.errors import UserError
 
 if TYPE_CHECKING:
-    from usvauv.cli.planning.fix_log import Log, PositionEstimate
+    from usvauv.cli.boat_placement.fix_log import Log, PositionEstimate
     from usvauv.env import Scenario
     from usvauv.env.accuracy.boat_place import BoatPlace, Plan
 
@@ -169,7 +169,7 @@ def plan(
     if log:
         if auvs:
             raise UserError("--log: gives the AUVs; must go without --auv")
-        from usvauv.cli.planning.fix_log import auvs_of_log
+        from usvauv.cli.boat_placement.fix_log import auvs_of_log
 
         estimates, read = auvs_of_log(log, setting, beacon or ())
         setting = read.scenario
@@ -214,7 +214,7 @@ def plan(
     if out and out.suffix.lower() == geojson.ENDING:
         geojson.write(out, geojson.of_plan(result, setting))
     elif out:
-        from usvauv.cli.planning import figure
+        from usvauv.cli.boat_placement import figure
 
         figure.draw(result, landscape, out)
     if not to_stdout:

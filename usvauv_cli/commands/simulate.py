@@ -77,12 +77,12 @@ def simulate(
 
     `usvauv simulate wide --compare usv=fim --out boats.mp4`
     """
-    from usvauv import policies
     from usvauv.env import Scenario
     from usvauv.env.accuracy.fix_errors import reflections_warning
     from usvauv.env.record.metrics import episode_metrics
     from usvauv.env.site.site import Site
     from usvauv.env.world.boat_strategies import StrategyChoice
+    from usvauv.policies import loading
 
     setting = Scenario.load(scenario, overrides or ())
     out = out or Path(f"usvauv-{setting.name}.mp4")
@@ -92,7 +92,7 @@ def simulate(
     step = setting.mission.step
     steps = max(1, round(duration / step)) if duration else setting.mission.steps
     options.check_shown(video, steps * step, setting)
-    steering = policy or policies.default(setting)
+    steering = policy or loading.default(setting)
     runs: list[Run] = [(steering, usv, targets)]
     if compare and compare.startswith("usv="):
         runs.append((steering, compare.removeprefix("usv="), targets))
@@ -132,15 +132,15 @@ def simulated(
     run: Run, scenario: Scenario, seed: int, steps: int, arch: str, out: Path
 ) -> tuple[Trace, Diverged | None]:
     """The record of a mission on a finely resolved sea, for the file `out`, and what ended it before its time."""
-    from usvauv import policies
     from usvauv.env import World
     from usvauv.env.record.recorder import Diverged, record
     from usvauv.env.storage.files import OutputError
     from usvauv.env.storage.memory import give_back
+    from usvauv.policies import loading
 
     policy, usv, targets = run
     world = World(scenario.with_targets(targets), 1, seed, usv, fine_sea=True, arch=arch)
-    act = policies.acting(policy, world)
+    act = loading.acting(policy, world)
     with terminal.progress("simulating", steps) as advance:
         try:
             return record(world, act, policy, steps=steps, surface=True, on_step=lambda _: advance(1)), None
@@ -247,14 +247,14 @@ def live(
 
     `usvauv live wide --policy sac-wide --open`
     """
-    from usvauv import policies
     from usvauv.cli.live.server import Show, listen, serve
     from usvauv.cli.live.session import Session
     from usvauv.env import Scenario
     from usvauv.env.world.boat_strategies import StrategyChoice
+    from usvauv.policies import loading
 
     setting = Scenario.load(scenario, overrides or ()).with_targets(targets)
-    options.check_policy(policy or policies.default(setting), setting)
+    options.check_policy(policy or loading.default(setting), setting)
     StrategyChoice.parse(usv, setting)
     options.check_regime(setting)
     with listen(port) as listening, serve(listening, f"usvauv {setting.name}") as (server, address):

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import torch
 
-from usvauv import policies
 from usvauv.cli.live.history import POINTS, History, Moment, Snapshot, SurfaceGrid
 from usvauv.env.record.metrics import EpisodeMetrics, episode_metrics
 from usvauv.env.record.recorder import Recorder, of_bodies, trace_bytes
@@ -26,6 +25,7 @@ from usvauv.kernels.errors import DivergenceError, UserError
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn
 from usvauv.kernels.mission.target_rules import target_rules
 from usvauv.kernels.vehicles.otter import HullColumn
+from usvauv.policies import loading
 
 BUDGET = 0.012  # s of stepping from one picture to the next
 FLOW_POINTS = 13  # on the longer side of the area
@@ -56,7 +56,7 @@ class Slider:
 
 
 def sliders(scenario: Scenario) -> dict[str, Slider]:
-    """Those that would change something in a scenario, by name."""
+    """The sliders that would change something in a scenario, by name."""
     current, sea, level = scenario.current, scenario.sea, scenario.acoustics.source_level
     found: dict[str, Slider] = {}
     if current.vortices and current.circulation_max:
@@ -115,15 +115,15 @@ class Session:
     def __init__(
         self, scenario: Scenario, seed: int = 0, usv: str | None = None, policy: str | None = None, arch: str = "auto"
     ) -> None:
-        self.policy = policy or policies.default(scenario)
-        policies.check(self.policy, scenario)
+        self.policy = policy or loading.default(scenario)
+        loading.check(self.policy, scenario)
         self._loaded = scenario = changed(scenario, {"boat": {"strategy": StrategyChoice.parse(usv, scenario).name}})
         self.sliders = sliders(scenario)
         self.values = {name: slider.value(scenario) for name, slider in self.sliders.items()}
         self._arch = arch
         self.world = World(scenario, 1, seed, fine_sea=True, arch=arch)
         require(trace_bytes(self.world, self.world.steps), f"a record of {self.world.steps} steps")
-        self._act = policies.acting(self.policy, self.world)
+        self._act = loading.acting(self.policy, self.world)
         self.grid = SurfaceGrid(self.world)
         area = scenario.area
         rows, columns = (
@@ -282,11 +282,11 @@ class Session:
 
     def policies(self) -> list[str]:
         """Policies that can be chosen here, the present one first."""
-        return _choices(self.policy, policies.available(), lambda name: policies.check(name, self.scenario))
+        return _choices(self.policy, loading.available(), lambda name: loading.check(name, self.scenario))
 
     def set_policy(self, name: str) -> None:
         """Let another policy act from the next step on."""
-        self._act = policies.acting(name, self.world)
+        self._act = loading.acting(name, self.world)
         self.policy = name
 
     def set_strategy(self, name: str) -> None:
@@ -302,7 +302,7 @@ class Session:
 
     def _go_on_in(self, changes: Mapping[str, Mapping[str, Any]]) -> None:
         world = World(changed(self.scenario, changes), 1, self.world.seed, fine_sea=True, arch=self._arch)
-        act = policies.acting(self.policy, world)
+        act = loading.acting(self.policy, world)
         world.continue_from(self.world)
         self.world = self._recorder.world = world
         self._act, self._observation = act, world.observation

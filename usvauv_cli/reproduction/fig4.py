@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from usvauv import policies
 from usvauv.cli.reproduction import paper
-from usvauv.cli.sweep.run import Piece
+from usvauv.cli.sweep.run_folder import Piece
 from usvauv.env import Trace, World
 from usvauv.env.record.metrics import episode_metrics
 from usvauv.env.record.recorder import record
@@ -20,7 +19,7 @@ from usvauv.env.render.style import OUTLINE, Axes, Figure, Ground, Line2D, log_t
 from usvauv.env.storage.result_tables import read_rows, write_rows
 from usvauv.kernels import runtime
 from usvauv.kernels.flow import vortex
-from usvauv.policies import checkpoint
+from usvauv.policies import checkpoint, loading
 
 ESC = paper.CONDITIONS["ESC"]
 SCENARIOS = (ESC, paper.PHYSICAL)
@@ -49,7 +48,7 @@ def voyages(settings: paper.Settings, folder: Path) -> dict[str, Trace]:
         if not path.exists():
             scenario = settings.scenario(name, ("observation.current=speed",))
             world = World(scenario, 1, settings.test_seed)
-            policy = policies.load(checkpoint.path_of(run.place(folder), checkpoint.BEST), world)
+            policy = loading.load(checkpoint.path_of(run.place(folder), checkpoint.BEST), world)
             record(world, policy.act, f"{run.method}, run {run.seed}").save(path)
         traces[name] = Trace.load(path)
     return traces

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from usvauv import policies
 from usvauv.cli.reproduction import paper
 from usvauv.cli.reproduction.paper import HEURISTICS, Settings, heuristic, learned, markdown_table, rounded, spread
-from usvauv.cli.sweep.run import Piece
+from usvauv.cli.sweep.run_folder import Piece
 from usvauv.env.render.style import Figure, Ground, Line2D, looks, write_pair
 from usvauv.env.storage.result_tables import write_rows
 from usvauv.kernels.mission.motion import travelling_power
+from usvauv.policies import checkpoint
 
 Row = dict[str, Any]  # of table2.csv, see `pool`
 OURS, PAPER = ("mean", "sd"), ("paper", "paper_sd")  # ends of the names of columns
@@ -210,7 +210,7 @@ def curves(settings: Settings, folder: Path) -> list[dict[str, object]]:
         for condition, name in paper.CONDITIONS.items():
             episode = settings.scenario(name).mission.steps
             for seed in settings.seeds:
-                for point in policies.read_history(learned(settings, method, name, seed).place(folder)):
+                for point in checkpoint.read_history(learned(settings, method, name, seed).place(folder)):
                     about = (method, condition, seed, point["steps"], point["steps"] / episode, point["updates"])
                     figures = (point[name] for name in paper.FIGURES)
                     found.append(dict(zip(CURVE_COLUMNS, (*about, *figures), strict=True)))

@@ -15,15 +15,15 @@ from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
 
-from usvauv import policies
 from usvauv.cli.reproduction import collaboration, fig4, learning, paper
 from usvauv.cli.reproduction.paper import FULL, QUICK, Settings, best
 from usvauv.cli.sweep.engine import Engine
 from usvauv.cli.sweep.perform import perform_all
-from usvauv.cli.sweep.run import Piece, seconds
+from usvauv.cli.sweep.run_folder import Piece, seconds
 from usvauv.cli.terminal import counted, duration
 from usvauv.env.storage.files import atomic_write, inside, locked
 from usvauv.kernels.errors import UserError
+from usvauv.policies import checkpoint
 from usvauv.policies.training.figures import EVALUATION_SEED_OFFSET
 
 
@@ -162,6 +162,6 @@ def how_made(pieces: Sequence[Piece], settings: Settings, folder: Path, command:
     taken = sum(seconds(piece.place(folder)) or 0.0 for piece in pieces)
     lines.append(f"Time taken: {duration(taken, rough=True)} for {counted(len(pieces), 'run')}, one after the other.")
     if trained:
-        learning = sum(policies.read_run(piece.place(folder))[2]["seconds"] for piece in trained)
+        learning = sum(checkpoint.read_run(piece.place(folder))[2]["seconds"] for piece in trained)
         lines.append(f"The {len(trained)} trainings took {duration(learning, rough=True)} of it.")
     return ["## How it was made", f"    {command}", "\n".join(f"- {line}" for line in lines)]

@@ -15,8 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from usvauv import policies
-from usvauv.cli.sweep.run import Evaluate, Piece
+from usvauv.cli.sweep.run_folder import Evaluate, Piece
 from usvauv.env import Scenario, World
 from usvauv.env.accuracy.fix_errors import best_variance, median_of_normals
 from usvauv.env.record.metrics import episode_metrics, position_error
@@ -24,7 +23,8 @@ from usvauv.env.record.recorder import record
 from usvauv.env.render.style import Figure, Ground
 from usvauv.env.storage.result_tables import write_rows
 from usvauv.env.world.boat_strategies import StrategyChoice
-from usvauv.policies import TrainingConfig, checkpoint
+from usvauv.policies import checkpoint, loading
+from usvauv.policies.config import TrainingConfig
 from usvauv.policies.inputs import digests
 
 FIGURES = ("sdr", "ec", "arps")  # sum data rate, energy consumption, average reward per time step
@@ -280,7 +280,7 @@ def _test(definition: Mapping[str, Any], place: Path, step: Callable[[int], None
     count, first, rows = wanted["episodes"] // len(wanted["scenarios"]), wanted["first"], []
     for of in wanted["scenarios"]:
         world = World(Scenario.from_dict(of), count, wanted["seed"], definition["usv"], first_world=first)
-        act = policies.load(policy, world).act
+        act = loading.load(policy, world).act
         trace = record(world, act, definition["policy"], on_step=lambda _: step(count))
         term = trace.reward_terms[..., trace.reward_names.index("collaboration")]
         added = term.sum(axis=2, dtype=np.float64).mean(axis=0)
@@ -295,7 +295,7 @@ def _measure(definition: Mapping[str, Any], place: Path, step: Callable[[int], N
     count, traces = definition["evaluation"]["episodes"] // len(seeds), []
     for seed in seeds:
         world = World(Scenario.from_dict(definition["scenario"]), count, seed, usv)
-        act = policies.load(definition["policy"], world).act
+        act = loading.load(definition["policy"], world).act
         traces.append(record(world, act, definition["policy"], on_step=lambda _: step(count)))
     time, episodes = traces[0].time, [(trace.seed, world) for trace in traces for world in range(count)]
 

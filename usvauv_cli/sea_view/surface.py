@@ -28,7 +28,7 @@ class LevelSurface(SeaSurface):
     """Relief of a sea."""
 
     def __init__(self, sample: np.ndarray, view: MapView, usual: np.ndarray) -> None:
-        """As `SeaSurface`; `usual` are elevations all over the time shown, whose median is the level."""
+        """Arguments are those of `SeaSurface`; `usual` are elevations of all times, whose median is the level."""
         median = float(np.median(usual))
         deviation = float(np.quantile(np.abs(usual - median), 0.99))
         # Elevation in the middle of the colour scale, m, to the decimetre; 0 where the sea moves much farther than it.

@@ -133,7 +133,7 @@ class Engine(Protocol):
         ...
 
     def wait(self, seconds: float) -> list[Ended]:
-        """Those that have ended since the last call; waits up to that long for the first."""
+        """The tasks that have ended since the last call; waits up to that long for the first."""
         ...
 
     def cancel(self, names: Sequence[str]) -> None:

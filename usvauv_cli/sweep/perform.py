@@ -26,7 +26,7 @@ from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, T
 
 from usvauv.cli import terminal
 from usvauv.cli.sweep.engine import LOST, THREADS, Ended, Engine, Local, Task, conduct, remove_signs, reported, signs_in
-from usvauv.cli.sweep.run import FAILURE, Piece, perform
+from usvauv.cli.sweep.run_folder import FAILURE, Piece, perform
 from usvauv.cli.sweep.study import Resources
 from usvauv.env import plugins
 from usvauv.env.storage import memory
@@ -191,7 +191,7 @@ class OnSlurm:
             return Ended(name, "failed", in_words(error), str(error))
 
     def _ended(self) -> list[Ended]:
-        """Those that have a result, and those that Slurm no longer has and that left none."""
+        """The tasks that have a result, and those that Slurm no longer has and that left none."""
         if ready := [name for name, job in self._running.items() if job.paths.result_pickle.exists()]:
             return [self._result(name) for name in ready]
         if time.monotonic() - self._asked < ASK:

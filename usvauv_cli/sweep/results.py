@@ -1,6 +1,6 @@
 """A study from its file to its results: remaining runs are performed, then tables are written.
 
-DIR/runs/HASH/      a run, see `usvauv.cli.sweep.run`
+DIR/runs/HASH/      a run, see `usvauv.cli.sweep.run_folder`
 DIR/results.csv     one row for each run and episode: `FIRST`, then the columns of `usvauv eval`; also as .parquet
 DIR/summary.json    see `usvauv.cli.sweep.summary`
 DIR/report/         a page: results of `summary.summary` as tables and figures, training curves, and all runs
@@ -20,12 +20,11 @@ from typing import Any
 
 import numpy as np
 
-from usvauv import policies
 from usvauv.cli import terminal
 from usvauv.cli.sweep import summary
 from usvauv.cli.sweep.engine import Engine
 from usvauv.cli.sweep.perform import perform_all
-from usvauv.cli.sweep.run import FAILURE, Piece, seconds
+from usvauv.cli.sweep.run_folder import FAILURE, Piece, seconds
 from usvauv.cli.sweep.study import Study
 from usvauv.cli.terminal import counted
 from usvauv.cli.web_report import document
@@ -35,6 +34,7 @@ from usvauv.env.scenario import Scenario
 from usvauv.env.storage.files import atomic_write, inside, locked, writing
 from usvauv.env.storage.result_tables import write_rows
 from usvauv.kernels.errors import UserError
+from usvauv.policies import checkpoint
 from usvauv.policies.policy import PolicyError
 
 TABLE = "results.csv"
@@ -153,7 +153,7 @@ def _learning(folder: Path, study: Study) -> dict[str, dict[str, Curve]]:
     for piece in study.runs:
         if piece.definition["training"] and piece.finished(folder):
             with suppress(PolicyError):
-                history = policies.read_history(piece.place(folder))
+                history = checkpoint.read_history(piece.place(folder))
                 scores = {row["steps"]: row[study.evaluation.score] for row in history if study.evaluation.score in row}
                 if scores:
                     found.setdefault(piece.task, {}).setdefault(piece.method, []).append(scores)

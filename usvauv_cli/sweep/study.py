@@ -16,14 +16,15 @@ from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import Field, ValidationError, model_validator
 
-from usvauv import policies
-from usvauv.cli.sweep.run import Piece, key_of
+from usvauv.cli.sweep.run_folder import Piece, key_of
 from usvauv.env.record.metrics import FIGURES, task_metrics
 from usvauv.env.scenario import Scenario
 from usvauv.env.scenario.fields import Layer, Section, one_line, one_of
 from usvauv.env.storage.files import TextFileError, decoded, read_text
 from usvauv.env.world.boat_strategies import StrategyChoice
 from usvauv.kernels.errors import UserError
+from usvauv.policies import loading
+from usvauv.policies.config import TrainingConfig
 from usvauv.policies.inputs import digests
 
 OF_TRAINING = ("steps", "worlds", "shared", "learn")
@@ -81,7 +82,7 @@ class Resources(Section):
 
     @property
     def arch(self) -> str:
-        """As `usvauv.kernels.runtime.start` takes it."""
+        """The architecture, an argument of `usvauv.kernels.runtime.start`."""
         return "cuda" if self.gpu else "cpu"
 
 
@@ -157,12 +158,12 @@ def define(run: StudyRun, evaluation: Evaluation, source: str) -> dict[str, Any]
         usv = StrategyChoice.parse(run.usv or None, scenario).name
         training = None
         if run.algorithm:
-            config = policies.TrainingConfig.of(
+            config = TrainingConfig.of(
                 scenario, algorithm=run.algorithm, num_worlds=run.worlds, seed=run.seed, shared=run.shared
             ).changed(run.learn)
             training = {**asdict(config), "total": run.steps}
         else:
-            policies.check(run.policy, scenario)
+            loading.check(run.policy, scenario)
     except UserError as error:
         raise UserError(f"{source}: {error}") from None
     return {

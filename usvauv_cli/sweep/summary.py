@@ -19,7 +19,7 @@ import numpy as np
 from usvauv.cli import terminal
 from usvauv.cli.evaluation import comparison
 from usvauv.cli.evaluation.comparison import digits
-from usvauv.cli.evaluation.tables import sentence
+from usvauv.cli.evaluation.comparison_tables import sentence
 from usvauv.cli.sweep.study import Evaluation
 
 Scores = Sequence[np.ndarray]  # one array a task, (…, N) over its runs
@@ -110,7 +110,7 @@ def scores(rows: Iterable[Mapping[str, Any]], score: str) -> dict[str, dict[str,
 
 
 def differences(rows: Iterable[Mapping[str, Any]], score: str, seas: Mapping[str, int]) -> list[dict[str, Any]]:
-    """Of each task and method the score less that of the task's first method, with a sentence.
+    """Differences of each method's score from that of the task's first method, with a sentence, by task and method.
 
     Runs of the same seed are evaluated in the same worlds, so the difference is taken episode by episode. Over several
     seeds, of which each is another training and other worlds, the interval is that of the seeds' means; of one seed

@@ -4,11 +4,9 @@ missions in a notebook's cell.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +14,9 @@ import numpy as np
 from markupsafe import Markup
 
 from usvauv.cli.evaluation.comparison import Comparison, words
-from usvauv.cli.evaluation.tables import column_tables, dependence, headline, labels, sentences
+from usvauv.cli.evaluation.comparison_tables import column_tables, dependence, headline, labels, sentences
 from usvauv.cli.web_report import document
-from usvauv.cli.web_report.document import AGES, COLUMN, INK, MUTED, NODE, SEA, colour, dash, marker
+from usvauv.cli.web_report.document import INK, colour, dash, marker
 from usvauv.cli.web_report.episodes import (
     ERRORS,
     PERIODS,
@@ -31,11 +29,10 @@ from usvauv.cli.web_report.episodes import (
     player_data,
     thinned,
 )
-from usvauv.cli.web_report.graticule import draw_graticule
+from usvauv.cli.web_report.maps import ages, trajectories
 from usvauv.env.record.trace import Trace
-from usvauv.env.render.style import Axes, Figure, Line2D, MaxNLocator, WrittenOut
+from usvauv.env.render.style import Figure, WrittenOut
 from usvauv.env.scenario import Scenario
-from usvauv.env.site.site import Site
 from usvauv.env.storage.result_tables import Combination
 from usvauv.kernels import runtime
 from usvauv.kernels.errors import UserError
@@ -226,83 +223,3 @@ def errors(names: Sequence[str], recordings: Sequence[Recording], duration: floa
     for axes in plots.ravel():
         document.style_axes(axes)
     return figure
-
-
-def maps(names: Sequence[str], scenario: Scenario, handles: Sequence[Line2D]) -> tuple[Figure, list[Axes]]:
-    """A map of the area for each name, side by side, and a legend of handles.
-
-    Where the scenario has a place on Earth it is in longitude and latitude, with a scale bar.
-    """
-    columns = 1 if len(names) == 1 else 2 if len(names) <= 4 else 3
-    rows = math.ceil(len(names) / columns)
-    width, length = scenario.area.width, scenario.area.length
-    side = min((COLUMN - 0.5) / columns - 0.1, 2.9)
-    figure = document.new(rows * (min(max(side * length / width, 0.4), 2 * side) + 0.22) + 0.42, handles)
-    frame = Site(scenario).frame
-    across, along = ("longitude", "latitude") if frame else ("x (east), m", "y (north), m")
-    plots = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
-    for i, (axes, name) in enumerate(zip(plots, names, strict=False)):
-        axes.set_facecolor(SEA)
-        axes.set(xlim=(0, width), ylim=(0, length), aspect="equal")
-        axes.set_title(document.truncated(name, 46 // columns), loc="left", pad=3)
-        if frame:
-            draw_graticule(axes, frame, width, length, 2 if columns > 1 else 3)
-        else:
-            for axis in (axes.xaxis, axes.yaxis):
-                axis.set_major_locator(MaxNLocator(3 if columns > 1 else 5))
-        if i + columns >= len(names):
-            axes.set_xlabel(across)
-            axes.tick_params(labelbottom=True)
-        if i % columns == 0:
-            axes.set_ylabel(along)
-        document.style_axes(axes, grid=False)
-    for axes in plots[len(names) :]:
-        axes.set_visible(False)
-    return figure, list(plots[: len(names)])
-
-
-def trajectories(names: Sequence[str], recordings: Sequence[Recording], scenario: Scenario) -> Figure:
-    """Ways of AUVs and boats in world 0, a map for each combination."""
-    auvs = recordings[0].episode.auvs
-    ways = [Line2D([], [], color=colour(k), ls=dash(k), lw=1, label=f"AUV {k + 1}") for k in range(auvs)]
-    ways.append(Line2D([], [], color=INK, lw=0.9, alpha=0.7, label="boat"))
-    points = (("o", "none", "start"), ("s", INK, "end"))
-    ways += [Line2D([], [], ls="none", marker=m, ms=4, mec=INK, mfc=f, label=name) for m, f, name in points]
-    place = "node" if collects_data(scenario) else "station"
-    ways.append(Line2D([], [], ls="none", marker="^", ms=3.5, color=NODE, label=place))
-    figure, plots = maps(names, scenario, ways)
-    for axes, recording in zip(plots, recordings, strict=True):
-        episode = recording.episode
-        axes.plot(*episode.node.T, "^", ms=2.4, color=NODE, mew=0)
-        for k, track in reversed(list(enumerate(episode.tracks))):
-            boat = k >= auvs
-            look = INK if boat else colour(k)
-            axes.plot(*track.T, color=look, lw=0.8, alpha=0.7 if boat else 1, ls="-" if boat else dash(k))
-            axes.plot(*track[0], "o", ms=4, mfc="none", mec=look, mew=0.9, clip_on=False, zorder=5)
-            axes.plot(*track[-1], "s", ms=3.6, color=look, clip_on=False, zorder=5)
-    return figure
-
-
-def ages(names: Sequence[str], recordings: Sequence[Recording], scenario: Scenario) -> Figure:
-    """Mean age of the data of each node in world 0, older ones larger and stronger, a map for each combination."""
-    edges = age_edges(np.concatenate([recording.episode.age for recording in recordings]))
-    sizes = np.linspace(2.6, 7.5, len(AGES))
-    digits = max(0, -math.floor(math.log10(edges[1] - edges[0])))
-    looks = [{"ms": size, "color": ink, "mec": MUTED, "mew": 0.4} for size, ink in zip(sizes, AGES, strict=True)]
-    marks = [
-        Line2D([], [], ls="none", marker="o", label=f"{low:.{digits}f}–{high:.{digits}f} s", **look)
-        for (low, high), look in zip(pairwise(edges), looks, strict=True)
-    ]
-    figure, plots = maps(names, scenario, marks)
-    for axes, recording in zip(plots, recordings, strict=True):
-        old = np.clip(np.searchsorted(edges, recording.episode.age) - 1, 0, len(AGES) - 1)
-        for i, look in enumerate(looks):
-            axes.plot(*recording.episode.node[old == i].T, "o", zorder=3 + i, **look)
-    return figure
-
-
-def age_edges(age: np.ndarray) -> np.ndarray:
-    """Edges of as many equal classes as `AGES` that hold all ages, at whole multiples of a power of ten, s."""
-    unit = 10.0 ** max(math.floor(math.log10(max(np.ptp(age), 1e-3))) - 1, -3)
-    low = math.floor(age.min() / unit) * unit
-    return low + np.arange(len(AGES) + 1) * math.ceil(max(age.max() - low, unit) / (len(AGES) * unit)) * unit

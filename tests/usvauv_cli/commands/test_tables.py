@@ -10,8 +10,8 @@ from rich.console import Console
 from usvauv.cli import terminal
 from usvauv.cli.commands import training_table
 from usvauv.cli.evaluation.comparison import Comparison
-from usvauv.cli.evaluation.tables import COLUMNS as HEADED
-from usvauv.cli.evaluation.tables import OF_STATIONS, metrics_tables
+from usvauv.cli.evaluation.comparison_tables import COLUMNS as HEADED
+from usvauv.cli.evaluation.comparison_tables import OF_STATIONS, metrics_tables
 from usvauv.env import Scenario
 from usvauv.env.record.metrics import COLUMNS, FIGURES, EpisodeMetrics
 from usvauv.env.storage.result_tables import Combination

@@ -21,7 +21,7 @@ from usvauv.cli.evaluation.comparison import (
     t_quantile,
     words,
 )
-from usvauv.cli.evaluation.tables import dependence, labels, sentence, sentences
+from usvauv.cli.evaluation.comparison_tables import dependence, labels, sentence, sentences
 from usvauv.env import Scenario, World, run_episodes
 from usvauv.env.record import evaluation
 from usvauv.env.record.metrics import FIGURES

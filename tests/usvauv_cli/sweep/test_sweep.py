@@ -17,8 +17,9 @@ import pytest
 from tests.usvauv_cli.commands.test_cli import COMMAND, LOADING
 from tests.usvauv_cli.sweep.work import Here
 from usvauv import policies
-from usvauv.cli.sweep import perform, run
-from usvauv.cli.sweep.run import Piece, key_of
+from usvauv.cli.sweep import perform, run_folder
+from usvauv.cli.sweep.engine import Stopped
+from usvauv.cli.sweep.run_folder import Piece, key_of
 from usvauv.cli.sweep.study import Evaluation, Resources, StudyRun, define, read
 from usvauv.env.scenario import Scenario
 from usvauv.env.storage.result_tables import read_rows
@@ -219,7 +220,7 @@ def test_a_file_that_changes_during_a_run_fails_it(tmp_path, monkeypatch):
     signs = SimpleNamespace(advance=lambda units: None, stopping=lambda: False)
     Path("touched.py").write_text("")
     with pytest.raises(UserError, match="a file that the result depends on has changed"):
-        run.perform(piece.definition, piece.evaluate, piece.place(tmp_path), signs)
+        run_folder.perform(piece.definition, piece.evaluate, piece.place(tmp_path), signs)
     assert not piece.finished(tmp_path)
 
 
@@ -363,12 +364,12 @@ def test_a_stopped_training_ends_as_one_in_one_go(tmp_path, monkeypatch):
             return self.reports > self.most
 
     one, two = piece.place(tmp_path / "one"), piece.place(tmp_path / "two")
-    run.perform(piece.definition, piece.evaluate, one, Signs(10**9))
-    with pytest.raises(run.Stopped):
-        run.perform(piece.definition, piece.evaluate, two, Signs(14))
+    run_folder.perform(piece.definition, piece.evaluate, one, Signs(10**9))
+    with pytest.raises(Stopped):
+        run_folder.perform(piece.definition, piece.evaluate, two, Signs(14))
     assert 0 < policies.read_run(two)[2]["steps"] < 160
     assert not piece.finished(tmp_path / "two")
-    run.perform(piece.definition, piece.evaluate, two, Signs(10**9))
+    run_folder.perform(piece.definition, piece.evaluate, two, Signs(10**9))
     assert policies.read_history(one) == policies.read_history(two)
     assert (one / "episodes.csv").read_bytes() == (two / "episodes.csv").read_bytes()
     for part in ("best", "last"):

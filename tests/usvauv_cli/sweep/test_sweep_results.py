@@ -11,7 +11,7 @@ from scipy import stats
 
 from tests.usvauv_cli.web_report.pages import CHROMIUM, Elements, check_alone, check_figures, in_browser
 from usvauv.cli.sweep import results, summary
-from usvauv.cli.sweep.run import FAILURE, MADE, RESULT
+from usvauv.cli.sweep.run_folder import FAILURE, MADE, RESULT
 from usvauv.cli.sweep.study import Evaluation, Study, read
 from usvauv.cli.sweep.summary import improvement, interquartile_mean, interval, mean, median, normalised
 from usvauv.env.record.metrics import EpisodeMetrics

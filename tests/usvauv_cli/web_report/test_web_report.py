@@ -22,8 +22,8 @@ from tests.usvauv_cli.web_report.pages import (
 )
 from usvauv import play, policies
 from usvauv.cli.evaluation.comparison import Comparison
-from usvauv.cli.evaluation.tables import column_tables, sentences
-from usvauv.cli.web_report import document, page
+from usvauv.cli.evaluation.comparison_tables import column_tables, sentences
+from usvauv.cli.web_report import document, maps, page
 from usvauv.cli.web_report.episodes import (
     ERRORS,
     Recordings,
@@ -298,7 +298,7 @@ class TestPlaceOnEarth:
     def drawn(self, *changes: str):
         scenario = Scenario.load("extreme", changes)
         with document.drawing("map"):
-            return scenario, page.maps(["one"], scenario, ())[1][0]
+            return scenario, maps.maps(["one"], scenario, ())[1][0]
 
     @pytest.mark.parametrize(("longitude", "latitude"), [(114.02, 22.51), (179.95, -80.0), (-0.05, 60.0)])
     def test_lines_are_parallels_and_meridians(self, longitude, latitude):

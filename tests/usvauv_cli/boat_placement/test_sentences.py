@@ -5,8 +5,8 @@ from functools import reduce
 
 import pytest
 
-from usvauv.cli.planning.fixes import BadLine, NoFix
-from usvauv.cli.planning.ship_log import Boat, Geographic, Heading, Relative, parse
+from usvauv.cli.boat_placement.fixes import BadLine, NoFix
+from usvauv.cli.boat_placement.ship_log import Boat, Geographic, Heading, Relative, parse
 
 
 def signed(body: str) -> str:

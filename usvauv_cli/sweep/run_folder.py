@@ -21,17 +21,21 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from usvauv import env, policies
+from usvauv import env
 from usvauv.cli.sweep.engine import Signs, Stopped
 from usvauv.env import Scenario, World
 from usvauv.env.storage.files import OutputError, atomic_write, inside, locked, read_text, writing
 from usvauv.env.storage.result_tables import read_rows, write_rows
 from usvauv.kernels.errors import UserError
-from usvauv.policies import checkpoint
+from usvauv.policies import checkpoint, loading
 from usvauv.policies.checkpoint import provenance
+from usvauv.policies.config import TrainingConfig
 from usvauv.policies.inputs import digests
-from usvauv.policies.training.figures import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
-from usvauv.policies.training.trainer import EVALUATIONS
+from usvauv.policies.learned import LearnedPolicy
+from usvauv.policies.training.figures import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET, figures_of_merit
+from usvauv.policies.training.saving import resume
+from usvauv.policies.training.trainer import EVALUATIONS, Trainer
+from usvauv.policies.training.training_run import TrainingRun
 
 RESULT = "episodes.csv"
 DEFINITION = "run.json"
@@ -52,7 +56,7 @@ def episodes(definition: Mapping[str, Any], place: Path, step: Callable[[int], N
     name = config["algorithm"] if config else definition["policy"]
     rows = env.run_episodes(
         Scenario.from_dict(definition["scenario"], str(place)),
-        {name: partial(policies.acting, place if config else name)},
+        {name: partial(loading.acting, place if config else name)},
         episodes=wanted["episodes"],
         seed=wanted["seed"] + definition["seed"],
         usv=definition["usv"],
@@ -130,7 +134,7 @@ def perform(definition: Mapping[str, Any], evaluate: Evaluate, place: Path, sign
             return
         with atomic_write(place / DEFINITION) as partial_file:
             partial_file.write_text(json.dumps(definition, indent=2) + "\n", encoding="utf-8")
-        with _noted(place / MADE):
+        with _record_time(place / MADE):
             if definition["training"]:
                 _train(definition, place, signs)
             rows = evaluate(definition, place, step)
@@ -152,27 +156,27 @@ def _train(definition: Mapping[str, Any], place: Path, signs: Signs) -> None:
     settings = dict(definition["training"])
     total, evaluations = settings.pop("total"), settings.pop("evaluations", EVALUATIONS)
     judged = settings.pop("judged", EVALUATION_EPISODES)
-    config = policies.TrainingConfig.from_dict(settings, str(place))
+    config = TrainingConfig.from_dict(settings, str(place))
     evaluation_work = EVALUATION_STEP * scenario.mission.steps
     begun = {}
     if checkpoint.path_of(place, checkpoint.LAST).exists():
-        begun = policies.read_run(place)[2]
+        begun = checkpoint.read_run(place)[2]
         trained = begun["steps"] >= total
-        evaluated = evaluations + 1 if trained else len(policies.read_history(place))
+        evaluated = evaluations + 1 if trained else len(checkpoint.read_history(place))
         signs.advance(min(begun["steps"], total) + evaluated * evaluation_work)
         if trained:
             return
     world = World(scenario, config.num_worlds, config.seed, usv)
     judges = World(scenario, judged, config.seed + EVALUATION_SEED_OFFSET, usv)
 
-    def evaluate(policy: policies.LearnedPolicy) -> dict[str, float]:
-        return policies.figures_of_merit(judges, policy, lambda _: signs.advance(EVALUATION_STEP))
+    def evaluate(policy: LearnedPolicy) -> dict[str, float]:
+        return figures_of_merit(judges, policy, lambda _: signs.advance(EVALUATION_STEP))
 
     about = provenance(begun, digests([scenario])) | {"usv": usv, "total": total}
-    training = policies.TrainingRun(world, config, place, evaluate, about)
+    training = TrainingRun(world, config, place, evaluate, about)
     if begun:
-        policies.resume(training)
-    trainer, done = policies.Trainer(training, evaluations=evaluations), training.steps
+        resume(training)
+    trainer, done = Trainer(training, evaluations=evaluations), training.steps
 
     def watch(figures: list[dict[str, Any]]) -> None:
         nonlocal done
@@ -188,7 +192,7 @@ def _train(definition: Mapping[str, Any], place: Path, signs: Signs) -> None:
 
 
 @contextmanager
-def _noted(path: Path) -> Iterator[None]:
+def _record_time(path: Path) -> Iterator[None]:
     """Write the time of the block, added to the recorded time, whether or not it succeeds."""
     before, begun = seconds(path.parent) or 0.0, time.monotonic()
     try:

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usvauv.cli.planning import ship_log
-from usvauv.cli.planning.fixes import DAY, LATE, NEEDED, Contents, Fix, near, read_table
+from usvauv.cli.boat_placement import ship_log
+from usvauv.cli.boat_placement.fixes import DAY, LATE, NEEDED, Contents, Fix, near, read_table
 from usvauv.env import Scenario
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site

@@ -12,9 +12,8 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from usvauv import policies as by_name
 from usvauv.cli.evaluation.comparison import Comparison
-from usvauv.cli.evaluation.tables import headline, sentences
+from usvauv.cli.evaluation.comparison_tables import headline, sentences
 from usvauv.env.record import evaluation
 from usvauv.env.record.evaluation import MakePolicy, evaluate_batch
 from usvauv.env.record.metrics import FIGURES
@@ -25,6 +24,7 @@ from usvauv.env.storage.result_tables import Combination, GrowingTable
 from usvauv.env.world.boat_strategies import StrategyChoice
 from usvauv.env.world.world import World
 from usvauv.kernels import runtime
+from usvauv.policies import loading
 from usvauv.policies.inputs import digests
 
 if TYPE_CHECKING:
@@ -158,10 +158,10 @@ def evaluate(
     if isinstance(policies, Mapping):
         makers = dict(policies)
     else:
-        names = [policies or by_name.default(setting)] if policies is None or isinstance(policies, str) else policies
+        names = [policies or loading.default(setting)] if policies is None or isinstance(policies, str) else policies
         for name in names:
-            by_name.check(name, setting)
-        makers = by_name.named(*names)
+            loading.check(name, setting)
+        makers = loading.named(*names)
     found = combinations(setting, list(makers), _several(usv), _several(targets))
     comparison = Comparison(list(found), seas=setting.random_seas)
     batch = {}

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.usvauv_cli.planning.test_sentences import signed
+from tests.usvauv_cli.boat_placement.test_sentences import signed
 from tests.usvauv_env.record.made_traces import synthetic_trace
-from usvauv.cli.planning.fix_log import Fixes, auvs_of_log, estimate, read_log
+from usvauv.cli.boat_placement.fix_log import Fixes, auvs_of_log, estimate, read_log
 from usvauv.env import Scenario
 from usvauv.env.exchange import export_trace
 from usvauv.env.site.place import LocalFrame

@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usvauv.cli.planning.fixes import LONGEST, BadLine, Contents, DayClock, Fix, NoFix, geographic, near, number
+from usvauv.cli.boat_placement.fixes import LONGEST, BadLine, Contents, DayClock, Fix, NoFix, geographic, near, number
 
 CHECKED = re.compile(r"\$(?P<body>.+)\*(?P<sum>[0-9A-Fa-f]{2})(?!\w)")  # a logger may write on
 EVOLOGICS = re.compile(r"USBLLONG,(?P<body>.+)$")
@@ -32,8 +32,8 @@ SHIP, HYDROPHONES, CALCULATED, BY_SENSOR, NO_SENSOR = 0, 3, "1", "2", 9999
 WEAK = 100  # EvoLogics: integrity of the signal below which a link is weak
 MEASURED = {"1", "2", "3", "4", "5", "9"}  # qualities of $--GGA; 0 none, 6 estimated, 7 by hand, 8 simulated
 
-LONGEST_GAP = 60.0  # between positions of the boat that its way is interpolated over, and from the last one, s
-BASE = 10.0  # time that a speed at the end of a way is taken over at least, and holds for at most, s
+LONGEST_GAP = 60.0  # between positions of the boat that are interpolated, and from the last one, s
+BASE = 10.0  # time that a speed at the end of a series is taken over at least, and holds for at most, s
 DRIFT = 10.0  # most that the boat may have gone since its last position, m
 FASTEST, JUMP = 20.0, 5.0  # most that it goes, m/s, and beyond that its receiver may err from one to the next, m
 BOAT = "$--GGA"  # no name of a beacon has a dollar
@@ -78,7 +78,7 @@ class Boat(NamedTuple):
 
 
 class Heading(NamedTuple):
-    """Of the boat, radians clockwise from north."""
+    """The heading of the boat, radians clockwise from north."""
 
     angle: float
 
@@ -201,7 +201,7 @@ def _degrees(text: str, side: str, sides: str) -> float:
     return (value, -value)[sides.index(side)]
 
 
-class Way(NamedTuple):
+class TimeSeries(NamedTuple):
     """Positions or headings of the boat in time."""
 
     what: str  # it is, in words
@@ -296,7 +296,7 @@ class _Lines:
         ]
         return float(np.median(shifts)) if shifts else 0.0
 
-    def ways(self) -> tuple[Way | None, Way | None]:
+    def boat_series(self) -> tuple[TimeSeries | None, TimeSeries | None]:
         """Positions and headings of the boat; a heading has the time of its line, between lines that have one."""
         if not self.boats:
             return None, None
@@ -305,9 +305,9 @@ class _Lines:
         places = np.array([(boat.latitude, near(boat.longitude, boats[0].longitude)) for boat in boats])
         order = np.argsort(times, kind="stable")
         metres = DEGREE, DEGREE * math.cos(math.radians(boats[0].latitude))
-        way = Way("the boat's position", times[order], places[order], metres)
+        positions = TimeSeries("the boat's position", times[order], places[order], metres)
         if not self.headings:
-            return way, None
+            return positions, None
         lines, angles = zip(*self.headings, strict=True)
         timed = [(k, boat.time) for k, boat in self.boats]
         for k, fix in self.relative:  # a fix is logged some time after it is made, and then says nothing of its line
@@ -317,18 +317,18 @@ class _Lines:
         when = np.interp(lines, *np.array(sorted(timed)).T)
         turned = np.unwrap([heading.angle for heading in angles])[:, None]
         order = np.argsort(when, kind="stable")
-        return way, Way("the boat's heading", when[order], turned[order], (LEVER,))
+        return positions, TimeSeries("the boat's heading", when[order], turned[order], (LEVER,))
 
 
 def read(lines: Sequence[str]) -> Contents:
     """The fixes, what is bad and what is left out of a log of sentences."""
     contents = Contents()
     found = _Lines(lines, contents)
-    way, headings = found.ways()
+    positions, headings = found.boat_series()
     usable: list[Relative] = []
     for k, fix in found.relative:
-        if way is None or (fix.ahead and headings is None):
-            contents.bad.append(f"{k}: a fix relative to the boat, and no ${'--HDT' if way else '--GGA'}")
+        if positions is None or (fix.ahead and headings is None):
+            contents.bad.append(f"{k}: a fix relative to the boat, and no ${'--HDT' if positions else '--GGA'}")
         elif fix.said is None:
             usable.append(fix)
         elif found.lag > -math.inf:
@@ -339,27 +339,29 @@ def read(lines: Sequence[str]) -> Contents:
         contents.notes.append(
             f"fixes are logged {found.shift():.0f} s off the times of $--GGA beside them: is one not UTC?"
         )
-    contents.fixes = [*_geographic(found.geographic, way), *_relative(usable, way, headings, contents)]
+    contents.fixes = [*_geographic(found.geographic, positions), *_relative(usable, positions, headings, contents)]
     return contents
 
 
-def _geographic(found: Sequence[Geographic], way: Way | None) -> list[Fix]:
+def _geographic(found: Sequence[Geographic], positions: TimeSeries | None) -> list[Fix]:
     apart = np.full(len(found), np.nan)
-    if way and found:
-        boats, known = way.at(np.array([fix.time for fix in found]))
-        places = np.array([(fix.latitude, near(fix.longitude, way.values[0, 1])) for fix in found])
-        apart = np.where(known, np.linalg.norm((places - boats) * way.metres, axis=1), np.nan)
+    if positions and found:
+        boats, known = positions.at(np.array([fix.time for fix in found]))
+        places = np.array([(fix.latitude, near(fix.longitude, positions.values[0, 1])) for fix in found])
+        apart = np.where(known, np.linalg.norm((places - boats) * positions.metres, axis=1), np.nan)
     return [
         Fix(fix.name, fix.time, fix.depth, (0.0, 0.0), (fix.latitude, fix.longitude), float(distance), fix.ship)
         for fix, distance in zip(found, apart, strict=True)
     ]
 
 
-def _relative(found: Sequence[Relative], way: Way | None, headings: Way | None, contents: Contents) -> list[Fix]:
-    if way is None or not found:
+def _relative(
+    found: Sequence[Relative], positions: TimeSeries | None, headings: TimeSeries | None, contents: Contents
+) -> list[Fix]:
+    if positions is None or not found:
         return []
     when, ahead = np.array([fix.time for fix in found]), np.array([fix.ahead for fix in found])
-    boats, known = way.at(when, contents)
+    boats, known = positions.at(when, contents)
     if not known.any():
         contents.notes.append("the times of fixes and of $--GGA must both be UTC")
     angle = np.zeros(len(found))
