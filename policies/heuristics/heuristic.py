@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 from torch import Tensor
 
 from usvauv.env.scenario import Scenario
-from usvauv.env.world.observation import ObservationLayout
+from usvauv.env.world.observation_layout import ObservationLayout
 from usvauv.env.world.world import World
 from usvauv.policies.policy import Policy
 

@@ -19,11 +19,11 @@
 
 from usvauv.env.record.metrics import Metric, mean_figures, position_error, task_metrics
 from usvauv.env.scenario import Scenario
-from usvauv.env.world.boat_strategies import BoatStrategy, boat_strategies
-from usvauv.env.world.observation import ObservationLayout, ObservationTerm, observation_terms
+from usvauv.env.world.observation_layout import ObservationLayout
 from usvauv.env.world.world import World
 from usvauv.kernels.errors import UserError
 from usvauv.kernels.mission.boat_motion import serves
+from usvauv.kernels.mission.boat_strategies import BoatStrategy, boat_strategies
 from usvauv.kernels.mission.columns import (
     AuvColumn,
     BeliefColumn,
@@ -37,6 +37,7 @@ from usvauv.kernels.mission.columns import (
     TallyColumn,
 )
 from usvauv.kernels.mission.motion import distance_to_target, travel
+from usvauv.kernels.mission.observation import ObservationTerm, observation_terms
 from usvauv.kernels.mission.target_rules import TargetRule, best_free, knowledge, target_rules
 from usvauv.kernels.mission.tasks import rewards
 from usvauv.kernels.mission.tasks.task import RewardTerm, Task, tasks

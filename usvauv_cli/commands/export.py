@@ -82,7 +82,7 @@ def export(
         raise UserError(f"{source}: is a trace, which needs --to: {', '.join(WRITERS)}")
     from usvauv import policies
     from usvauv.env import Scenario
-    from usvauv.env.world.observation import ObservationLayout
+    from usvauv.env.world.observation_layout import ObservationLayout
     from usvauv.policies.export import export as write
 
     expect("policy", source)
