@@ -4,7 +4,7 @@ import gymnasium
 import numpy as np
 
 from usvauv.env import Scenario  # importing usvauv.env registers the environment
-from usvauv.env.world.observation import ObservationLayout
+from usvauv.env.world.observation_layout import ObservationLayout
 
 
 def main(num_envs: int = 512, steps: int = 1000) -> float:

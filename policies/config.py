@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from usvauv.env.scenario import Scenario
-from usvauv.env.world.observation import ObservationLayout
+from usvauv.env.world.observation_layout import ObservationLayout
 from usvauv.kernels.errors import choices
 from usvauv.policies.algorithms import algorithms
 from usvauv.policies.frames import PASSING_TERMS, frames

@@ -16,7 +16,7 @@ from torch import Tensor, nn
 from usvauv.env.site.site import Site
 from usvauv.env.storage.files import atomic_write
 from usvauv.env.world.agents import observed
-from usvauv.env.world.observation import commanded
+from usvauv.env.world.observation_layout import commanded
 from usvauv.policies.learned import LearnedPolicy
 from usvauv.policies.policy import PolicyError
 

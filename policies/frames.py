@@ -18,7 +18,7 @@ import torch
 from torch import Tensor
 
 from usvauv.env.scenario import Scenario
-from usvauv.env.world.observation import ObservationLayout
+from usvauv.env.world.observation_layout import ObservationLayout
 from usvauv.env.world.world import World
 from usvauv.kernels import runtime
 from usvauv.kernels.guidance import FIRST, TINY, Acting
@@ -74,7 +74,7 @@ class Frame:
         self._places = dict(self.layout)
 
     def term(self, observation: Tensor, name: str) -> Tensor:
-        """A term of the observation, (W, K, n), see `usvauv.env.world.observation`.
+        """A term of the observation, (W, K, n), see `usvauv.kernels.mission.observation`.
 
         Raises:
             KeyError: the scenario does not have it.

@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 
 from usvauv.env.scenario import Scenario
-from usvauv.env.world.observation import ObservationLayout
+from usvauv.env.world.observation_layout import ObservationLayout
 from usvauv.env.world.world import World
 from usvauv.kernels import runtime
 from usvauv.kernels.errors import UserError

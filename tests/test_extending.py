@@ -13,7 +13,7 @@ import pytest
 from tests.links import EVERY_STEP
 from usvauv import env, policies
 from usvauv.env import Scenario, ScenarioError, World, plugins
-from usvauv.env.world.observation import ObservationLayout
+from usvauv.env.world.observation_layout import ObservationLayout
 from usvauv.kernels.mission.columns import AuvColumn, NodeColumn
 from usvauv.kernels.vehicles.fleet import Fleet
 from usvauv.kernels.vehicles.vehicle import Command

@@ -1,7 +1,11 @@
-"""Boat strategies: the goal of boat b, from estimated positions only; functions (worlds, w, b) → vec2, m.
+"""Boat strategies by name: the goal of boat b, from estimated positions only; functions (worlds, w, b) → vec2, m.
 
 A boat plans for the AUVs that it serves; without any it stays where it is.
 """
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 import taichi as ti
 
@@ -12,9 +16,44 @@ from usvauv.kernels.mission.rollouts import NO_AUV
 from usvauv.kernels.mission.worlds import Strategy
 from usvauv.kernels.planning import search
 from usvauv.kernels.planning.information import Team, indices
+from usvauv.kernels.registry import Registry
 from usvauv.kernels.types import vec2
 
+AGENT = "agent"  # the strategy of boats that are agents
 SEARCH_INTERVAL = 4.0  # s, in which AUVs move by some 10 m, and the highest maximum rarely becomes another
+
+
+@dataclass(frozen=True)
+class BoatStrategy:
+    """A strategy of the boat.
+
+    Attributes:
+        functions: its Taichi functions.
+        arguments: names of the numbers after its name, as in "hold:X,Y"; the functions read the numbers from
+            `worlds.strategy_arguments`. X and Y, m, can be given as latitude and longitude.
+        refuse: (scenario, numbers) → why they cannot be used together, or an empty text.
+        repeats: the numbers can also be given for each boat, one boat after the other.
+        units: one unit for all arguments.
+        about: one sentence about what it does; default: the docstring of `functions.goal`.
+    """
+
+    functions: Strategy
+    arguments: tuple[str, ...] = ()
+    refuse: Annotated[Callable[[Any, Sequence[float]], str], "scenario, numbers"] = lambda scenario, numbers: ""
+    repeats: bool = False
+    units: str = ""
+    about: str = ""
+
+
+boat_strategies: Registry[BoatStrategy] = Registry(
+    "usv", form=BoatStrategy, documented=lambda strategy: strategy.functions.goal
+)
+
+
+def usage(name: str) -> str:
+    """A strategy's name followed by its arguments, as a user writes them."""
+    arguments = boat_strategies[name].arguments
+    return f"{name}:{','.join(arguments)}" if arguments else name
 
 
 @func
@@ -114,10 +153,36 @@ def fim_anywhere(worlds: ti.template(), w, b) -> vec2:
     return best_place(worlds, w, b, boat_motion.boat_place(worlds, w, b), True, search.ANYWHERE, True)
 
 
-HOLD = Strategy(start=hold, goal=hold)
-CENTROID = Strategy(start=centroid, goal=centroid)
-AGENT = Strategy(start=begin_foresight, goal=agent, foresees=True)
-VISIT = Strategy(start=begin_foresight, goal=visit, foresees=True)
-BELIEF = Strategy(start=begin_foresight, goal=belief_planner.go, foresees=True, weigh=belief_planner.weigh)
-FIM = Strategy(start=fim, goal=fim)
-FIM_GREEDY = Strategy(start=fim_anywhere, goal=fim_greedy)
+def _needs_reckoning(scenario: Any, numbers: Sequence[float]) -> str:
+    if scenario.navigation.sensor == "none":
+        return " foresees AUVs that reckon where they are and needs navigation.sensor to be ground or water"
+    return ""
+
+
+def _in_area(scenario: Any, numbers: Sequence[float]) -> str:
+    if all(0 <= x <= scenario.area.width for x in numbers[::2]) and all(
+        0 <= y <= scenario.area.length for y in numbers[1::2]
+    ):
+        return ""
+    return f": the point must lie in the area [0, {scenario.area.width:g}] × [0, {scenario.area.length:g}]"
+
+
+boat_strategies.register("fim", BoatStrategy(Strategy(start=fim, goal=fim)))
+boat_strategies.register("fim-greedy", BoatStrategy(Strategy(start=fim_anywhere, goal=fim_greedy)))
+boat_strategies.register("centroid", BoatStrategy(Strategy(start=centroid, goal=centroid)))
+boat_strategies.register(
+    "visit", BoatStrategy(Strategy(start=begin_foresight, goal=visit, foresees=True), refuse=_needs_reckoning)
+)
+boat_strategies.register(
+    "belief",
+    BoatStrategy(
+        Strategy(start=begin_foresight, goal=belief_planner.go, foresees=True, weigh=belief_planner.weigh),
+        refuse=_needs_reckoning,
+    ),
+)
+boat_strategies.register(
+    AGENT, BoatStrategy(Strategy(start=begin_foresight, goal=agent, foresees=True), refuse=_needs_reckoning)
+)
+boat_strategies.register(
+    "hold", BoatStrategy(Strategy(start=hold, goal=hold), ("X", "Y"), _in_area, repeats=True, units="m")
+)

@@ -1,9 +1,12 @@
-"""Terms of an AUV's observation: each function writes one term, from a given index on.
+"""Terms of an AUV's observation: functions that write one term each, from a given index on, and their registry.
 
-`usvauv.env.world.observation` has the meanings, units and ranges of the terms' numbers.
+The terms follow one another in the order of `observation_terms`, which has the meaning, unit and range of each number.
 """
 
 import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
 
 import taichi as ti
 
@@ -22,8 +25,11 @@ from usvauv.kernels.mission.columns import (
 )
 from usvauv.kernels.mission.motion import distance_to_target, own_position, target_of
 from usvauv.kernels.mission.target_rules import knowledge
+from usvauv.kernels.registry import Registry
 from usvauv.kernels.types import Level, vec2
 
+POSITION_BOUND = 2.0  # over the area's diagonal: the area itself spans 1, the rest is for fixes outside it
+CURRENT = math.inf  # stands for the largest current of the scenario
 # A horizontal current profiler measures on beams towards the target and BEAM_ANGLE to its right and left, at
 # PROFILE_CELLS distances BEAM_CELL apart.
 BEAMS, BEAM_ANGLE = 3, 1.0  # rad
@@ -35,6 +41,45 @@ AHEAD, LEFT = (
     [0.0, *(BEAM_CELL * (n // BEAMS + 1) * f(BEAM_ANGLE * (n % BEAMS - 1)) for n in range(PROFILE_POINTS)), 0.0]
     for f in (math.cos, math.sin)
 )
+
+
+@dataclass(frozen=True)
+class ObservationTerm:
+    """One term of an AUV's observation: numbers that belong together.
+
+    Attributes:
+        write: Taichi function (worlds, w, k, first) that writes the numbers of AUV k from index `first` on.
+        quantities: function: number K of AUVs → meanings of the numbers, in order.
+        unit: "D", the area's diagonal; "m/s"; or "1".
+        low, high: bounds in the spaces, in that unit; ±inf stands for ± the largest current of the scenario.
+        condition: when the term is present, in words.
+        present: whether it is present; None: if `observation.extra` or the task names it.
+    """
+
+    write: Annotated[Callable[..., Any], "worlds, w, k, first"]
+    quantities: Annotated[Callable[[int], Sequence[str]], "num_auvs"]
+    unit: str
+    low: float
+    high: float
+    condition: str = "named in `observation.extra` or by the task"
+    present: Annotated[Callable[[Any], bool], "scenario"] | None = None
+
+
+observation_terms: Registry[ObservationTerm] = Registry("observation term", form=ObservationTerm)
+
+
+def quantities(name: str, num_auvs: int) -> list[str]:
+    """Meanings of an observation term's numbers, in order; empty if it has no numbers for this many AUVs.
+
+    Raises:
+        UserError: a plugin's term fails to give them.
+    """
+    with observation_terms.calling(name):
+        found = observation_terms[name].quantities(num_auvs)
+        texts = list(found)
+    if isinstance(found, str) or not all(isinstance(text, str) for text in texts):
+        raise observation_terms.refuse(name, found, "a list of texts, what each number is")
+    return texts
 
 
 @func
@@ -300,3 +345,74 @@ def write(worlds: ti.template(), w, k):
             terms[t](worlds, w, k, worlds.observation_first[t])
     if ti.cast(target_of(worlds, w, k), ti.f32) != worlds.auv[w, k, AuvColumn.target]:
         worlds.observation[w, k, 0] = ti.math.nan
+
+
+def _others(num_auvs: int) -> list[str]:
+    return [
+        f"{axis} of another AUV, number {number} of the others in the order of their index, minus own {axis}"
+        for number in range(1, num_auvs)
+        for axis in "xy"
+    ]
+
+
+PROFILE = [
+    f"current {BEAM_CELL * (point // BEAMS + 1):g} m away,"
+    f" {BEAM_ANGLE * (point % BEAMS - 1):g} rad to the left of the target's bearing, {axis}"
+    for point in range(PROFILE_POINTS)
+    for axis in "xy"
+]
+# Kinds of numbers: unit and bounds. Conditions: in words, and as a function of the scenario.
+POSITION, SHARE, VELOCITY = ("D", -POSITION_BOUND, POSITION_BOUND), ("1", 0.0, 1.0), ("m/s", -CURRENT, CURRENT)
+When = tuple[str, Callable[[Any], bool]]
+ALWAYS: When = "always", lambda scenario: True
+PASSING: When = '`nodes.service` is "passing"', lambda scenario: scenario.collects_in_passing
+
+
+def _shows(words: str, *choices: str) -> When:
+    return f"`observation.current` is {words}", lambda scenario: scenario.observation.current in choices
+
+
+def _of_vehicles(name: str) -> When:
+    """Terms of vehicles with dynamics: all are present where fins are commanded, else those that are named."""
+    return (
+        'named in `observation.extra`, or `auv.action` is "fins"',
+        lambda scenario: name in scenario.observation.extra or scenario.auv.action == "fins",
+    )
+
+
+def _ship(
+    name: str,
+    write: Callable[..., Any],
+    texts: list[str] | Callable[[int], list[str]],
+    kind: tuple[str, float, float],
+    when: When = ALWAYS,
+) -> None:
+    quantities = texts if callable(texts) else lambda num_auvs: texts
+    observation_terms.register(name, ObservationTerm(write, quantities, *kind, *when))
+
+
+# In the order of an observation.
+_ship("others", others, _others, POSITION)
+_ship("target", target, [f"{axis} of the target, a node or station, minus own {axis}" for axis in "xy"], POSITION)
+_ship("position", position, ["own x", "own y"], POSITION)
+_ship("border", border, ["1 if the last move was refused at the border, else 0"], SHARE)
+_ship("overflow", overflow, ["share of nodes that overflow"], SHARE)
+_shown = _shows('not "none"', "speed", "vector", "profile")
+_ship("current_speed", current_speed, ["speed of the current at the AUV"], ("m/s", 0.0, CURRENT), _shown)
+_shown = _shows('"vector" or "profile"', "vector", "profile")
+_ship("current", current_vector, [f"current at the AUV, {axis}" for axis in "xy"], VELOCITY, _shown)
+_ship("current_profile", current_profile, PROFILE, VELOCITY, _shows('"profile"', "profile"))
+_left = "data left there, or before that expected, over a buffer"
+_ship("service", service, ["1 while data come in from the target, else 0", _left], SHARE, PASSING)
+_next = [f"{axis} of the node after the target, where the target rule foresees it, minus that of it" for axis in "xy"]
+_ship("next", next_node, _next, POSITION, PASSING)
+_angles = ["cosine of the heading, from east", "its sine", "pitch, nose up", "roll, starboard down"]
+_ship("attitude", attitude, _angles, ("1, rad", -4.0, 4.0), _of_vehicles("attitude"))
+_depths, _unit = ["depth below the cruise depth, by the sensor", "height above the bed"], f"{DEPTH_UNIT:g} m"
+_ship("depth", depth, _depths, (_unit, -1200.0, 1200.0), _of_vehicles("depth"))
+_rates = [
+    *(f"velocity through the water, {way}" for way in ("forward", "to starboard", "downward")),
+    *(f"turning rate, {way}" for way in ("roll", "pitch", "yaw to starboard")),
+    *("rudder", "stern plane"),
+]
+_ship("motion", motion, _rates, ("m/s, rad/s, rad", -10.0, 10.0), _of_vehicles("motion"))

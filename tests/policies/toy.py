@@ -8,7 +8,7 @@ from torch import Tensor
 from usvauv import policies
 from usvauv.env.scenario import Scenario
 from usvauv.env.sea.water import Seeds
-from usvauv.env.world.observation import ObservationLayout
+from usvauv.env.world.observation_layout import ObservationLayout
 from usvauv.policies import TrainingConfig
 
 # Small networks on one core: a second thread only waits for the first.

@@ -16,7 +16,7 @@ from typing import Any
 import torch
 
 from usvauv.env import Scenario, World
-from usvauv.env.world.boat_strategies import StrategyChoice
+from usvauv.env.world.strategy_choice import StrategyChoice
 from usvauv.policies import Trainer, TrainingConfig, TrainingRun, checkpoint, read_run, resume
 from usvauv.policies.checkpoint import POLICY, TRAINING, provenance
 

@@ -81,7 +81,7 @@ def export(
 
         raise UserError(f"{source}: is a trace, which needs --to: {', '.join(WRITERS)}")
     from usvauv.env import Scenario
-    from usvauv.env.world.observation import ObservationLayout
+    from usvauv.env.world.observation_layout import ObservationLayout
     from usvauv.policies import loading
     from usvauv.policies.export import export as write
 

@@ -253,7 +253,7 @@ def keep_others(context: typer.Context, path: Path, option: str) -> None:
 
 def _decisive(context: typer.Context) -> dict[str, Any]:
     """What decides the results of a command, as JSON has it: its name and arguments, named as users do. One that is a
-    file's name has a digest of the content beside it."""
+    file's name has a digest of the content beside it, of a scenario's with that of its bases."""
     names = {parameter.name: parameter.opts[0] for parameter in context.command.params}
     given = {names[name]: value for name, value in context.params.items() if name not in NOT_DECISIVE}
     whole = json.loads(json.dumps({"command": context.info_name, **given}, default=str))
@@ -262,8 +262,15 @@ def _decisive(context: typer.Context) -> dict[str, Any]:
 
 def _told(value: Any) -> Any:
     if isinstance(value, str) and os.path.isfile(value):
-        with suppress(OSError), open(value, "rb") as file:
-            return f"{value} (SHA-256 {hashlib.file_digest(file, 'sha256').hexdigest()[:12]})"
+        from usvauv.env.scenario.fields import layers_of
+
+        digest = hashlib.sha256()
+        with suppress(OSError, UserError):
+            names = [layer.source for layer in layers_of(value)] if value.endswith(".toml") else [value]
+            for name in filter(os.path.isfile, names):  # a scenario's bases, but for those that ship
+                with open(name, "rb") as file:
+                    hashlib.file_digest(file, lambda: digest)
+            return f"{value} (SHA-256 {digest.hexdigest()[:12]})"
     return value
 
 

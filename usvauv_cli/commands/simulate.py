@@ -81,7 +81,7 @@ def simulate(
     from usvauv.env.accuracy.fix_errors import reflections_warning
     from usvauv.env.record.metrics import episode_metrics
     from usvauv.env.site.site import Site
-    from usvauv.env.world.boat_strategies import StrategyChoice
+    from usvauv.env.world.strategy_choice import StrategyChoice
     from usvauv.policies import loading
 
     setting = Scenario.load(scenario, overrides or ())
@@ -250,7 +250,7 @@ def live(
     from usvauv.cli.live.server import Show, listen, serve
     from usvauv.cli.live.session import Session
     from usvauv.env import Scenario
-    from usvauv.env.world.boat_strategies import StrategyChoice
+    from usvauv.env.world.strategy_choice import StrategyChoice
     from usvauv.policies import loading
 
     setting = Scenario.load(scenario, overrides or ()).with_targets(targets)

@@ -98,7 +98,7 @@ def train(
     from usvauv.env import Scenario, World
     from usvauv.env.record.metrics import mean_figures
     from usvauv.env.storage.files import inside, locked
-    from usvauv.env.world.boat_strategies import StrategyChoice
+    from usvauv.env.world.strategy_choice import StrategyChoice
     from usvauv.kernels import runtime
     from usvauv.policies.checkpoint import LAST, clean, path_of, provenance
     from usvauv.policies.inputs import changed, digests

@@ -21,7 +21,7 @@ from usvauv.env.record.trace import Trace
 from usvauv.env.scenario import Scenario
 from usvauv.env.storage.files import readable
 from usvauv.env.storage.result_tables import Combination, GrowingTable
-from usvauv.env.world.boat_strategies import StrategyChoice
+from usvauv.env.world.strategy_choice import StrategyChoice
 from usvauv.env.world.world import World
 from usvauv.kernels import runtime
 from usvauv.policies import loading

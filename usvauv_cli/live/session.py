@@ -19,9 +19,10 @@ from usvauv.env.record.recorder import Recorder, of_bodies, trace_bytes
 from usvauv.env.record.trace import AT_REST, turned
 from usvauv.env.scenario import Scenario
 from usvauv.env.storage.memory import require
-from usvauv.env.world.boat_strategies import AGENT, StrategyChoice, boat_strategies
+from usvauv.env.world.strategy_choice import StrategyChoice
 from usvauv.env.world.world import World
 from usvauv.kernels.errors import DivergenceError, UserError
+from usvauv.kernels.mission.boat_strategies import AGENT, boat_strategies
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn
 from usvauv.kernels.mission.target_rules import target_rules
 from usvauv.kernels.vehicles.otter import HullColumn

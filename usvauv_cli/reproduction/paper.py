@@ -22,7 +22,7 @@ from usvauv.env.record.metrics import episode_metrics, position_error
 from usvauv.env.record.recorder import record
 from usvauv.env.render.style import Figure, Ground
 from usvauv.env.storage.result_tables import write_rows
-from usvauv.env.world.boat_strategies import StrategyChoice
+from usvauv.env.world.strategy_choice import StrategyChoice
 from usvauv.policies import checkpoint, loading
 from usvauv.policies.config import TrainingConfig
 from usvauv.policies.inputs import digests

@@ -21,7 +21,7 @@ from usvauv.env.record.metrics import FIGURES, task_metrics
 from usvauv.env.scenario import Scenario
 from usvauv.env.scenario.fields import Layer, Section, one_line, one_of
 from usvauv.env.storage.files import TextFileError, decoded, read_text
-from usvauv.env.world.boat_strategies import StrategyChoice
+from usvauv.env.world.strategy_choice import StrategyChoice
 from usvauv.kernels.errors import UserError
 from usvauv.policies import loading
 from usvauv.policies.config import TrainingConfig

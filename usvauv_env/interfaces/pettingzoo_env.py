@@ -21,9 +21,9 @@ from usvauv.env.world.agents import (
     global_state_size,
     observe_boats,
 )
-from usvauv.env.world.boat_strategies import AGENT
 from usvauv.env.world.state import numbers_of
 from usvauv.env.world.world import NOT_BEGUN
+from usvauv.kernels.mission.boat_strategies import AGENT
 
 
 class DataCollectionParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):

@@ -33,9 +33,9 @@ import torch
 from usvauv.env.scenario.fields import ScenarioError
 from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.world.agents import action_space, auv_observation_space, boat_observation_space, observe_boats
-from usvauv.env.world.boat_strategies import AGENT
 from usvauv.env.world.state import numbers_of
 from usvauv.env.world.world import World
+from usvauv.kernels.mission.boat_strategies import AGENT
 
 try:
     from tensordict import TensorDict, TensorDictBase

@@ -65,7 +65,10 @@ class NonlinearSeas:
         return self._solvers[0].time
 
     def set_forcing(self, amplitude: np.ndarray, period: np.ndarray, phase: np.ndarray) -> None:
-        """Set the waves at the forced edge from the next interval on, see `ShallowWater.set_forcing`."""
+        """Set the waves at the forced edge from the next interval on.
+
+        The arguments are those of `usvauv.kernels.shallow_water.linear.ShallowWater.set_forcing`.
+        """
         for solver, *wave in zip(self._solvers, amplitude, period, phase, strict=True):
             solver.set_forcing(*wave)
 

@@ -28,8 +28,6 @@ LOCK = ".lock"  # in a folder that a process has for itself
 UNSUPPORTED = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL)  # of a file system without locks
 LARGEST = {"TOML": 2**20, "JSON": 2**26}  # bytes
 DEEPEST = 32  # sections and lists in one another
-# Keys of dots that Python's parser would take a time for that grows with the square of their number.
-TOO_DEEP = re.compile(rf"""(?<![\w-])(?:(?:[\w-]+|"[^"\n]*"|'[^'\n]*')[ \t]*\.[ \t]*){{{DEEPEST}}}""")
 PARSERS = {"TOML": tomllib.loads, "JSON": json.loads}
 
 
@@ -309,8 +307,6 @@ def parse_text(text: str, language: str) -> dict[str, Any]:
     Raises:
         TextFileError: it is not of the language, no table, or `check_plain` refuses it.
     """
-    if language == "TOML" and TOO_DEEP.search(text):
-        raise TextFileError("not valid TOML: nested too deep")
     try:
         content = PARSERS[language](text.replace("\r\n", "\n"))
     except RecursionError:

@@ -17,9 +17,10 @@ from gymnasium.spaces import Box
 from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.sea.water import current_bound
 from usvauv.env.site.site import Site
-from usvauv.env.world.observation import POSITION_BOUND, ObservationLayout, Quantity, observation_terms, quantities
+from usvauv.env.world.observation_layout import ObservationLayout, Quantity
 from usvauv.env.world.world import World
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, ExchangeColumn, NodeColumn
+from usvauv.kernels.mission.observation import POSITION_BOUND, observation_terms, quantities
 from usvauv.kernels.positioning import tracker
 
 SILENCE = 300.0  # s, the unit of times

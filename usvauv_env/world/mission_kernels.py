@@ -13,15 +13,17 @@ from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.sea.water import Seeds, WorldWater
 from usvauv.env.site.site import Site
 from usvauv.env.world import mission_parameters
-from usvauv.env.world.boat_strategies import StrategyChoice, boat_strategies
-from usvauv.env.world.observation import ObservationLayout, observation_terms
+from usvauv.env.world.observation_layout import ObservationLayout
 from usvauv.env.world.state import ALIGNMENT, StateBuffer, padded_length
+from usvauv.env.world.strategy_choice import StrategyChoice
 from usvauv.kernels import random, runtime
 from usvauv.kernels.errors import blaming
 from usvauv.kernels.flow import vortex_motion
 from usvauv.kernels.functions import DeviceFlag, Launch, copy_finite
 from usvauv.kernels.mission.belief_planner import OTHER_GOALS
+from usvauv.kernels.mission.boat_strategies import boat_strategies
 from usvauv.kernels.mission.columns import Phase, ReceptionColumn
+from usvauv.kernels.mission.observation import observation_terms
 from usvauv.kernels.mission.rollouts import STEPS, WAY
 from usvauv.kernels.mission.run import PARAMETERS, launches, run
 from usvauv.kernels.mission.target_rules import target_rules

@@ -19,14 +19,16 @@ from usvauv.env.sea.water import Seeds, current_bound
 from usvauv.env.site.positions import far_position
 from usvauv.env.site.site import Site
 from usvauv.env.site.sound_speed import SoundSpeedProfile
-from usvauv.env.world.boat_strategies import BoatStrategy, StrategyChoice
 from usvauv.env.world.current_statistics import FOREVER, current_model
-from usvauv.env.world.observation import ObservationLayout, observation_terms
+from usvauv.env.world.observation_layout import ObservationLayout
+from usvauv.env.world.strategy_choice import StrategyChoice
 from usvauv.kernels import runtime
 from usvauv.kernels.flow.vortex_motion import steps_of_renewal
 from usvauv.kernels.mission import target_rules
 from usvauv.kernels.mission.boat_motion import CONTROL_TIME, DRIFT_TIME
+from usvauv.kernels.mission.boat_strategies import BoatStrategy
 from usvauv.kernels.mission.columns import Action, Information, Parameter, Schedule, Sensor
+from usvauv.kernels.mission.observation import observation_terms
 from usvauv.kernels.mission.run import draw_vortices
 from usvauv.kernels.mission.tasks.data_collection import LEAST_RATE, arrival_table
 from usvauv.kernels.mission.vehicles import Motion

@@ -11,7 +11,7 @@ import torch
 
 from usvauv.env.scenario.fields import ScenarioError
 from usvauv.env.scenario.scenario import Scenario
-from usvauv.env.world.observation import ObservationLayout
+from usvauv.env.world.observation_layout import ObservationLayout
 from usvauv.kernels.functions import LANES, Limits
 from usvauv.kernels.mission.worlds import REWARDS, STATE
 

@@ -17,9 +17,8 @@ from usvauv.env.sea.water import AirySea, Seeds, WorldWater, whole_number
 from usvauv.env.site.site import Site
 from usvauv.env.storage.memory import require
 from usvauv.env.world import mission_parameters
-from usvauv.env.world.boat_strategies import AGENT, StrategyChoice
 from usvauv.env.world.mission_kernels import MissionKernels, workspace_numbers
-from usvauv.env.world.observation import ObservationLayout
+from usvauv.env.world.observation_layout import ObservationLayout
 from usvauv.env.world.state import (
     ADJUSTABLE,
     DECISIONS,
@@ -33,10 +32,12 @@ from usvauv.env.world.state import (
     numbers_of,
     padded_length,
 )
+from usvauv.env.world.strategy_choice import StrategyChoice
 from usvauv.kernels import runtime
 from usvauv.kernels.errors import DivergenceError
 from usvauv.kernels.flow import current
 from usvauv.kernels.flow.vortex import Vortex
+from usvauv.kernels.mission.boat_strategies import AGENT
 from usvauv.kernels.mission.columns import (
     AuvColumn,
     BoatColumn,
@@ -93,8 +94,8 @@ class World:
     continue when only some are. If each world has its own seed, it is world 0 of that seed, on its sea 0.
 
     Observation of AUV k, float32 (num_worlds, num_auvs, observation_size): the terms of `observation_layout`, which
-    `usvauv.env.world.observation` and `docs/interfaces.md` tabulate. Positions are estimates: from the last fix, or
-    from the tracker.
+    `usvauv.kernels.mission.observation` and `docs/interfaces.md` tabulate. Positions are estimates: from the last fix,
+    or from the tracker.
 
     Action, float32 (num_worlds, num_auvs, action_size) in [−1, 1]: with auv.action = "vector" the velocity through the
     water over speed_max, its norm clamped into [speed_min, speed_max]; with "polar" heading/π and speed, linear

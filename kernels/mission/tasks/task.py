@@ -44,7 +44,7 @@ class Task:
         targets: number of nodes: "nodes" for `nodes.count`, "auvs" for one an AUV.
         parameters: names and defaults of the task's own numbers, `worlds.task_parameters` in this order; the scenario
             may set them in `task_parameters`.
-        observation: names of observation terms that the task adds, see `usvauv.env.world.observation`.
+        observation: names of observation terms that the task adds, see `usvauv.kernels.mission.observation`.
         heuristic: name of the heuristic that is taken where no policy is named, and that a learned one has to beat.
     """
 

@@ -8,7 +8,7 @@
 of `worlds.p`. `uniforms` and `normals` draw random numbers, of which `Draw` names the purposes.
 """
 
-from usvauv.env.world.observation import ObservationLayout, ObservationTerm, observation_terms
+from usvauv.env.world.observation_layout import ObservationLayout
 from usvauv.kernels.mission.columns import (
     AuvColumn,
     BeliefColumn,
@@ -21,6 +21,7 @@ from usvauv.kernels.mission.columns import (
     Parameter,
     TallyColumn,
 )
+from usvauv.kernels.mission.observation import ObservationTerm, observation_terms
 from usvauv.kernels.mission.worlds import Worlds, normals, uniforms
 from usvauv.kernels.positioning.sonar import ambient_noise_laws
 from usvauv.kernels.types import vec2

@@ -7,8 +7,8 @@ import pytest
 
 from usvauv.env import Scenario
 from usvauv.env.site.positions import angle, auv_position, coordinates
-from usvauv.env.world.boat_strategies import StrategyChoice
 from usvauv.env.world.mission_parameters import fixed_vortices
+from usvauv.env.world.strategy_choice import StrategyChoice
 from usvauv.kernels.errors import UserError
 
 CORNER = {"water.latitude": 22.51, "water.longitude": 114.02}

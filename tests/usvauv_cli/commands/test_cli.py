@@ -353,8 +353,9 @@ class TestResultsThatAreThere:
         assert run_usvauv(*self.PLAN, "--objective", "a")[0] == 0
 
     def test_a_file_that_was_changed_is_another_argument(self, tmp_path, run_usvauv, refused):
-        scenario, log = tmp_path / "mine.toml", tmp_path / "a.csv"
+        scenario, log = tmp_path / "base.toml", tmp_path / "a.csv"
         shutil.copy(EXTREME, scenario)
+        (tmp_path / "mine.toml").write_text('base = "base.toml"')
         command = ("eval", "mine.toml", "--policy", "keep", "--episodes", "1", "--out", log.name, *SHORT)
         assert run_usvauv(*command)[0] == 0
         assert run_usvauv(*command)[0] == 0

@@ -18,7 +18,7 @@ from usvauv.cli.reproduction import collaboration, fig4, learning, page, paper
 from usvauv.cli.reproduction.paper import FULL, METHODS, Settings, heuristic, learned
 from usvauv.env import Scenario
 from usvauv.env.storage.result_tables import read_rows, write_rows
-from usvauv.env.world.observation import ObservationLayout
+from usvauv.env.world.observation_layout import ObservationLayout
 
 SAME = "observation.current=speed"  # so that all methods share what is compiled
 TINY_RUN = {"num_worlds": 4, "hidden": (8,), "batch": 16, "warmup": 40, "n_step": 2, "replay": 400}

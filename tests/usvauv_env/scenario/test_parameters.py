@@ -8,7 +8,7 @@ import pytest
 from usvauv.env import Scenario, ScenarioError
 from usvauv.env.site.site import Site
 from usvauv.env.world import mission_parameters
-from usvauv.env.world.boat_strategies import StrategyChoice
+from usvauv.env.world.strategy_choice import StrategyChoice
 from usvauv.kernels.mission.columns import Parameter
 from usvauv.kernels.positioning.pulse import FEWEST_PERIODS
 from usvauv.kernels.positioning.sonar import (

@@ -225,7 +225,6 @@ def test_size(tmp_path, monkeypatch):
     [
         ("[1, 2]", "JSON", "^not a table of JSON but list$"),
         ("{", "JSON", "^not valid JSON: "),
-        ("a." * 200_000 + "a = 1", "TOML", "^not valid TOML: nested too deep$"),  # slow in tomllib
         ("[" * 100_000, "JSON", "^not valid JSON: nested too deep$"),
         ('{"a":' * 40 + "1" + "}" * 40, "JSON", "^nested too deep$"),
         ("a = ", "TOML", "^not valid TOML: "),

@@ -30,7 +30,7 @@ def digest(world, steps=2):
 """
 OTHERS = """
 import usvauv.env
-from usvauv.env.world.observation import ObservationTerm, observation_terms
+from usvauv.kernels.mission.observation import ObservationTerm, observation_terms
 
 @ti.kernel
 def third(table: ti.template()) -> float:

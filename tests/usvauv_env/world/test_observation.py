@@ -11,7 +11,8 @@ from usvauv.env import Scenario, World
 from usvauv.env.sea.water import current_bound
 from usvauv.env.site.site import Site
 from usvauv.env.world.agents import observed
-from usvauv.env.world.observation import ObservationLayout, observation_terms, quantities
+from usvauv.env.world.observation_layout import ObservationLayout
+from usvauv.kernels.mission.observation import observation_terms, quantities
 
 
 @pytest.mark.parametrize("num_auvs", [1, 2, 5])

@@ -1,49 +1,17 @@
-"""Boat strategies by name, as in `--usv`: where the boat goes."""
+"""The boat strategy of a scenario or of the option `--usv`, with its numbers."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated
 
 from usvauv.env.scenario.fields import ScenarioError
 from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.site.positions import SIDED, position
 from usvauv.kernels.errors import choices
-from usvauv.kernels.mission import boat_strategies as kernel
-from usvauv.kernels.mission.worlds import Strategy
-from usvauv.kernels.registry import Registry
+from usvauv.kernels.mission.boat_strategies import BoatStrategy, boat_strategies, usage
 
-AGENT = "agent"  # the strategy of boats that are agents
 RETIRED = ("fim-horizon", "learned")  # since 0.3
-
-
-@dataclass(frozen=True)
-class BoatStrategy:
-    """A strategy of the boat.
-
-    Attributes:
-        functions: its Taichi functions.
-        arguments: names of the numbers after its name, as in "hold:X,Y"; the functions read the numbers from
-            `worlds.strategy_arguments`. X and Y, m, can be given as latitude and longitude, see `site.positions`.
-        refuse: (scenario, numbers) → why they cannot be used together, or an empty text.
-        repeats: the numbers can also be given for each boat, one boat after the other.
-        units: one unit for all arguments.
-        about: one sentence about what it does; default: the docstring of `functions.goal`.
-    """
-
-    functions: Strategy
-    arguments: tuple[str, ...] = ()
-    refuse: Annotated[Callable[[Scenario, Sequence[float]], str], "scenario, numbers"] = lambda scenario, numbers: ""
-    repeats: bool = False
-    units: str = ""
-    about: str = ""
-
-
-boat_strategies: Registry[BoatStrategy] = Registry(
-    "usv", ScenarioError, BoatStrategy, lambda strategy: strategy.functions.goal
-)
 
 
 @dataclass(frozen=True)
@@ -107,32 +75,3 @@ def _numbers_of(field: str, text: str, scenario: Scenario) -> tuple[float, ...]:
         examples = " or ".join(f"{name}:{','.join(['100'] * count)}" for count in sorted(counts))
         raise ScenarioError(f"{field}: {text!r}: expected {usage(name)}, for example {examples}")
     return numbers
-
-
-def usage(name: str) -> str:
-    """A strategy's name followed by its arguments, as a user writes them."""
-    arguments = boat_strategies[name].arguments
-    return f"{name}:{','.join(arguments)}" if arguments else name
-
-
-def _needs_reckoning(scenario: Scenario, numbers: Sequence[float]) -> str:
-    if scenario.navigation.sensor == "none":
-        return " foresees AUVs that reckon where they are and needs navigation.sensor to be ground or water"
-    return ""
-
-
-def _in_area(scenario: Scenario, numbers: Sequence[float]) -> str:
-    if all(0 <= x <= scenario.area.width for x in numbers[::2]) and all(
-        0 <= y <= scenario.area.length for y in numbers[1::2]
-    ):
-        return ""
-    return f": the point must lie in the area [0, {scenario.area.width:g}] × [0, {scenario.area.length:g}]"
-
-
-boat_strategies.register("fim", BoatStrategy(kernel.FIM))
-boat_strategies.register("fim-greedy", BoatStrategy(kernel.FIM_GREEDY))
-boat_strategies.register("centroid", BoatStrategy(kernel.CENTROID))
-boat_strategies.register("visit", BoatStrategy(kernel.VISIT, refuse=_needs_reckoning))
-boat_strategies.register("belief", BoatStrategy(kernel.BELIEF, refuse=_needs_reckoning))
-boat_strategies.register(AGENT, BoatStrategy(kernel.AGENT, refuse=_needs_reckoning))
-boat_strategies.register("hold", BoatStrategy(kernel.HOLD, ("X", "Y"), _in_area, repeats=True, units="m"))
