@@ -169,12 +169,6 @@ class Parameter(Columns):
     duration: int  # of the mission, s
     steps: int  # of the mission
     service_terminates: int
-    array_depth: int
-    water_depth: int
-    roughness: int  # standard deviation of the surface in short waves, m
-    bottom_density: int  # over the water's
-    bottom_speed: int  # of sound, over the water's
-    bottom_absorption: int  # of sound, dB per wavelength
 
 
 class AuvColumn(StateColumns):

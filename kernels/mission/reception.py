@@ -7,7 +7,6 @@ import math
 
 import taichi as ti
 
-from usvauv.kernels import random
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission import boat_motion
 from usvauv.kernels.mission.columns import (
@@ -19,12 +18,12 @@ from usvauv.kernels.mission.columns import (
     Parameter,
 )
 from usvauv.kernels.mission.replies import expected_reply
-from usvauv.kernels.mission.worlds import Worlds, address, key, normals
-from usvauv.kernels.positioning import acoustic_link, matched_filter, rays, reflections, usbl
+from usvauv.kernels.mission.worlds import normals
+from usvauv.kernels.positioning import acoustic_link, rays, usbl
 from usvauv.kernels.positioning.layered_water import sound_speed
 from usvauv.kernels.positioning.sonar import magnitude
 from usvauv.kernels.positioning.usbl import Expectation
-from usvauv.kernels.types import mat3, select, vec2, vec3, vec4, vec6
+from usvauv.kernels.types import mat3, select, vec2, vec3, vec4
 
 
 @ti.dataclass
@@ -158,75 +157,18 @@ def array_pose(worlds: ti.template(), w, b) -> ArrayPose:
 
 
 @func
-def sounds(worlds: ti.template(), pose: ArrayPose, arrival: IncomingSignal, w, k):
-    """Signals of a pulse at the hydrophones, as `matched_filter.sounds` has it.
-
-    The array lies at its depth below the surface as it is there; it and the AUVs rise and sink over a level bottom.
-    """
-    p = ti.static(worlds.p)
-    boundaries = reflections.Boundaries(
-        array_depth=p[Parameter.array_depth],
-        water_depth=p[Parameter.water_depth] + worlds.boat[w, pose.boat, BoatColumn.elevation],
-        roughness=p[Parameter.roughness],
-        density=p[Parameter.bottom_density],
-        speed=p[Parameter.bottom_speed],
-        absorption=p[Parameter.bottom_absorption],
-    )
-    z = -worlds.boat[w, pose.boat, BoatColumn.elevation]
-    direct = arrival.path / pose.slowness
-    speed = p[Parameter.sound_speed]
-    bent = ti.static(reflections.Profile(worlds.layers, worlds.mirrored_layers, z, speed, direct))
-    around = ti.static(surroundings(worlds, boundaries, bent))
-    body = arrival.path * arrival.body
-    return matched_filter.sounds(worlds.pulses, worlds.link, k, body, arrival.path, arrival.offset, pose.axes, around)
-
-
-def surroundings(worlds: Worlds, boundaries, profile: reflections.Profile) -> reflections.Waveguide:
-    """Reflections at an array."""
-    if not worlds.program.multipath:
-        return reflections.Waveguide()
-    if worlds.program.refraction:
-        return reflections.Waveguide(boundaries, profile)
-    return reflections.Waveguide(boundaries)
-
-
-@func
-def sample(worlds: ti.template(), pose: ArrayPose, arrival: IncomingSignal, sigma, draw: random.uint4, w, k) -> vec6:
-    """The sampled signal of AUV k as the receiver measures it, columns of `pulse`."""
-    heard = sounds(worlds, pose, arrival, w, k)
-    noise = ti.static(worlds.pulse_noise)
-    matched_filter.draw(noise, w, draw, key(worlds, w))
-    energy = 1.0 / (sigma * sigma)
-    return matched_filter.measure(worlds.pulses, worlds.link, k, arrival.path, energy, heard, noise, w)
-
-
-@func
-def receive(worlds: ti.template(), pose: ArrayPose, arrival: IncomingSignal, w, k) -> usbl.Measurement:
+def receive(worlds: ti.template(), arrival: IncomingSignal, w, k) -> usbl.Measurement:
     """The array's measurement of a signal of AUV k; phase differences modulo one turn."""
     link = ti.static(worlds.link)
     sigma = acoustic_link.phase_deviation(link, k, arrival.slant_range, arrival.offset[2], arrival.noise)
-    phase, residual, slant_range, amplitude = vec2(0.0), 0.0, arrival.path, 0.0
-    if ti.static(worlds.program.waveform):
-        draw = address(worlds, w, worlds.clock[w, 1], Draw.fix, k)
-        measured = sample(worlds, pose, arrival, sigma, draw, w, k)
-        phase = vec2(measured[matched_filter.PHASE_X], measured[matched_filter.PHASE_Y])
-        residual = measured[matched_filter.RESIDUAL]
-        slant_range += measured[matched_filter.RANGE_ERROR]
-        amplitude = measured[matched_filter.AMPLITUDE]
-    else:
-        body = arrival.body
-        if ti.static(worlds.program.multipath):
-            heard = sounds(worlds, pose, arrival, w, k)
-            disturbed = matched_filter.disturbance(worlds.pulses, link, k, heard)
-            body += vec3(disturbed[0], disturbed[1], 0.0) / link[k, acoustic_link.KAPPA]
-            slant_range += disturbed[2]
-            sigma = ti.min(sigma / ti.max(disturbed[3], 1e-6), acoustic_link.LARGEST_DEVIATION)
-        noise = normals(worlds, w, Draw.fix, k)
-        residual_noise = 0.0
-        if ti.static(worlds.program.turns):
-            residual_noise = normals(worlds, w, Draw.residual, k)[0]
-        x, y, residual, slant_range, amplitude = usbl.measure(link, k, body, slant_range, sigma, noise, residual_noise)
-        phase = vec2(usbl.wrap(x), usbl.wrap(y))
+    noise = normals(worlds, w, Draw.fix, k)
+    residual_noise = 0.0
+    if ti.static(worlds.program.turns):
+        residual_noise = normals(worlds, w, Draw.residual, k)[0]
+    x, y, residual, slant_range, amplitude = usbl.measure(
+        link, k, arrival.body, arrival.path, sigma, noise, residual_noise
+    )
+    phase = vec2(usbl.wrap(x), usbl.wrap(y))
     return usbl.Measurement(phase=phase, residual=residual, slant_range=slant_range, amplitude=amplitude, sigma=sigma)
 
 
@@ -369,7 +311,7 @@ def measure(worlds: ti.template(), offset: vec3, pose: ArrayPose, noise, expecte
     # Where sound is slower than supposed, it comes later and less across the array.
     body = pose.slowness * (pose.axes @ direction)
     arrival = IncomingSignal(offset=offset, body=body, slant_range=S, path=pose.slowness * path, noise=noise)
-    signal = receive(worlds, pose, arrival, w, k)
+    signal = receive(worlds, arrival, w, k)
     phase = signal.phase
     ambiguous = 0
     if ti.static(worlds.program.turns):

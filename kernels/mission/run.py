@@ -29,7 +29,6 @@ from usvauv.kernels.mission.belief_planner import OTHER_GOALS
 from usvauv.kernels.mission.columns import AuvColumn, Draw, EstimateColumn, Parameter, Phase, Schedule, Sensor
 from usvauv.kernels.mission.tasks import rewards
 from usvauv.kernels.mission.worlds import ARRAYS, TOGETHER, Program, Rows, Worlds, address, draw_ahead, find_faults, key
-from usvauv.kernels.positioning.pulse import Pulses
 from usvauv.kernels.types import array1, array2, array3, array4, index1, index2, vec2
 
 START_ATTEMPTS = 256
@@ -456,8 +455,7 @@ def run({", ".join(f"{name}: PARAMETERS[{name!r}]" for name in PARAMETERS)}):
         water = ti.static(Water(Rows.of(vortex), Rows.of(stream), p[Parameter.width], p[Parameter.length], Rows.of(bed),
                                 Rows.of(eta), Rows.of(U), Rows.of(V), unit_x, unit_y, nx, ny, sea_index, Rows.of(wave),
                                 since, felt, pattern))
-        pulses = ti.static(Pulses(pulse_envelope, pulse_output, pulse_rate, program.tone))
-        worlds = ti.static(Worlds(program, water, pulses, {", ".join(PASSED)}))
+        worlds = ti.static(Worlds(program, water, {", ".join(PASSED)}))
         for stage in ti.static(STAGES[phase]):
             run_stage(worlds, stage, n, threads)
 """
@@ -484,7 +482,6 @@ run = kernel_of(
     Phase=Phase,
     Pattern=Pattern,
     Water=Water,
-    Pulses=Pulses,
     Worlds=Worlds,
     Rows=Rows,
     ARRAYS=ARRAYS,

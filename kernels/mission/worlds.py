@@ -69,9 +69,6 @@ class Program(NamedTuple):
         rate_law: of the data link, of `usvauv.kernels.positioning.acoustic_link`.
         observation: a function (worlds, w, k, first) for each term of an observation, which it writes from `first` on.
         objective_code: the boat's objective, from `usvauv.kernels.planning.objectives.objective_code`.
-        waveform: fixes by sampled signals, not by the statistical model.
-        tone: the signal is a tone, not a coded pulse.
-        multipath: the array also receives reflections from surface and bottom.
         refraction: sound is refracted in layers, and fixes include this.
         tracker: the boat tracks its AUVs by their commanded velocities.
         schedule: of `Schedule`.
@@ -98,9 +95,6 @@ class Program(NamedTuple):
     observation: tuple[Callable[..., Any], ...]
     information: int
     objective_code: int
-    waveform: bool
-    tone: bool
-    multipath: bool
     refraction: bool
     tracker: bool
     schedule: int
@@ -122,7 +116,7 @@ class Program(NamedTuple):
     @property
     def plain_sound(self) -> bool:
         """Whether a fix needs no more than `usvauv.kernels.mission.reception.fixed_offset`."""
-        return not (self.waveform or self.multipath or self.refraction or self.candidates)
+        return not (self.refraction or self.candidates)
 
     @property
     def fixes_in_lanes(self) -> bool:
@@ -192,11 +186,7 @@ TABLES = {
     "p": Array("", "numbers of the scenario", Parameter),
     "link": Array("K.", "acoustic constants of each AUV, `usvauv.kernels.positioning.acoustic_link.link_table`"),
     "links": Array("G.", "columns of `link` of AUVs side by side, as often as these differ", dtype=side_by_side),
-    "pulse_envelope": Array("..", "pulses, where they are used, `usvauv.kernels.positioning.pulse.Pulses`"),
-    "pulse_output": Array("...", "likewise"),
-    "pulse_rate": Array(".", "likewise"),
     "layers": Array("..", "sound speed profile, `usvauv.kernels.positioning.rays`"),
-    "mirrored_layers": Array("..", "the same with its mirror image below the bottom, for reflections"),
     "arrivals": Array("..", "Poisson arrivals, `usvauv.kernels.mission.tasks.data_collection.arrival_table`"),
     "fixed_vortex": Array("V", "vortices that are not drawn at random", Vortex),
     "strategy_arguments": Array(".", "numbers that the boat strategy was given, at least one"),
@@ -259,7 +249,6 @@ ARRAYS = {
     "outside": Array(".", "set to 1 if one is not finite or out of its range", dtype=ti.i32),
     "ways": Array("W.", "where AUVs are foreseen, for `TOGETHER` worlds", dtype=random.lanes),
     "reception": Array("G", "replies of a step that are fixed side by side", ReceptionColumn, side_by_side),
-    "pulse_noise": Array("W..", "noise of one pulse, where it is sampled"),
 }
 
 
@@ -314,13 +303,12 @@ class Rows(tuple[Any, ...]):
         return impl.subscript(None, argument, *indices)
 
 
-class Worlds(namedtuple("Worlds", ("program", "water", "pulses", *ARRAYS))):
+class Worlds(namedtuple("Worlds", ("program", "water", *ARRAYS))):
     """All worlds, as the functions of a mission take them: the arrays of `ARRAYS` by name, and besides
 
     Attributes:
         program: what is compiled, `Program`.
         water: `usvauv.kernels.flow.current.Water`.
-        pulses: `usvauv.kernels.positioning.pulse.Pulses` of the AUVs, where they are used.
     """
 
     __slots__ = ()

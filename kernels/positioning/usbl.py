@@ -13,8 +13,7 @@ Validity. With a² = 2/σ² the four hydrophones together measure the amplitude 
 noncentral χ of 8 degrees of freedom, to 3e-3 where signals are detected), and their phases scatter with σ² 2a/R. A fix
 is DETECTED where R is above the link's threshold. It has WRAPPED where a phase difference has left (−π, π], as it can
 with d near half a wavelength or above, and has NO_DEPTH where x̂'² + ŷ'² > Ŝ², as it can near the horizon. It is good
-where its flags are DETECTED and nothing else. `usvauv.kernels.positioning.pulse` measures sampled pulses instead;
-`docs/positioning.md` compares both.
+where its flags are DETECTED and nothing else.
 
 Residual. Of phases p on four hydrophones with the variance σ²/2 each, (p_3 + p_4)/2 − (p_1 + p_2)/2 is independent of
 both differences and of the mean, and has the variance σ²/2. The receiver adds half a measured difference to p_1 and

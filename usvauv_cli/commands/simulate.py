@@ -79,9 +79,7 @@ def simulate(
     """
     from usvauv import policies
     from usvauv.env import Scenario
-    from usvauv.env.planning.fix_errors import reflections_warning
     from usvauv.env.record.metrics import episode_metrics
-    from usvauv.env.site.site import Site
     from usvauv.env.world.boat_strategies import StrategyChoice
 
     setting = Scenario.load(scenario, overrides or ())
@@ -104,8 +102,6 @@ def simulate(
         options.check_policy(steered_by, setting.with_targets(rule))
         StrategyChoice.parse(boat, setting)
     options.check_regime(setting)
-    if line := reflections_warning(Site(setting)):
-        typer.echo(f"warning: {line}", err=True)
     options.preparing(setting, arch)
     recorded, problem = [], None
     for run in runs:

@@ -72,7 +72,7 @@ class StrategyChoice:
         name, colon, _ = text.partition(":")
         strategy = boat_strategies.get(name)
         if strategy is None and name in RETIRED:
-            raise ScenarioError(f"{field}: {text!r}: no longer there")
+            raise ScenarioError(f"{field}: {text!r}: was removed in 0.3")
         if strategy is None or (colon and not strategy.arguments):
             raise ScenarioError(f"{field}: {text!r}: {choices(text, map(usage, boat_strategies))}")
         numbers = _numbers_of(field, text, scenario)

@@ -27,18 +27,17 @@ from usvauv.kernels.mission.target_rules import target_rules
 from usvauv.kernels.mission.tasks.task import tasks
 from usvauv.kernels.mission.vehicles import ROWS, move
 from usvauv.kernels.mission.worlds import SIDE_BY_SIDE, TOGETHER, draw_numbers
-from usvauv.kernels.positioning.pulse import Pulses
 from usvauv.kernels.registry import Registry
 from usvauv.kernels.vehicles.vehicle import LANES, vehicles
 
 AUV_STEP = 5  # µs, about, of an AUV's step in few worlds, one after the other
 
 
-def workspace_numbers(scenario: Scenario, pulses: Pulses) -> int:
+def workspace_numbers(scenario: Scenario) -> int:
     """Numbers of a world's workspaces, at most."""
     drawn = draw_numbers(scenario.auv.count, scenario.boat.count, scenario.targets).size
     received = scenario.auv.count * len(ReceptionColumn.names)
-    return tables.rule_workspace(scenario) + 8 * pulses.noise.shape[2] + 4 * drawn + received
+    return tables.rule_workspace(scenario) + 4 * drawn + received
 
 
 class MissionKernels:
@@ -48,7 +47,6 @@ class MissionKernels:
         site, strategy, layout: of the worlds; the last of their observations.
         seeds: of each world. water: on which they sail.
         memory: of the worlds' arrays.
-        pulses: of AUVs, where they are used.
 
     Attributes:
         clock: (W, 2) int32, episode, and mission steps done.
@@ -66,11 +64,10 @@ class MissionKernels:
         seeds: Seeds,
         water: WorldWater,
         memory: Memory,
-        pulses: Pulses,
     ) -> None:
         scenario, running = site.scenario, runtime.start()
         self._strategy, self._layout, self._seeds, self._water = strategy, layout, seeds, water
-        self._memory, self._pulses = memory, pulses
+        self._memory = memory
         self._device, self._on_cpu, self._on_host = running.device, running.on_cpu, running.torch_on_host
         worlds, auvs = len(seeds.seed), scenario.auv.count
         self.clock = torch.full((worlds, 2), -1, dtype=torch.int32, device=self._device)
@@ -133,10 +130,6 @@ class MissionKernels:
             "drift_rows": self._rows(arrays["drift"], in_lanes),
             "workspace": self._zeros(worlds, tables.rule_workspace(scenario) + losses),
             "ways": self._zeros(*ways, random.LANES),
-            "pulse_envelope": self._pulses.envelope,
-            "pulse_output": self._pulses.noise,
-            "pulse_rate": self._pulses.rate,
-            "pulse_noise": self._zeros(worlds, self._pulses.noise.shape[2], 8),
         }
 
     def _rows(self, array: torch.Tensor, read: bool) -> torch.Tensor:

@@ -180,9 +180,7 @@ class World:
 
         self._foresees = foresees = self.strategy.strategy.functions.foresees
         shapes = array_shapes(scenario, num_worlds, foresees)
-        used = scenario.uses_pulse_tables
-        pulses = tables.pulse_tables(scenario, self.device) if used else tables.no_pulses(self.device)
-        workspaces = num_worlds * workspace_numbers(scenario, pulses)
+        workspaces = num_worlds * workspace_numbers(scenario)
         size = 4.0 * (WORKSPACE * sum(map(padded_length, shapes.values())) + workspaces)
         require(size, f"num_worlds = {num_worlds} of {self.num_auvs} AUVs", self.device)
         memory = allocate(shapes, scenario, num_worlds, self.device)
@@ -190,9 +188,7 @@ class World:
             setattr(self, name, array)
         self._measures = self.auv[..., MEASURED]  # making it anew in each step would take longer
         self._water = WorldWater(self.site, seeds, first_world=first_world, fine=fine_sea, device=self.device)
-        self._kernels = MissionKernels(
-            *(self.site, self.strategy, self.observation_layout, seeds), self._water, memory, pulses
-        )
+        self._kernels = MissionKernels(*(self.site, self.strategy, self.observation_layout, seeds), self._water, memory)
         self._clock, self._action = self._kernels.clock, self._kernels.action
         self._begun = self._diverged = False
 

@@ -78,7 +78,7 @@ def parse(text: str) -> tuple[TargetRule, tuple[float, ...]]:
     """
     name, colon, rest = text.partition(":")
     if name not in target_rules and name in RETIRED:
-        raise ValueError(f"{text!r}: no longer there")
+        raise ValueError(f"{text!r}: was removed in 0.4")
     if name not in target_rules:
         raise ValueError(f"{text!r}: {choices(text, map(usage, target_rules))}")
     rule = target_rules[name]

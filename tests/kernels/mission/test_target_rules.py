@@ -429,7 +429,7 @@ class TestNames:
             ("rate:nan", "rate[:SECONDS]"),
             ("tour:3", "expected tour"),
             ("rate:", "rate[:SECONDS]"),
-            ("learned:mine.json", "'learned:mine.json': no longer there"),
+            ("learned:mine.json", "'learned:mine.json': was removed in 0.4"),
         ],
     )
     def test_refused(self, text, allowed):

@@ -146,7 +146,7 @@ def test_another_strategy_or_rule_goes_on_with_the_state():
     assert session.figures() is not None
     assert session.figures().usv == "hold:20,30"
     old = session.world
-    with pytest.raises(ScenarioError, match="no longer there"):
+    with pytest.raises(ScenarioError, match="was removed in 0"):
         session.set_strategy("fim-horizon")
     assert session.world is old, "the run goes on"
 

@@ -268,7 +268,7 @@ class TestPlans:
         ([], "hold:1,2,3,4", "expected hold:X,Y, for example hold:100,100$"),
         ([], "hold:1,inf", "expected hold:X,Y"),
         ([], "fim:3", "usv: 'fim:3': allowed are fim, .*belief, agent, hold:X,Y"),
-        ([], "fim-horizon", "^usv: 'fim-horizon': no longer there$"),
+        ([], "fim-horizon", "^usv: 'fim-horizon': was removed in 0.3$"),
         (["navigation.sensor=none", "channel.schedule=every-step"], "belief", "needs navigation.sensor to be ground"),
     ],
 )
