@@ -74,8 +74,8 @@ def no_fix(worlds: ti.template(), w, k):
 
 
 @func
-def expect(worlds: ti.template(), w, b, k, here: vec2, age) -> Expectation:
-    """Where boat b, `here` (m), expects AUV k by the estimate of it, which was made `age` seconds ago."""
+def expect(worlds: ti.template(), w, k, here: vec2) -> Expectation:
+    """Where a boat, `here` (m), expects AUV k by the last estimate of it."""
     estimate = ti.static(worlds.estimate)
     covariance = vec3(0.0)
     for j in ti.static(range(3)):
@@ -83,8 +83,7 @@ def expect(worlds: ti.template(), w, b, k, here: vec2, age) -> Expectation:
     return Expectation(
         place=vec2(estimate[w, k, EstimateColumn.x], estimate[w, k, EstimateColumn.y]) - here,
         covariance=covariance,
-        reach=worlds.p[Parameter.auv_speed] * age,
-        separation=-height(worlds, w, b, k),
+        reach=worlds.p[Parameter.auv_speed] * estimate[w, k, EstimateColumn.age],
     )
 
 
@@ -108,21 +107,15 @@ def take_fix(worlds: ti.template(), pose: ArrayPose, w, k):
     if p[Parameter.packet_loss] > 0.0:
         u = uniforms(worlds, w, Draw.loss, k)
         lost = ti.cast(u[0] < p[Parameter.packet_loss], ti.i32)
+    fix = make_fix(worlds, pose, w, k, here, then, lost)
     if ti.static(worlds.program.tracker):
-        expected = expect(worlds, w, pose.boat, k, here, 0.0)
         track = ti.static(worlds.track)
         lag = age * track[w, k, tracker.ADRIFT]
         carried = lag * vec2(track[w, k, tracker.WATER_X], track[w, k, tracker.WATER_Y])
-        place, covariance = tracker.earlier(track, w, k, lag, carried)
-        expected.place = place - here
-        expected.covariance = covariance
-        fix = make_fix(worlds, pose, w, k, here, then, expected, lost)
         update_track(worlds, w, k, fix, lag, carried)
         set_estimate_from_track(worlds, w, k)
     else:
-        expected = expect(worlds, w, pose.boat, k, here, worlds.estimate[w, k, EstimateColumn.age])
-        fix = make_fix(worlds, pose, w, k, here, then, expected, lost)
-        set_estimate_from_fix(worlds, w, k, fix, expected, here)
+        set_estimate_from_fix(worlds, w, k, fix, here)
     finish(worlds, pose, w, k)
 
 
@@ -139,28 +132,18 @@ def take_fixes(worlds: ti.template(), w, b):
 def take_reply(worlds: ti.template(), pose: ArrayPose, w, k, there: vec2, age, lost: ti.i32):
     """Fix AUV k by a reply that left `there` (m) and arrived `age` seconds before the end of the step, or did not."""
     here = boat_before(worlds, w, pose.boat, age)
-    expected = expect_reply(worlds, w, pose.boat, k, here, age)
-    use_fix(worlds, w, k, make_fix(worlds, pose, w, k, here, there, expected, lost), expected, here)
+    use_fix(worlds, w, k, make_fix(worlds, pose, w, k, here, there, lost), here)
 
 
 @func
-def expect_reply(worlds: ti.template(), w, b, k, here: vec2, age) -> Expectation:
-    """Where boat b, `here` (m), expects AUV k whose reply arrives `age` seconds before the end of the step."""
-    since = worlds.estimate[w, k, EstimateColumn.age]
-    if ti.static(worlds.program.sensor != Sensor.none):
-        since = worlds.p[Parameter.step] + age
-    return expect(worlds, w, b, k, here, since)
-
-
-@func
-def use_fix(worlds: ti.template(), w, k, fix: Fix, expected: Expectation, here: vec2):
+def use_fix(worlds: ti.template(), w, k, fix: Fix, here: vec2):
     """Update the track or the estimate of AUV k by a fix made from `here`, m."""
     if ti.static(worlds.program.sensor != Sensor.none):
         if fix.flags & usbl.DETECTED:  # the reply's contents are received even if its fix is not usable
             motion.read_reply(worlds, w, k)
             update_track(worlds, w, k, fix, 0.0, vec2(0.0, 0.0))
     else:
-        set_estimate_from_fix(worlds, w, k, fix, expected, here)
+        set_estimate_from_fix(worlds, w, k, fix, here)
 
 
 @func
@@ -176,11 +159,12 @@ def update_track(worlds: ti.template(), w, k, fix: Fix, lag, carried: vec2):
 
 
 @func
-def set_estimate_from_fix(worlds: ti.template(), w, k, fix: Fix, expected: Expectation, here: vec2):
+def set_estimate_from_fix(worlds: ti.template(), w, k, fix: Fix, here: vec2):
     """The estimate of AUV k is the fix of this step, made from `here` (m), where it can be used."""
     estimate = ti.static(worlds.estimate)
     auv = ti.static(worlds.auv)
     flags = fix.flags
+    expected = expect(worlds, w, k, here)
     if usbl.usable(flags) and usbl.squared_innovation(expected, fix.place - here, fix.covariance) > usbl.GATE:
         flags |= usbl.REJECTED
     auv[w, k, AuvColumn.fix_flags] = ti.cast(flags, ti.f32)
@@ -514,8 +498,7 @@ def use_replies(worlds: ti.template(), w):
         if age >= 0.0:
             boat = ti.cast(worlds.auv[w, k, AuvColumn.fix_boat], ti.i32)
             here = boat_before(worlds, w, boat, age)
-            expected = expect_reply(worlds, w, boat, k, here, age)
-            use_fix(worlds, w, k, read_fix(worlds, w, k, boat, here), expected, here)
+            use_fix(worlds, w, k, read_fix(worlds, w, k, boat, here), here)
         left = noted(worlds, w, k, ReceptionColumn.left_next)
         if left >= 0.0:
             fill_reply(worlds, w, k, left)

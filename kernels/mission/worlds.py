@@ -74,7 +74,6 @@ class Program(NamedTuple):
         schedule: of `Schedule`.
         sensor: of `Sensor`, for dead reckoning of AUVs.
         turns: phases of a fix can lack whole turns, see `usvauv.kernels.positioning.usbl`.
-        candidates: then several directions can be possible.
         fleet: there is more than one boat.
         vehicle: AUVs are vehicles with dynamics, see `usvauv.kernels.mission.vehicles`.
         otter: boats move as in `usvauv.kernels.vehicles.otter`; else they are points.
@@ -100,7 +99,6 @@ class Program(NamedTuple):
     schedule: int
     sensor: int
     turns: bool
-    candidates: bool
     fleet: bool
     vehicle: bool
     otter: bool
@@ -114,15 +112,10 @@ class Program(NamedTuple):
     in_threads: bool = False
 
     @property
-    def plain_sound(self) -> bool:
-        """Whether a fix needs no more than `usvauv.kernels.mission.reception.fixed_offset`."""
-        return not (self.refraction or self.candidates)
-
-    @property
     def fixes_in_lanes(self) -> bool:
         """Whether all replies of a step are fixed side by side, `usvauv.kernels.mission.reception_in_lanes`."""
         ahead = self.schedule in (Schedule.all, Schedule.round_robin)  # who is asked does not depend on fixes
-        return self.in_lanes and ahead and self.plain_sound and not (self.vehicle or self.otter)
+        return self.in_lanes and ahead and not (self.refraction or self.vehicle or self.otter)
 
     @property
     def weighs_apart(self) -> bool:

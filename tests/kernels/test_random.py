@@ -121,8 +121,8 @@ def test_each_purpose_of_a_draw_is_one_functions():
         "loss": {"fixes.is_lost", "fixes.take_fix"},  # of two schedules
         "navigation": {"motion.begin_reckoning", "motion.reckon"},  # at the start and later
         "attitude": {"reception.array_pose", "reception_in_lanes.fix_each"},  # of a fix, and of several side by side
-        "fix": {"reception.receive", "reception.make_fix", "reception_in_lanes.fix_each"},  # the first: disturbed sound
-        "residual": {"reception.receive", "reception.make_fix", "reception_in_lanes.fix_each"},
+        "fix": {"reception.make_fix", "reception_in_lanes.fix_each"},
+        "residual": {"reception.make_fix", "reception_in_lanes.fix_each"},
     }
     assert set(drawing) == set(Draw.names) - {"decision"}  # which keeps the places of those after it
     assert {name: users for name, users in drawing.items() if len(users) > 1} == shared

@@ -202,7 +202,6 @@ def program(site: Site, strategy: BoatStrategy, link: np.ndarray) -> Program:
         schedule=getattr(Schedule, s.channel.schedule.replace("-", "_")),
         sensor=getattr(Sensor, s.navigation.sensor),
         turns=usbl.turns_possible(link),
-        candidates=usbl.candidates_possible(link),
         fleet=s.boat.count > 1,
         vehicle=s.auv.dynamic,
         otter=s.boat.model == "otter",
