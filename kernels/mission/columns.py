@@ -381,11 +381,14 @@ class Schedule(Columns):
 
 
 class Sensor(Columns):
-    """Sensor of dead reckoning: none, velocity over ground, velocity through the water."""
+    """What filters carry an AUV's position by: no filter; velocity over ground or through the water, measured by the
+    AUV for its dead reckoning; or velocity as commanded, for the boat's tracker.
+    """
 
     none: int
     ground: int
     water: int
+    command: int
 
 
 class NodeColumn(StateColumns):
@@ -469,6 +472,22 @@ class Action(Columns):
     vector: int
     vector_depth: int
     fins: int
+
+
+class Division(Columns):
+    """Division of the worlds of a launch among threads.
+
+    `lanes`: many worlds on a CPU take a step side by side (`usvauv.kernels.mission.run`); `one_block`: so few that one
+    thread takes them all; `threads`: on a GPU the parts of a step are launches of their own, some with a thread for
+    each AUV or each goal. On a CPU the calling thread alone takes few worlds (`calling_thread`, `one_block`), because
+    waking another one takes longer.
+    """
+
+    worlds: int
+    calling_thread: int
+    lanes: int
+    one_block: int
+    threads: int
 
 
 class Phase(Columns):

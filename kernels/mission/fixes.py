@@ -138,7 +138,7 @@ def take_reply(worlds: ti.template(), pose: ArrayPose, w, k, there: vec2, age, l
 @func
 def use_fix(worlds: ti.template(), w, k, fix: Fix, here: vec2):
     """Update the track or the estimate of AUV k by a fix made from `here`, m."""
-    if ti.static(worlds.program.sensor != Sensor.none):
+    if ti.static(worlds.program.reckoning):
         if fix.flags & usbl.DETECTED:  # the reply's contents are received even if its fix is not usable
             motion.read_reply(worlds, w, k)
             update_track(worlds, w, k, fix, 0.0, vec2(0.0, 0.0))
@@ -193,11 +193,11 @@ def finish(worlds: ti.template(), pose: ArrayPose, w, k):
     """Complete the estimate of AUV k for this step: with the errors that all fixes by its boat have in common."""
     estimate = ti.static(worlds.estimate)
     estimate[w, k, EstimateColumn.age] = estimate[w, k, EstimateColumn.age] + worlds.p[Parameter.step]
-    if ti.static(worlds.program.sensor != Sensor.none):
+    if ti.static(worlds.program.reckoning):
         motion.extrapolate(worlds, w, k)
     estimate[w, k, EstimateColumn.separation] = -height(worlds, w, pose.boat, k)
     place = vec2(estimate[w, k, EstimateColumn.x], estimate[w, k, EstimateColumn.y])
-    if ti.static(worlds.program.tracker or worlds.program.sensor != Sensor.none):
+    if ti.static(worlds.program.sensor != Sensor.none):
         # Both are renewed in each step, without what fixes have in common.
         common = common_covariance(worlds, pose, k, away(worlds, w, pose.boat, k))
         for c in ti.static(range(3)):
@@ -350,7 +350,7 @@ def answer(worlds: ti.template(), w, k):
 @func
 def fill_reply(worlds: ti.template(), w, k, age):
     """Contents of the reply of AUV k that left `age` seconds before the end of the step."""
-    if ti.static(worlds.program.sensor != Sensor.none):
+    if ti.static(worlds.program.reckoning):
         motion.receive_state(worlds, w, k)
         motion.write_reply(worlds, w, k, age)
 

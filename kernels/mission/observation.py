@@ -17,7 +17,6 @@ from usvauv.kernels.mission.columns import (
     EstimateColumn,
     NodeColumn,
     Parameter,
-    Sensor,
     TallyColumn,
 )
 from usvauv.kernels.mission.motion import distance_to_target, own_position, target_of
@@ -42,7 +41,7 @@ def target_offset(worlds: ti.template(), w, k) -> vec2:
     """From AUV k's own position estimate to its target, over the area's diagonal; near it by homing."""
     target = target_of(worlds, w, k)
     here = own_position(worlds, w, k)
-    if ti.static(worlds.program.sensor != Sensor.none):
+    if ti.static(worlds.program.reckoning):
         if distance_to_target(worlds, w, k) <= worlds.p[Parameter.homing_range]:
             here = vec2(worlds.auv[w, k, AuvColumn.x], worlds.auv[w, k, AuvColumn.y])
     there = vec2(worlds.node[w, target, NodeColumn.x], worlds.node[w, target, NodeColumn.y])

@@ -26,7 +26,7 @@ from usvauv.kernels.mission import (
     vehicles,
 )
 from usvauv.kernels.mission.belief_planner import OTHER_GOALS
-from usvauv.kernels.mission.columns import AuvColumn, Draw, EstimateColumn, Parameter, Phase, Schedule, Sensor
+from usvauv.kernels.mission.columns import AuvColumn, Draw, EstimateColumn, Parameter, Phase, Schedule
 from usvauv.kernels.mission.tasks import rewards
 from usvauv.kernels.mission.worlds import ARRAYS, TOGETHER, Program, Rows, Worlds, address, draw_ahead, find_faults, key
 from usvauv.kernels.types import array1, array2, array3, array4, index1, index2, vec2
@@ -200,7 +200,7 @@ def begin_episode(worlds: ti.template(), w):
                 fixes.begin_estimate(worlds, pose, w, k)
                 if ti.static(worlds.program.tracker):
                     motion.begin_filter(worlds, w, k)
-                if ti.static(worlds.program.sensor != Sensor.none):
+                if ti.static(worlds.program.reckoning):
                     motion.begin_reckoning(worlds, w, k)
                 if ti.static(worlds.program.schedule == Schedule.every_step):
                     fixes.take_fix(worlds, pose, w, k)
@@ -265,7 +265,7 @@ def move_auvs(worlds: ti.template(), w):
         worlds.program.task.move(worlds, w, k, worlds.action[w, k, 0], worlds.action[w, k, 1])
         if ti.static(worlds.program.tracker):
             fixes.predict(worlds, w, k)
-        if ti.static(worlds.program.sensor != Sensor.none):
+        if ti.static(worlds.program.reckoning):
             motion.reckon(worlds, w, k)
 
 

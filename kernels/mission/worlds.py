@@ -22,6 +22,7 @@ from usvauv.kernels.mission.columns import (
     BeliefColumn,
     BoatColumn,
     BodyColumn,
+    Division,
     Draw,
     EstimateColumn,
     ExchangeColumn,
@@ -32,6 +33,7 @@ from usvauv.kernels.mission.columns import (
     Range,
     ReceptionColumn,
     Schedule,
+    Sensor,
     StateColumns,
     TallyColumn,
 )
@@ -70,9 +72,8 @@ class Program(NamedTuple):
         observation: a function (worlds, w, k, first) for each term of an observation, which it writes from `first` on.
         objective_code: the boat's objective, from `usvauv.kernels.planning.objectives.objective_code`.
         refraction: sound is refracted in layers, and fixes include this.
-        tracker: the boat tracks its AUVs by their commanded velocities.
         schedule: of `Schedule`.
-        sensor: of `Sensor`, for dead reckoning of AUVs.
+        sensor: of `Sensor`.
         turns: phases of a fix can lack whole turns, see `usvauv.kernels.positioning.usbl`.
         fleet: there is more than one boat.
         vehicle: AUVs are vehicles with dynamics, see `usvauv.kernels.mission.vehicles`.
@@ -80,11 +81,9 @@ class Program(NamedTuple):
         repeats: the pattern of vortices has a period.
         passing: nodes are served in passing, not hovering.
         abreast: AUVs side by side in a boat's rollouts, at least all.
-        serial: the calling thread steps all worlds: for few on a CPU waking another thread takes longer.
+        division: of `Division`.
         vortices_move: here, not in a launch of their own.
         checks: on a CPU the kernel looks for faults, with vectors in registers.
-        in_lanes: many worlds on a CPU take a step side by side, see `usvauv.kernels.mission.run`.
-        in_threads: on a GPU the parts of a step are separate launches, some with a thread for each AUV or each goal.
     """
 
     task: Task
@@ -95,7 +94,6 @@ class Program(NamedTuple):
     information: int
     objective_code: int
     refraction: bool
-    tracker: bool
     schedule: int
     sensor: int
     turns: bool
@@ -105,11 +103,34 @@ class Program(NamedTuple):
     repeats: bool
     passing: bool
     abreast: int
-    serial: bool = False
+    division: int = Division.worlds
     vortices_move: bool = False
     checks: bool = False
-    in_lanes: bool = False
-    in_threads: bool = False
+
+    @property
+    def serial(self) -> bool:
+        """Whether the calling thread takes all worlds."""
+        return self.division in (Division.calling_thread, Division.one_block)
+
+    @property
+    def in_lanes(self) -> bool:
+        """Whether worlds take a step side by side."""
+        return self.division in (Division.lanes, Division.one_block)
+
+    @property
+    def in_threads(self) -> bool:
+        """Whether the parts of a step are launches of their own."""
+        return self.division == Division.threads
+
+    @property
+    def tracker(self) -> bool:
+        """Whether the boat tracks its AUVs by their commanded velocities."""
+        return self.sensor == Sensor.command
+
+    @property
+    def reckoning(self) -> bool:
+        """Whether AUVs reckon their positions by a sensor of velocity."""
+        return self.sensor in (Sensor.ground, Sensor.water)
 
     @property
     def fixes_in_lanes(self) -> bool:

@@ -20,7 +20,7 @@ from usvauv.kernels.errors import blaming
 from usvauv.kernels.flow import vortex_motion
 from usvauv.kernels.functions import DeviceFlag, Launch, copy_finite
 from usvauv.kernels.mission.belief_planner import OTHER_GOALS
-from usvauv.kernels.mission.columns import Phase, ReceptionColumn
+from usvauv.kernels.mission.columns import Division, Phase, ReceptionColumn
 from usvauv.kernels.mission.rollouts import STEPS, WAY
 from usvauv.kernels.mission.run import PARAMETERS, launches, run
 from usvauv.kernels.mission.target_rules import target_rules
@@ -99,17 +99,22 @@ class MissionKernels:
         worlds, auvs = self.action.shape[:2]
         few = runtime.better_alone(AUV_STEP * worlds * auvs)
         known = not self.plugins()  # plugins' functions may read anything, and may not compile with whole vectors
-        in_lanes, in_threads = known and self._on_cpu and not few, known and not self._on_cpu
-        serial = few or (in_lanes and worlds <= TOGETHER)
-        program = program._replace(serial=serial, in_lanes=in_lanes, in_threads=in_threads)
-        program = program._replace(checks=known and self._on_cpu and self._on_host)
-        program = program._replace(vortices_move=self._on_cpu and self._vortices_move)
+        division = Division.calling_thread if few else Division.worlds
+        if known and self._on_cpu and not few:
+            division = Division.one_block if worlds <= TOGETHER else Division.lanes
+        elif known and not self._on_cpu:
+            division = Division.threads
+        program = program._replace(
+            division=division,
+            vortices_move=self._on_cpu and self._vortices_move,
+            checks=known and self._on_cpu and self._on_host,
+        )
         losses = scenario.boat.count * (auvs + OTHER_GOALS) if program.weighs_apart else 0
         ways = (1, 1)
-        if in_lanes and program.strategy.weigh:
+        if program.in_lanes and program.strategy.weigh:
             ways = -(-worlds // TOGETHER), WAY * STEPS * program.abreast // random.LANES
         draws = draw_numbers(auvs, scenario.boat.count, scenario.targets)
-        drawn = (worlds, 4 * len(draws)) if in_lanes else (1, 1)
+        drawn = (worlds, 4 * len(draws)) if program.in_lanes else (1, 1)
         groups = -(-worlds * auvs // SIDE_BY_SIDE) if program.fixes_in_lanes else 1
         arrays = self._memory.arrays
         self.tables: dict[str, Any] = {
@@ -126,8 +131,8 @@ class MissionKernels:
             "bounds": self._memory.limits.bits,
             "outside": self._outside,
             "due": self._due,
-            "vortex_rows": self._rows(arrays["vortex"], in_lanes),
-            "drift_rows": self._rows(arrays["drift"], in_lanes),
+            "vortex_rows": self._rows(arrays["vortex"], program.in_lanes),
+            "drift_rows": self._rows(arrays["drift"], program.in_lanes),
             "workspace": self._zeros(worlds, tables.rule_workspace(scenario) + losses),
             "ways": self._zeros(*ways, random.LANES),
         }
@@ -184,8 +189,8 @@ class MissionKernels:
     def _mission(self, arguments: Mapping[str, Any], phase: int) -> Launch:
         """A phase of the mission's kernel."""
         program = arguments["program"]
-        if phase == Phase.reset:  # which draws for itself
-            program = program._replace(in_lanes=False)
+        if phase == Phase.reset and program.in_lanes:  # a reset draws for itself
+            program = program._replace(division=Division.calling_thread if program.serial else Division.worlds)
         settings = runtime.NONE if self.plugins() else runtime.vectors_in_registers()
         given = ({**arguments, "phase": phase, "program": program}[name] for name in PARAMETERS)
         return Launch(run, *given, settings={**runtime.quickly(), **settings})
