@@ -30,7 +30,7 @@ import torch
 from taichi._lib import core
 from taichi.lang import impl, matrix_ops  # noqa: F401  # or the first kernel that is read imports it
 
-from usvauv.kernels import kernel_cache, thread_pool
+from usvauv.kernels import kernel_cache
 from usvauv.kernels.errors import UserError, choices
 
 CACHED = 1 << 30  # bytes of compiled kernels kept on disk, of all scenarios and versions together
@@ -41,6 +41,7 @@ FEW_TASKS = 256  # most tasks of about a microsecond for which waking another th
 # Parameters of glibc's mallopt, and bytes: of one piece, the most that it takes, and of what lies free in a row.
 M_MMAP_THRESHOLD, M_TRIM_THRESHOLD, KEPT_EACH, KEPT = -3, -1, 32 << 20, 256 << 20
 ITERATIONS = 16  # of a loop that a thread takes at a time
+TASKS = Path("/proc/self/task")  # a folder for each thread, on Linux
 ARCHITECTURES = ("auto", "cpu", "cuda", "vulkan")
 Settings = Mapping[str, object]
 NONE: Settings = {}
@@ -209,7 +210,7 @@ def _start_program(arch: str, threads: int) -> None:
             f"arch: this process was forked after Taichi had started, and {what} cannot be used in a fork: "
             "start processes by 'spawn' or 'forkserver'"
         )
-    folder, before = cache_folder(), thread_pool.threads()
+    folder, before = cache_folder(), _threads()
     try:
         # Taichi announces itself, and its Vulkan device complains if there is none.
         with contextlib.redirect_stdout(io.StringIO()), _silent_stderr():
@@ -226,7 +227,26 @@ def _start_program(arch: str, threads: int) -> None:
         raise RuntimeUnavailable(f"arch: {arch!r} could not be started: {error}") from error
     if _name(impl.current_cfg().arch) != arch:  # Taichi takes the CPU instead
         raise RuntimeUnavailable(f"arch: {arch!r} was asked for, but Taichi finds no such device here")
-    thread_pool.bind(thread_pool.threads() - before, threads)
+    _bind(_threads() - before, threads)
+
+
+def _threads() -> set[int]:
+    """Numbers of this process's threads; none where the system does not tell them."""
+    return {int(thread.name) for thread in TASKS.iterdir()} if TASKS.exists() else set()
+
+
+def _bind(created: set[int], count: int) -> None:
+    """Keep each of the `count` threads of kernels, the last of the `created`, on a core of its own if they have all.
+
+    Else Linux often wakes two on the same core and leaves them there until a short loop has ended: a step of thousands
+    of worlds takes a tenth longer. With fewer threads than cores other processes may have the same plan, and the same
+    cores.
+    """
+    cores = sorted(os.sched_getaffinity(0)) if created else []
+    if len(cores) == count:
+        with contextlib.suppress(OSError):  # systems that forbid it
+            for thread, core in zip(sorted(created)[-count:], cores, strict=True):
+                os.sched_setaffinity(thread, {core})
 
 
 def state_with_fields() -> object | None:
