@@ -493,7 +493,7 @@ class Division(Columns):
 class Phase(Columns):
     """Task of a launch: begin episodes, advance them by a step, or by one part of a step.
 
-    On a GPU a step in parts is `begin`, `weigh`, `end` and `look_round`, or `begin_and_end` and `look_round`.
+    On a GPU a step in parts is `begin`, `weigh`, `end` and `observe_auv`, or `begin_and_end` and `observe_auv`.
     """
 
     reset: int
@@ -502,7 +502,7 @@ class Phase(Columns):
     weigh: int
     end: int
     begin_and_end: int
-    look_round: int
+    observe_auv: int
 
 
 class Draw(Columns):

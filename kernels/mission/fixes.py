@@ -41,7 +41,7 @@ from usvauv.kernels.mission.reception import (
     reply_worth,
     true_height,
 )
-from usvauv.kernels.mission.reception_in_lanes import note, noted, pose_as_read, read_fix
+from usvauv.kernels.mission.reception_in_lanes import load_reply, pose_as_read, read_fix, store_reply
 from usvauv.kernels.mission.worlds import normals, uniforms
 from usvauv.kernels.positioning import tracker, usbl
 from usvauv.kernels.positioning.usbl import Expectation
@@ -339,10 +339,10 @@ def answer(worlds: ti.template(), w, k):
             moved = worlds.auv[w, k, AuvColumn.moved_x + axis]
             exchange[w, k, ExchangeColumn.sent_x + axis] = worlds.auv[w, k, AuvColumn.x + axis] - share * moved
         if ti.static(worlds.program.fixes_in_lanes):
-            if noted(worlds, w, k, ReceptionColumn.arrived) < 0.0:
-                note(worlds, w, k, ReceptionColumn.left, age)
+            if load_reply(worlds, w, k, ReceptionColumn.arrived) < 0.0:
+                store_reply(worlds, w, k, ReceptionColumn.left, age)
             else:
-                note(worlds, w, k, ReceptionColumn.left_next, age)
+                store_reply(worlds, w, k, ReceptionColumn.left_next, age)
         else:
             fill_reply(worlds, w, k, age)
 
@@ -365,11 +365,11 @@ def receive(worlds: ti.template(), pose: ArrayPose, w, k, age):
     if ti.static(worlds.program.fixes_in_lanes):
         here = boat_before(worlds, w, pose.boat, age)
         for axis in ti.static(range(2)):
-            note(worlds, w, k, ReceptionColumn.offset_x + axis, there[axis] - here[axis])
+            store_reply(worlds, w, k, ReceptionColumn.offset_x + axis, there[axis] - here[axis])
             worlds.auv[w, k, AuvColumn.heard_x + axis] = there[axis]
-        note(worlds, w, k, ReceptionColumn.height, true_height(worlds, w, pose.boat, k))
-        note(worlds, w, k, ReceptionColumn.arrived, age)
-        note(worlds, w, k, ReceptionColumn.lost, ti.cast(lost, ti.f32))
+        store_reply(worlds, w, k, ReceptionColumn.height, true_height(worlds, w, pose.boat, k))
+        store_reply(worlds, w, k, ReceptionColumn.arrived, age)
+        store_reply(worlds, w, k, ReceptionColumn.lost, ti.cast(lost, ti.f32))
         worlds.auv[w, k, AuvColumn.fix_boat] = ti.cast(pose.boat, ti.f32)
     else:
         take_reply(worlds, pose, w, k, there, age, lost)
@@ -389,7 +389,7 @@ def begin_step(worlds: ti.template(), w):
         no_fix(worlds, w, k)
         if ti.static(worlds.program.fixes_in_lanes):
             for c in ti.static((ReceptionColumn.left, ReceptionColumn.left_next, ReceptionColumn.arrived)):
-                note(worlds, w, k, c, -1.0)
+                store_reply(worlds, w, k, c, -1.0)
 
 
 @func
@@ -491,15 +491,15 @@ def exchange(worlds: ti.template(), w):
 def use_replies(worlds: ti.template(), w):
     """Contents and use of the replies of this step, which `exchange` has noted and `fix_side_by_side` has fixed."""
     for k in range(worlds.auv.shape[1]):
-        left = noted(worlds, w, k, ReceptionColumn.left)
+        left = load_reply(worlds, w, k, ReceptionColumn.left)
         if left >= 0.0:
             fill_reply(worlds, w, k, left)
-        age = noted(worlds, w, k, ReceptionColumn.arrived)
+        age = load_reply(worlds, w, k, ReceptionColumn.arrived)
         if age >= 0.0:
             boat = ti.cast(worlds.auv[w, k, AuvColumn.fix_boat], ti.i32)
             here = boat_before(worlds, w, boat, age)
             use_fix(worlds, w, k, read_fix(worlds, w, k, boat, here), here)
-        left = noted(worlds, w, k, ReceptionColumn.left_next)
+        left = load_reply(worlds, w, k, ReceptionColumn.left_next)
         if left >= 0.0:
             fill_reply(worlds, w, k, left)
     for b in range(worlds.boat.shape[1]):

@@ -230,7 +230,7 @@ def take_profiles(worlds: ti.template(), w):
 
 
 @func
-def feel_storm(worlds: ti.template(), w, k):
+def add_storm_current(worlds: ti.template(), w, k):
     """Store the storm's velocity at AUV k, to which `sense_current` adds; a vehicle senses it by itself."""
     water = ti.static(worlds.water)
     if ti.static(not worlds.program.vehicle):
@@ -253,8 +253,8 @@ def carry_along(worlds: ti.template(), w, k, velocity: vec2):
 def sense_current(worlds: ti.template(), w, k):
     """Complete the velocity of the water at AUV k of world w and at each boat of its number, modulo the number of AUVs.
 
-    It carries them during the coming step. `feel_storm` has come before. A profile of the current, if there is one, has
-    been taken with others' by `take_profiles`, or is taken here, and with it the current at the AUV.
+    It carries them during the coming step. `add_storm_current` has come before. A profile of the current, if there is
+    one, has been taken with others' by `take_profiles`, or is taken here, and with it the current at the AUV.
     """
     water = ti.static(worlds.water)
     pattern = ti.static(water.pattern)

@@ -28,7 +28,17 @@ from usvauv.kernels.mission import (
 from usvauv.kernels.mission.belief_planner import OTHER_GOALS
 from usvauv.kernels.mission.columns import AuvColumn, Draw, EstimateColumn, Parameter, Phase, Schedule
 from usvauv.kernels.mission.tasks import rewards
-from usvauv.kernels.mission.worlds import ARRAYS, TOGETHER, Program, Rows, Worlds, address, draw_ahead, find_faults, key
+from usvauv.kernels.mission.worlds import (
+    ARRAYS,
+    WORLDS_PER_BLOCK,
+    Program,
+    Rows,
+    Worlds,
+    address,
+    draw_ahead,
+    find_faults,
+    key,
+)
 from usvauv.kernels.types import array1, array2, array3, array4, index1, index2, vec2
 
 START_ATTEMPTS = 256
@@ -130,18 +140,18 @@ def observe_round(worlds: ti.template(), w, k):
 
 
 @func
-def look_round(worlds: ti.template(), w, k):
+def observe_auv(worlds: ti.template(), w, k):
     """What AUV k meets and observes at the beginning of an episode and at the end of a step."""
-    observation.feel_storm(worlds, w, k)
+    observation.add_storm_current(worlds, w, k)
     observation.sense_current(worlds, w, k)
     observe_round(worlds, w, k)
 
 
 @func
-def feel_storm(worlds: ti.template(), w):
+def add_storm_currents(worlds: ti.template(), w):
     """The storm at the AUVs of world w."""
     for k in range(worlds.auv.shape[1]):
-        observation.feel_storm(worlds, w, k)
+        observation.add_storm_current(worlds, w, k)
 
 
 @func
@@ -162,8 +172,8 @@ def observe(worlds: ti.template(), w):
 
 @func
 def look(worlds: ti.template(), w):
-    """`look_round` of all AUVs of world w."""
-    feel_storm(worlds, w)
+    """`observe_auv` of all AUVs of world w."""
+    add_storm_currents(worlds, w)
     sense(worlds, w)
     observe(worlds, w)
 
@@ -229,7 +239,7 @@ def move_vortices(worlds: ti.template(), n):
         scale, period = p[Parameter.eddy_scale], p[Parameter.period]
         step = ti.static(vortex_motion.Moving(p[Parameter.step], p[Parameter.viscosity], scale, period, middle))
         repeats = ti.static(worlds.program.repeats)
-        count = ti.static(together(worlds.program))
+        count = ti.static(worlds_per_block(worlds.program))
         first, last = count * n, ti.min(count * (n + 1), worlds.clock.shape[0])
         if ti.static(worlds.program.in_lanes):
             each = 4 * worlds.vortex.shape[1]
@@ -337,8 +347,8 @@ def locate(worlds: ti.template(), w):
 def check(worlds: ti.template(), n):
     """Look at all numbers of the worlds of iteration n."""
     if ti.static(worlds.program.checks):
-        first = ti.static(together(worlds.program)) * n
-        find_faults(worlds, first, ti.min(ti.static(together(worlds.program)), worlds.clock.shape[0] - first))
+        first = ti.static(worlds_per_block(worlds.program)) * n
+        find_faults(worlds, first, ti.min(ti.static(worlds_per_block(worlds.program)), worlds.clock.shape[0] - first))
 
 
 @func
@@ -366,14 +376,14 @@ BEGIN, END = (begin_step, move_auvs, prepare), (plan, move_boats, ride, locate, 
 STAGES = {
     Phase.reset: (begin_chosen, check),
     Phase.step: (
-        *(move_vortices, draw, *BEGIN, plan, move_boats, ride, feel_storm, exchange, fix_side_by_side),
+        *(move_vortices, draw, *BEGIN, plan, move_boats, ride, add_storm_currents, exchange, fix_side_by_side),
         *(locate, end_step, sense, observe, check),
     ),
     Phase.begin: BEGIN,
     Phase.weigh: (weigh,),
     Phase.end: END,
     Phase.begin_and_end: (*BEGIN, *END),
-    Phase.look_round: (look_round,),
+    Phase.observe_auv: (observe_auv,),
 }
 
 
@@ -381,18 +391,18 @@ def launches(program: Program) -> tuple[int, ...]:
     """Phases that make a mission step."""
     phases: tuple[int, ...] = (Phase.step,)
     if program.weighs_apart:
-        phases = Phase.begin, Phase.weigh, Phase.end, Phase.look_round
+        phases = Phase.begin, Phase.weigh, Phase.end, Phase.observe_auv
     elif program.in_threads:
-        phases = Phase.begin_and_end, Phase.look_round
+        phases = Phase.begin_and_end, Phase.observe_auv
     return phases
 
 
 BLOCK = 32  # threads of a block on a GPU: few, so that some thousand worlds keep all its multiprocessors busy
 
 
-def together(program: Program) -> int:
+def worlds_per_block(program: Program) -> int:
     """Worlds of an iteration: several on a CPU, where there are many."""
-    return TOGETHER if program.in_lanes else 1
+    return WORLDS_PER_BLOCK if program.in_lanes else 1
 
 
 def block(program: Program) -> int | None:
@@ -403,8 +413,8 @@ def block(program: Program) -> int | None:
 @func
 def run_stage(worlds: ti.template(), stage: ti.template(), n, threads):
     """A stage of all worlds, or of a member of one, of iteration n."""
-    count = ti.static(together(worlds.program))
-    if ti.static(stage in (look_round, weigh)):
+    count = ti.static(worlds_per_block(worlds.program))
+    if ti.static(stage in (observe_auv, weigh)):
         stage(worlds, n // threads, n % threads)
     elif ti.static(stage in (move_vortices, fix_side_by_side, check)):
         stage(worlds, n)
@@ -442,9 +452,9 @@ PASSED = [
 ]
 SOURCE = f"""
 def run({", ".join(f"{name}: PARAMETERS[{name!r}]" for name in PARAMETERS)}):
-    count = ti.static(together(program))
+    count = ti.static(worlds_per_block(program))
     threads = 1  # of a world: one, or one for each AUV or each goal of each boat
-    if ti.static(phase == Phase.look_round):
+    if ti.static(phase == Phase.observe_auv):
         threads = auv.shape[1]
     elif ti.static(phase == Phase.weigh):
         threads = boat.shape[1] * (auv.shape[1] + OTHER_GOALS)
@@ -472,7 +482,7 @@ def kernel_of(source: str, **names: Any) -> Callable[..., Any]:
 
 # Begins the next episode of each world w with `chosen[w]` ≠ 0, or advances all worlds by one mission step.
 # On a CPU vectors stay in registers, for which plugins' functions may not compile, and many worlds take the step side
-# by side, `TOGETHER` of them stage after stage, while their numbers are in the processor's cache.
+# by side, `WORLDS_PER_BLOCK` of them stage after stage, while their numbers are in the processor's cache.
 # On a GPU the last part of a step has a thread for each AUV, and a boat's plan by rollouts one for each goal.
 run = kernel_of(
     SOURCE,
@@ -486,7 +496,7 @@ run = kernel_of(
     Rows=Rows,
     ARRAYS=ARRAYS,
     STAGES=STAGES,
-    together=together,
+    worlds_per_block=worlds_per_block,
     block=block,
     OTHER_GOALS=OTHER_GOALS,
     run_stage=run_stage,

@@ -20,12 +20,13 @@ from usvauv.kernels.flow.current import grid_sample
 from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.mission import motion
 from usvauv.kernels.mission.columns import Action, AuvColumn, BodyColumn, Draw, KeyColumn, Parameter, Phase
+from usvauv.kernels.trigonometry import TWO_PI
 from usvauv.kernels.types import array1, array2, array3, index2, mask1, mat3, vec2, vec3, vec4
 from usvauv.kernels.vehicles.kinematics import axes
 from usvauv.kernels.vehicles.vehicle import LANES, Body, Command, Memory, Surroundings, Vehicle, blocks, load, store
 
 LEAST_ALTITUDE = 5.0  # m above the bed, of a vehicle that cruises by depth
-HALF_PI, TWO_PI = 1.5707963267948966, 6.283185307179586
+HALF_PI = 0.25 * TWO_PI
 
 
 class Motion(NamedTuple):

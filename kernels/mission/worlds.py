@@ -148,7 +148,7 @@ class Array(NamedTuple):
     """An array of all worlds.
 
     Attributes:
-        axes: a letter each: W worlds, G groups of `SIDE_BY_SIDE` AUVs of all worlds, K AUVs, B boats, M nodes, V
+        axes: a letter each: W worlds, G groups of `LANES` AUVs of all worlds, K AUVs, B boats, M nodes, V
             vortices, I 1, or K where AUVs have beliefs of their own, O numbers of an observation, R reward terms; "."
             has another length.
         meaning: in words.
@@ -182,10 +182,10 @@ class Array(NamedTuple):
         return self.columns.names if self.columns else tuple(f"column {n}" for n in range(len(self.column_ranges)))
 
 
-SIDE_BITS = 4
-SIDE_BY_SIDE = 1 << SIDE_BITS  # AUVs that are fixed together
-side_by_side = ti.types.vector(SIDE_BY_SIDE, ti.f32)
-TOGETHER = 32  # worlds that a thread takes through a stage, whose code stays in its cache, before it begins the next
+side_by_side = ti.types.vector(LANES, ti.f32)
+WORLDS_PER_BLOCK = (
+    32  # worlds that a thread takes through a stage, whose code stays in its cache, before it begins the next
+)
 PURPOSE = 1 << 16  # of a draw, as part of its address
 ANYWHERE = Range(-1e12, 1e12)
 TRACK = tracker.COLUMNS * (Range(-1e25, 1e25),)
@@ -261,7 +261,7 @@ ARRAYS = {
     "which": Array(".", "of the bounds of all these numbers, `usvauv.kernels.functions.Limits`", dtype=ti.i32),
     "bounds": Array("..", "likewise", dtype=lanes),
     "outside": Array(".", "set to 1 if one is not finite or out of its range", dtype=ti.i32),
-    "ways": Array("W.", "where AUVs are foreseen, for `TOGETHER` worlds", dtype=random.lanes),
+    "ways": Array("W.", "where AUVs are foreseen, for `WORLDS_PER_BLOCK` worlds", dtype=random.lanes),
     "reception": Array("G", "replies of a step that are fixed side by side", ReceptionColumn, side_by_side),
 }
 

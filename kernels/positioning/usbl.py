@@ -63,7 +63,6 @@ from usvauv.kernels.positioning.sonar import magnitude
 from usvauv.kernels.trigonometry import circle
 from usvauv.kernels.types import array2, index1, mat2, mat3, select, vec2, vec3, vec4, vec5
 
-TWO_PI = 2.0 * math.pi
 GATE = -2.0 * math.log(1e-3)
 
 # Bits of a fix's flags.

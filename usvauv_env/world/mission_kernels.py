@@ -18,7 +18,7 @@ from usvauv.env.world.state import ALIGNMENT, Memory, padded_length
 from usvauv.kernels import random, runtime
 from usvauv.kernels.errors import blaming
 from usvauv.kernels.flow import vortex_motion
-from usvauv.kernels.functions import DeviceFlag, Launch, copy_finite
+from usvauv.kernels.functions import LANES, DeviceFlag, Launch, copy_finite
 from usvauv.kernels.mission.belief_planner import OTHER_GOALS
 from usvauv.kernels.mission.columns import Division, Phase, ReceptionColumn
 from usvauv.kernels.mission.rollouts import STEPS, WAY
@@ -26,9 +26,9 @@ from usvauv.kernels.mission.run import PARAMETERS, launches, run
 from usvauv.kernels.mission.target_rules import target_rules
 from usvauv.kernels.mission.tasks.task import tasks
 from usvauv.kernels.mission.vehicles import ROWS, move
-from usvauv.kernels.mission.worlds import SIDE_BY_SIDE, TOGETHER, draw_numbers
+from usvauv.kernels.mission.worlds import WORLDS_PER_BLOCK, draw_numbers
 from usvauv.kernels.registry import Registry
-from usvauv.kernels.vehicles.vehicle import LANES, vehicles
+from usvauv.kernels.vehicles.vehicle import vehicles
 
 AUV_STEP = 5  # µs, about, of an AUV's step in few worlds, one after the other
 
@@ -97,11 +97,11 @@ class MissionKernels:
         self._site = site
         program = tables.program(site, self._strategy.strategy, uploaded["link"])
         worlds, auvs = self.action.shape[:2]
-        few = runtime.better_alone(AUV_STEP * worlds * auvs)
+        few = runtime.too_few_for_threads(AUV_STEP * worlds * auvs)
         known = not self.plugins()  # plugins' functions may read anything, and may not compile with whole vectors
         division = Division.calling_thread if few else Division.worlds
         if known and self._on_cpu and not few:
-            division = Division.one_block if worlds <= TOGETHER else Division.lanes
+            division = Division.one_block if worlds <= WORLDS_PER_BLOCK else Division.lanes
         elif known and not self._on_cpu:
             division = Division.threads
         program = program._replace(
@@ -112,17 +112,17 @@ class MissionKernels:
         losses = scenario.boat.count * (auvs + OTHER_GOALS) if program.weighs_apart else 0
         ways = (1, 1)
         if program.in_lanes and program.strategy.weigh:
-            ways = -(-worlds // TOGETHER), WAY * STEPS * program.abreast // random.LANES
+            ways = -(-worlds // WORLDS_PER_BLOCK), WAY * STEPS * program.abreast // random.LANES
         draws = draw_numbers(auvs, scenario.boat.count, scenario.targets)
         drawn = (worlds, 4 * len(draws)) if program.in_lanes else (1, 1)
-        groups = -(-worlds * auvs // SIDE_BY_SIDE) if program.fixes_in_lanes else 1
+        groups = -(-worlds * auvs // LANES) if program.fixes_in_lanes else 1
         arrays = self._memory.arrays
         self.tables: dict[str, Any] = {
             **{name: torch.from_numpy(table).to(self._device) for name, table in uploaded.items()},
             "key": torch.from_numpy(self._seeds.keys()).to(self._device),
             "draw_numbers": torch.tensor(draws, device=self._device),
             "drawn": self._zeros(*drawn, random.LANES),
-            "reception": self._zeros(groups, len(ReceptionColumn.names), SIDE_BY_SIDE),
+            "reception": self._zeros(groups, len(ReceptionColumn.names), LANES),
             "links": torch.tensor(uploaded["links"], device=self._device),  # aligned
             "program": program,
             "numbers": self._rows(self._memory.numbers, program.checks).view(torch.int32),
@@ -193,7 +193,7 @@ class MissionKernels:
             program = program._replace(division=Division.calling_thread if program.serial else Division.worlds)
         settings = runtime.NONE if self.plugins() else runtime.vectors_in_registers()
         given = ({**arguments, "phase": phase, "program": program}[name] for name in PARAMETERS)
-        return Launch(run, *given, settings={**runtime.quickly(), **settings})
+        return Launch(run, *given, settings={**runtime.fast_compilation(), **settings})
 
     def _moving(self, phase: int, arguments: Mapping[str, Any]) -> Launch:
         """The kernel that deploys the vehicles with dynamics, or moves them through a mission step."""
@@ -204,7 +204,7 @@ class MissionKernels:
         return Launch(
             move,
             phase,
-            runtime.better_alone(self._blocks.shape[0]),
+            runtime.too_few_for_threads(self._blocks.shape[0]),
             tables.vehicle_motion(scenario),
             tables.vehicle_substeps(scenario),
             arguments["p"],

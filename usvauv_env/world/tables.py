@@ -23,13 +23,14 @@ from usvauv.env.world.current_statistics import FOREVER, current_model
 from usvauv.env.world.observation import ObservationLayout, observation_terms
 from usvauv.kernels import runtime
 from usvauv.kernels.flow.vortex_motion import steps_of_renewal
+from usvauv.kernels.functions import LANES
 from usvauv.kernels.mission import target_rules
 from usvauv.kernels.mission.boat_motion import CONTROL_TIME, DRIFT_TIME
 from usvauv.kernels.mission.columns import Action, Information, Parameter, Schedule, Sensor
 from usvauv.kernels.mission.run import draw_vortices
 from usvauv.kernels.mission.tasks.data_collection import LEAST_RATE, arrival_table
 from usvauv.kernels.mission.vehicles import Motion
-from usvauv.kernels.mission.worlds import SIDE_BY_SIDE, Program
+from usvauv.kernels.mission.worlds import Program
 from usvauv.kernels.planning import objectives
 from usvauv.kernels.planning.information import MAX_AUVS
 from usvauv.kernels.positioning import sonar, usbl
@@ -254,11 +255,11 @@ def otter_table(site: Site) -> np.ndarray:
 
 
 def side_by_side(link: np.ndarray) -> np.ndarray:
-    """The link table's columns of `SIDE_BY_SIDE` AUVs after each other, (rows, COLUMNS, SIDE_BY_SIDE), until they are
+    """The link table's columns of `LANES` AUVs after each other, (rows, COLUMNS, LANES), until they are
     the same again.
     """
     count = len(link)
-    auv = np.arange(math.lcm(count, SIDE_BY_SIDE)).reshape(-1, SIDE_BY_SIDE) % count
+    auv = np.arange(math.lcm(count, LANES)).reshape(-1, LANES) % count
     return link[auv].swapaxes(1, 2)
 
 

@@ -142,7 +142,7 @@ class World:
     reward: torch.Tensor
     reward_terms: torch.Tensor
 
-    @runtime.alone()
+    @runtime.taichi_lock()
     @torch.inference_mode(False)  # tensors made in torch's inference mode could not be written outside it
     def __init__(
         self,
