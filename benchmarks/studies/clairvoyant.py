@@ -19,7 +19,7 @@ from usvauv.env.record.metrics import episode_metrics
 from usvauv.env.record.recorder import record
 from usvauv.env.world.boat_strategies import BoatStrategy
 from usvauv.env.world.boat_strategies import boat_strategies as strategies
-from usvauv.kernels.mission import belief_planner, boat_strategies
+from usvauv.kernels.mission.boats import belief_planner, boat_strategies
 from usvauv.kernels.mission.columns import AuvColumn, ForesightColumn
 from usvauv.kernels.mission.worlds import Strategy
 

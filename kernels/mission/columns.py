@@ -291,7 +291,7 @@ class EstimateColumn(StateColumns):
     covariance_xy: Covariance
     covariance_yy: Covariance
     age: Duration  # of the last fix used when the next one is made, s; without a tracker
-    served_by: BoatIndex  # index of the boat that serves it, see `usvauv.kernels.mission.boat_motion`
+    served_by: BoatIndex  # index of the boat that serves it, see `usvauv.kernels.mission.boats.boat_motion`
 
 
 class Reply(Columns):

@@ -17,7 +17,8 @@ Times count from the end of the present mission step, s; earlier times are negat
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission import boat_motion, motion
+from usvauv.kernels.mission import motion
+from usvauv.kernels.mission.boats import boat_motion
 from usvauv.kernels.mission.columns import (
     AuvColumn,
     BoatColumn,

@@ -10,7 +10,8 @@ import taichi as ti
 from usvauv.kernels.flow import airy, at_depth, current, vortex
 from usvauv.kernels.flow.vortex import PLACES, places
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission import boat_motion, vehicles
+from usvauv.kernels.mission import vehicles
+from usvauv.kernels.mission.boats import boat_motion
 from usvauv.kernels.mission.columns import (
     AuvColumn,
     BodyColumn,

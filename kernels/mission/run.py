@@ -15,17 +15,9 @@ from usvauv.kernels.flow import airy, vortex_motion
 from usvauv.kernels.flow.current import Water
 from usvauv.kernels.flow.vortex import Pattern, Vortex
 from usvauv.kernels.functions import func, kernel
-from usvauv.kernels.mission import (
-    boat_motion,
-    fixes,
-    foresight,
-    motion,
-    observation,
-    reception,
-    reception_in_lanes,
-    vehicles,
-)
-from usvauv.kernels.mission.belief_planner import OTHER_GOALS
+from usvauv.kernels.mission import fixes, motion, observation, reception, reception_in_lanes, vehicles
+from usvauv.kernels.mission.boats import boat_motion, foresight
+from usvauv.kernels.mission.boats.belief_planner import OTHER_GOALS
 from usvauv.kernels.mission.columns import AuvColumn, Draw, EstimateColumn, Parameter, Phase, Schedule
 from usvauv.kernels.mission.tasks import rewards
 from usvauv.kernels.mission.worlds import (

@@ -50,7 +50,7 @@ class Strategy(NamedTuple):
     Attributes:
         start: (worlds, w, b) → vec2, initial position of boat b, m; estimated positions are then the true ones.
         goal: (worlds, w, b) → vec2, its next goal, m.
-        foresees: the AUVs are predicted before each goal, see `usvauv.kernels.mission.foresight`.
+        foresees: the AUVs are predicted before each goal, see `usvauv.kernels.mission.boats.foresight`.
         weigh: (worlds, w, b, n), writes the loss of goal n of K + 2 if `goal` will compare them; None: `goal` does all.
     """
 

@@ -23,7 +23,7 @@ from usvauv.env.world.boat_strategies import BoatStrategy, boat_strategies
 from usvauv.env.world.observation import ObservationLayout, ObservationTerm, observation_terms
 from usvauv.env.world.world import World
 from usvauv.kernels.errors import UserError
-from usvauv.kernels.mission.boat_motion import serves
+from usvauv.kernels.mission.boats.boat_motion import serves
 from usvauv.kernels.mission.columns import (
     AuvColumn,
     BeliefColumn,

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from usvauv.env.scenario import Scenario, ScenarioError
 from usvauv.env.site.place import SIDED, position
 from usvauv.kernels.errors import choices
-from usvauv.kernels.mission import boat_strategies as kernel
+from usvauv.kernels.mission.boats import boat_strategies as kernel
 from usvauv.kernels.mission.worlds import Strategy
 from usvauv.kernels.registry import Registry
 

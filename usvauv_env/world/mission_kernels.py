@@ -19,9 +19,9 @@ from usvauv.kernels import random, runtime
 from usvauv.kernels.errors import blaming
 from usvauv.kernels.flow import vortex_motion
 from usvauv.kernels.functions import LANES, DeviceFlag, Launch, copy_finite
-from usvauv.kernels.mission.belief_planner import OTHER_GOALS
+from usvauv.kernels.mission.boats.belief_planner import OTHER_GOALS
+from usvauv.kernels.mission.boats.rollouts import STEPS, WAY
 from usvauv.kernels.mission.columns import Division, Phase, ReceptionColumn
-from usvauv.kernels.mission.rollouts import STEPS, WAY
 from usvauv.kernels.mission.run import PARAMETERS, launches, run
 from usvauv.kernels.mission.target_rules import target_rules
 from usvauv.kernels.mission.tasks.task import tasks

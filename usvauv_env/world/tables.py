@@ -25,7 +25,7 @@ from usvauv.kernels import runtime
 from usvauv.kernels.flow.vortex_motion import steps_of_renewal
 from usvauv.kernels.functions import LANES
 from usvauv.kernels.mission import target_rules
-from usvauv.kernels.mission.boat_motion import CONTROL_TIME, DRIFT_TIME
+from usvauv.kernels.mission.boats.boat_motion import CONTROL_TIME, DRIFT_TIME
 from usvauv.kernels.mission.columns import Action, Information, Parameter, Schedule, Sensor
 from usvauv.kernels.mission.run import draw_vortices
 from usvauv.kernels.mission.tasks.data_collection import LEAST_RATE, arrival_table

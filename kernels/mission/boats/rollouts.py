@@ -18,9 +18,10 @@ import taichi as ti
 from taichi.lang import impl
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission import boat_motion, foresight, reception, replies
+from usvauv.kernels.mission import reception, replies
+from usvauv.kernels.mission.boats import boat_motion, foresight
+from usvauv.kernels.mission.boats.foresight import PredictedAuv, drift_over, own_uncertainty
 from usvauv.kernels.mission.columns import ExchangeColumn, ForesightColumn, Parameter
-from usvauv.kernels.mission.foresight import PredictedAuv, drift_over, own_uncertainty
 from usvauv.kernels.mission.replies import SIGNAL, Signal
 from usvauv.kernels.mission.worlds import WORLDS_PER_BLOCK
 from usvauv.kernels.positioning import tracker

@@ -8,7 +8,7 @@ it misses its node waits there.
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission import boat_motion
+from usvauv.kernels.mission.boats import boat_motion
 from usvauv.kernels.mission.columns import AuvColumn, ExchangeColumn, ForesightColumn, NodeColumn, Parameter
 from usvauv.kernels.positioning import tracker
 from usvauv.kernels.types import vec2, vec3
