@@ -220,7 +220,7 @@ def over_ground(body: Body):
 
 
 @func
-def sail(motion_of: ti.template(), table: ti.template(), step: ti.f32, substeps: ti.i32, block: ti.template(), g):
+def integrate(motion_of: ti.template(), table: ti.template(), step: ti.f32, substeps: ti.i32, block: ti.template(), g):
     """Move the vehicles of a block through a mission step (s) in some substeps."""
     body = load(block, g, Body, BODY)
     memory = load(block, g, Memory, MEMORY)
@@ -306,7 +306,7 @@ def move(
     ti.loop_config(serialize=serial, block_dim=1)
     for g in range(block.shape[0]):
         if ti.static(phase == Phase.step):
-            sail(motion_of, table, p[Parameter.step], substeps, block, g)
+            integrate(motion_of, table, p[Parameter.step], substeps, block, g)
         else:
             asked = load(block, g, Command, ti.static(range(COMMAND, COMMAND + 4)))
             store(block, g, motion_of.trim(table, asked.speed, asked.depth, asked.heading), BODY)
