@@ -37,7 +37,6 @@ MISSIONS = [  # scenario, overrides, the boat's strategy
     ("extreme", ["auv.count=8", "planner.objective=a"], "fim-greedy"),
     ("extreme", TRACKED, "centroid"),
     ("extreme", REFRACTION, "fim"),
-    ("extreme", ["usbl.model=waveform"], "fim"),
     ("survey", [], "fim"),
     ("wide", [], "belief"),
     ("extreme-torpedo", [], "fim"),

@@ -1,12 +1,11 @@
-"""Fixes a second: the statistical model, sampled pulses, and an lstsq per hydrophone in NumPy.
+"""Fixes a second: the statistical model, and an lstsq per hydrophone in NumPy.
 
     python -m benchmarks.usbl --json
 
-All fixes are of a tone of ten periods at 15 kHz. The rate of `statistical_with_noise_drawn` and those of `pulse`
-include their random numbers. `numpy_lstsq` is the demonstration's method, one fix after the other: the tone and its
+All fixes are of a tone of ten periods at 15 kHz. The rate of `statistical_with_noise_drawn` includes its random
+numbers. `numpy_lstsq` is the demonstration's method, one fix after the other: the tone and its
 noise on each hydrophone at 2.016 MHz, `numpy.linalg.lstsq` for the phase, the fix. Its tone begins where the receiver
-expects it, so there is no search for the delay. It runs on one thread, where it is fastest. `agreement` is a table of
-`docs/positioning.md`, `pulse` is of `benchmarks.pulse`.
+expects it, so there is no search for the delay. It runs on one thread, where it is fastest.
 """
 
 from __future__ import annotations
@@ -19,26 +18,15 @@ from multiprocessing import get_context
 import numpy as np
 import torch
 
-from benchmarks import pulse as pulses
 from benchmarks.machine import batch, best_time, command_line, describe, parse, show
-from usvauv.env.accuracy.fix_errors import reception
 from usvauv.kernels import runtime
-from usvauv.kernels.positioning import acoustic_link, matched_filter, pulse, usbl
+from usvauv.kernels.positioning import acoustic_link, usbl
 
 CARRIER = 15000.0
 SAMPLING_RATE = 2.016e6
 SPACING = 0.033
 SOUND_SPEED = 1500.0
 OFFSET = (70.0, -45.0, -104.0)
-# Offset (m), E/N0 (dB), hydrophone spacing (m): usual, far to the side, at the threshold, near the horizon, wrapping.
-AGREEMENT = (
-    ((0.0, 0.0, -100.0), 46.6, 0.033),
-    ((70.0, -45.0, -104.0), 43.3, 0.033),
-    ((-130.0, 90.0, -98.0), 37.3, 0.033),
-    ((70.0, -45.0, -104.0), 21.0, 0.033),
-    ((80.0, 60.0, -9.0), 31.3, 0.033),
-    ((83.2, 5.0, -55.2), 35.3, 0.06),
-)
 
 
 def places(count: int) -> tuple[torch.Tensor, ...]:
@@ -102,69 +90,11 @@ def measure_rates(seconds: float) -> dict[str, float]:
     return rates
 
 
-def pulse_fixes(
-    link: torch.Tensor, row: torch.Tensor, offset: torch.Tensor, level: torch.Tensor, energy: torch.Tensor, seed: int
-) -> tuple[torch.Tensor, torch.Tensor]:
-    """Estimated offsets (n, 3) of sampled tones received by a level array, and whether they are good.
-
-    Arguments as for `matched_filter.measurements`.
-    """
-    tables = pulse.tones(1, 10, offset.device)
-    measured = matched_filter.measurements(tables, link, row, offset, level, energy, seed).double()
-    kappa, S = link[0, acoustic_link.KAPPA].double(), offset.double().norm(dim=1)
-    phase = measured[:, : matched_filter.PHASE_Y + 1]
-    wrapped = ((phase - kappa * offset[:, :2] / S[:, None]).abs() > math.pi).any(1)
-    up = 1 - (phase / kappa).square().sum(1)
-    direction = torch.cat([phase / kappa, -up.clamp(min=0).sqrt()[:, None]], 1)
-    detected = measured[:, matched_filter.AMPLITUDE].square() >= link[0, acoustic_link.THRESHOLD]
-    ambiguous = measured[:, matched_filter.RESIDUAL].abs() > math.pi / 2
-    good = detected & (up > 0) & ~wrapped & ~ambiguous
-    return (S + measured[:, matched_filter.RANGE_ERROR])[:, None] * direction, good
-
-
-def measure_agreement(count: int) -> list[dict[str, object]]:
-    """Sampled tones and the statistical model: rate of good fixes, and their root mean square errors (m)."""
-    device = runtime.start().device
-    row = torch.zeros(count, dtype=torch.int32, device=device)
-    level = torch.zeros((count, 2), device=device)
-    noise = torch.randn((count, 6), generator=torch.Generator().manual_seed(6)).to(device)
-    rows = []
-    for place, energy, spacing in AGREEMENT:
-        S = math.hypot(*place)
-        offset = torch.tensor(place, device=device) * (1 + torch.linspace(-0.05, 0.05, count)[:, None].to(device) / S)
-        link = torch.from_numpy(acoustic_link.link_table((CARRIER,), acoustic_link.Sonar(spacing=spacing))).to(device)
-        loss = link[0, acoustic_link.PATHS] * (15 * math.log10(S) + link[0, acoustic_link.ABSORPTION] * S / 1000)
-        link[0, acoustic_link.RATIO_AT_1M] = energy + loss
-        drawn, _, flags = usbl.fixes(link, row, offset, level, noise)
-        sampled, good_samples = pulse_fixes(link, row, offset, level, drawn[:, 3] ** -2, 7)
-        detected, usable = reception(link, row[:1], offset[:1], level[:1])[2:]
-        result: dict[str, object] = {"offset": place, "energy_over_noise_density_db": energy, "spacing": spacing}
-        result["good_predicted"] = (detected * usable).item()
-        models = ("waveform", sampled, good_samples), ("statistical", drawn, flags == usbl.DETECTED)
-        for name, estimate, good in models:
-            error = (estimate[:, :3] - offset)[good].double()
-            result[f"good_{name}"] = good.double().mean().item()
-            result[f"rms_{name}"] = error.square().mean(0).sqrt().tolist()
-        rows.append(result)
-    return rows
-
-
-def measure(seconds: float, count: int) -> dict[str, object]:
-    """All figures."""
-    return {
-        "machine": describe(),
-        "fixes_per_second": measure_rates(seconds),
-        "agreement": measure_agreement(10_000),
-        "pulse": pulses.measure(seconds, count),
-    }
-
-
 def main() -> None:
     parser = command_line(__doc__)
     parser.add_argument("--seconds", type=float, default=2.0, help="time spent on each rate, s")
-    parser.add_argument("--count", type=int, default=100_000, help="pulses at each energy")
     arguments = parse(parser)
-    show(measure(arguments.seconds, arguments.count), arguments.json)
+    show({"machine": describe(), "fixes_per_second": measure_rates(arguments.seconds)}, arguments.json)
 
 
 if __name__ == "__main__":

@@ -230,7 +230,7 @@ def otter_figures() -> list[dict[str, object]]:
     orders = torch.tensor([*([float(n), float(n)] for n in OTTER), [100.0, 60.0]])
     hull, calm = torch.zeros(len(orders), len(HullColumn.names)), torch.zeros(len(orders), 2)
     table = torch.from_numpy(otter.table_of(Otter.model_validate({}).model_dump()))
-    otter.sail(table, hull, orders, calm, 0.1, 600, calm.clone())
+    otter.integrate(table, hull, orders, calm, 0.1, 600, calm.clone())
     u, v, r = hull[:, HullColumn.u : HullColumn.r + 1].double().numpy().T
     why = "there the payload's weight pushes the trimmed boat"
     rows: list[dict[str, object]] = [

@@ -36,8 +36,9 @@ from taichi.lang.enums import AutodiffMode
 from usvauv.kernels import runtime
 from usvauv.kernels.types import array1, index1, index3
 
-AS_EVER = kernel_impl._get_tree_and_ctx
-LANES = 16
+TAICHI_READER = kernel_impl._get_tree_and_ctx
+LANE_BITS = 4
+LANES = 1 << LANE_BITS  # numbers side by side in a vector
 PARTS = 16  # of many numbers, among the threads of a CPU
 LOOK = 1e-4  # µs, about, to look at a number among others
 MANY = 1 << 18  # numbers, from which on several threads look at them
@@ -81,7 +82,7 @@ class _Reader:
         ours = is_kernel or isinstance(called, _Function) or function.__module__.startswith("taichi.")
         definition = self._definition(function.__code__) if ours else None
         if definition is None:
-            return AS_EVER(called, excluded_parameters, is_kernel, **given)
+            return TAICHI_READER(called, excluded_parameters, is_kernel, **given)
         names = kernel_impl._get_global_vars(function)
         if is_kernel:
             names |= {called.arguments[i].name: given["args"][i] for i in called.template_slot_locations}
@@ -132,7 +133,7 @@ class _Kernel(kernel_impl.Kernel):
             kernel_impl._get_tree_and_ctx = _Reader()
             super().materialize(*args, **kwargs)
         finally:
-            kernel_impl._get_tree_and_ctx = AS_EVER
+            kernel_impl._get_tree_and_ctx = TAICHI_READER
             if collects:
                 gc.enable()
 
@@ -451,7 +452,7 @@ class DeviceFlag:
         if isinstance(limit, Limits):
             bits = self._numbers.view(torch.int32)
             if running.on_cpu:
-                serial = runtime.better_alone(round(LOOK * bits.numel()))
+                serial = runtime.too_few_for_threads(round(LOOK * bits.numel()))
                 arguments = serial, bits.view(-1, LANES), *limit, self._outside
                 self._mark = Launch(mark_rows_beyond, *arguments, settings=runtime.vectors_in_registers())
             else:

@@ -347,8 +347,8 @@ class Acting:
             *self._packed.arguments,
             auvs,
             self._packed.networks,
-            *(speeds is not None, columns[3] is not None, polar, runtime.better_alone(count)),
-            settings={**runtime.vectors_in_registers(), **runtime.quickly()},
+            *(speeds is not None, columns[3] is not None, polar, runtime.too_few_for_threads(count)),
+            settings={**runtime.vectors_in_registers(), **runtime.fast_compilation()},
         )
 
     def __call__(self, observation: torch.Tensor) -> torch.Tensor:

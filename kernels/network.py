@@ -13,10 +13,9 @@ import taichi as ti
 import torch
 
 from usvauv.kernels import runtime
-from usvauv.kernels.functions import Launch, func, kernel
+from usvauv.kernels.functions import LANES, Launch, func, kernel
 from usvauv.kernels.types import Columns, array1, array2, index2, select, vec4
 
-LANES = 16
 TILE = 4
 PARTS = 16  # of the rows for each thread
 CLIP = 8.0  # of standardised features
@@ -212,7 +211,7 @@ class Packed:
 
         Few rows are one part, for the calling thread.
         """
-        parts = 1 if runtime.better_alone(rows) else min(-(-rows // LANES), PARTS * runtime.start().threads)
+        parts = 1 if runtime.too_few_for_threads(rows) else min(-(-rows // LANES), PARTS * runtime.start().threads)
         return torch.zeros(parts, more + 2 * self._width, LANES, dtype=torch.float32, device="cpu")
 
 
@@ -245,7 +244,7 @@ class Actors:
             self._features.view(count, features),
             self._actions.view(count, actions),
             self._packed.room(count),
-            *(mean, deviation, *self._packed.arguments, self._packed.networks, runtime.better_alone(count)),
+            *(mean, deviation, *self._packed.arguments, self._packed.networks, runtime.too_few_for_threads(count)),
             settings=runtime.vectors_in_registers(),
         )
 

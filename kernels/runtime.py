@@ -30,7 +30,7 @@ import torch
 from taichi._lib import core
 from taichi.lang import impl, matrix_ops  # noqa: F401  # or the first kernel that is read imports it
 
-from usvauv.kernels import kernel_cache, thread_pool
+from usvauv.kernels import kernel_cache
 from usvauv.kernels.errors import UserError, choices
 
 CACHED = 1 << 30  # bytes of compiled kernels kept on disk, of all scenarios and versions together
@@ -41,11 +41,12 @@ FEW_TASKS = 256  # most tasks of about a microsecond for which waking another th
 # Parameters of glibc's mallopt, and bytes: of one piece, the most that it takes, and of what lies free in a row.
 M_MMAP_THRESHOLD, M_TRIM_THRESHOLD, KEPT_EACH, KEPT = -3, -1, 32 << 20, 256 << 20
 ITERATIONS = 16  # of a loop that a thread takes at a time
+TASKS = Path("/proc/self/task")  # a folder for each thread, on Linux
 ARCHITECTURES = ("auto", "cpu", "cuda", "vulkan")
 Settings = Mapping[str, object]
 NONE: Settings = {}
 # Prefixes of names of settings of a whole program, of its device and of its printed messages.
-OF_A_PROGRAM = (
+PROGRAM_SETTING_PREFIXES = (
     "_",
     "arch",
     "device_",
@@ -56,7 +57,7 @@ OF_A_PROGRAM = (
     "print_",
     "random",
 )
-OF_A_PROGRAM += ("saturating", "timeline", "use_llvm", "verbose", "vk_")
+PROGRAM_SETTING_PREFIXES += ("saturating", "timeline", "use_llvm", "verbose", "vk_")
 
 
 class RuntimeUnavailable(UserError, RuntimeError):
@@ -101,7 +102,7 @@ class Runtime:
 _running: Runtime | None = None
 _taichi: Any = None  # Taichi's state that `start` has looked at; another `ti.init` or `ti.reset` makes another one
 _inherited: Any = None  # Taichi's state in the process that this one was forked from
-_alone = threading.RLock()  # Taichi starts and compiles in one thread at a time
+_lock = threading.RLock()  # Taichi starts and compiles in one thread at a time
 _changes: list[tuple[Any, str, Any, Any]] = []  # owner, name, value here and value elsewhere of settings of a program
 
 
@@ -135,7 +136,7 @@ def start(arch: str = "auto", threads: int | None = None) -> Runtime:
     """
     if _taichi is impl.pytaichi and _running is not None and arch in ("auto", _running.arch):
         return _running
-    with _alone:
+    with _lock:
         return _start(arch, threads)
 
 
@@ -209,7 +210,7 @@ def _start_program(arch: str, threads: int) -> None:
             f"arch: this process was forked after Taichi had started, and {what} cannot be used in a fork: "
             "start processes by 'spawn' or 'forkserver'"
         )
-    folder, before = cache_folder(), thread_pool.threads()
+    folder, before = cache_folder(), _threads()
     try:
         # Taichi announces itself, and its Vulkan device complains if there is none.
         with contextlib.redirect_stdout(io.StringIO()), _silent_stderr():
@@ -226,7 +227,26 @@ def _start_program(arch: str, threads: int) -> None:
         raise RuntimeUnavailable(f"arch: {arch!r} could not be started: {error}") from error
     if _name(impl.current_cfg().arch) != arch:  # Taichi takes the CPU instead
         raise RuntimeUnavailable(f"arch: {arch!r} was asked for, but Taichi finds no such device here")
-    thread_pool.bind(thread_pool.threads() - before, threads)
+    _bind(_threads() - before, threads)
+
+
+def _threads() -> set[int]:
+    """Numbers of this process's threads; none where the system does not tell them."""
+    return {int(thread.name) for thread in TASKS.iterdir()} if TASKS.exists() else set()
+
+
+def _bind(created: set[int], count: int) -> None:
+    """Keep each of the `count` threads of kernels, the last of the `created`, on a core of its own if they have all.
+
+    Else Linux often wakes two on the same core and leaves them there until a short loop has ended: a step of thousands
+    of worlds takes a tenth longer. With fewer threads than cores other processes may have the same plan, and the same
+    cores.
+    """
+    cores = sorted(os.sched_getaffinity(0)) if created else []
+    if len(cores) == count:
+        with contextlib.suppress(OSError):  # systems that forbid it
+            for thread, core in zip(sorted(created)[-count:], cores, strict=True):
+                os.sched_setaffinity(thread, {core})
 
 
 def state_with_fields() -> object | None:
@@ -259,7 +279,7 @@ def _find_changes(config: Any, threads: int) -> None:
     """What `settings` has to change in a program: settings of its compiler that are not those of this package."""
     global _changes
     default: Any = core.CompileConfig()
-    wanted = {name: getattr(default, name) for name in dir(default) if not name.startswith(OF_A_PROGRAM)}
+    wanted = {name: getattr(default, name) for name in dir(default) if not name.startswith(PROGRAM_SETTING_PREFIXES)}
     wanted |= _settings() | {"cpu_max_num_threads": threads, "check_out_of_bound": bool(os.environ.get(DEBUG))}
     python = {"default_fp": ti.f32, "default_ip": ti.i32, "default_up": ti.u32}
     python |= {"short_circuit_operators": True, "unrolling_limit": 32}
@@ -274,8 +294,8 @@ def _find_changes(config: Any, threads: int) -> None:
 
 def _note_fork() -> None:
     """In a forked process: what Taichi has lacks its threads, and ending it would wait for them for ever."""
-    global _alone, _inherited, _taichi
-    _alone = threading.RLock()  # that another thread may have held
+    global _lock, _inherited, _taichi
+    _lock = threading.RLock()  # that another thread may have held
     if impl.pytaichi.prog is not None:
         _inherited, _taichi = impl.pytaichi, None
         ctypes.pythonapi.Py_IncRef(ctypes.py_object(_inherited.prog))
@@ -365,13 +385,13 @@ def _silent_stderr() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def alone() -> Iterator[None]:
+def taichi_lock() -> Iterator[None]:
     """No other thread starts Taichi or compiles meanwhile.
 
     Taichi takes any of its functions that is called from Python while a kernel is compiled, in whatever thread, for a
     part of that kernel.
     """
-    with _alone:
+    with _lock:
         yield
 
 
@@ -382,7 +402,7 @@ def settings(special: Settings = NONE) -> Iterator[None]:
     Args:
         special: over Taichi's configuration as it is here by default.
     """
-    with _alone:
+    with _lock:
         start()
         config = impl.current_cfg()
         changes = [*_changes, *((config, name, value, getattr(config, name)) for name, value in special.items())]
@@ -395,7 +415,7 @@ def settings(special: Settings = NONE) -> Iterator[None]:
                 setattr(owner, name, theirs)
 
 
-def quickly() -> Settings:
+def fast_compilation() -> Settings:
     """A large kernel is compiled in a third of the time on a CPU, and in half to two thirds of it elsewhere.
 
     Left out are Taichi's own passes over it, which search it again and again until nothing changes any more: all of
@@ -416,7 +436,7 @@ def vectors_in_registers() -> Settings:
     return {"real_matrix_scalarize": False} if start().on_cpu else NONE
 
 
-def better_alone(tasks: int) -> bool:
+def too_few_for_threads(tasks: int) -> bool:
     """Whether the calling thread finishes so few short tasks on a CPU before another thread wakes up."""
     return start().on_cpu and tasks <= FEW_TASKS
 

@@ -4,9 +4,13 @@
 reducing it to |t| ≤ ½ is exact: cos 2πt = 1 − 2 sin² πt and sin 2πt = 2 sin πt cos πt.
 """
 
+import math
+
 import taichi as ti
 
 from usvauv.kernels.functions import func
+
+TWO_PI = 2.0 * math.pi
 
 
 @func

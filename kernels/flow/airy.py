@@ -28,21 +28,18 @@ reducing one to ±½ is then exact, and two polynomials give its cosine and sine
 numbers, a component takes a fifth of the time with `ti.cos` and `ti.sin`.
 """
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
 import taichi as ti
 import torch
 
-from usvauv.kernels.functions import func, kernel
-from usvauv.kernels.trigonometry import half_cosine, half_sine, narrowed
+from usvauv.kernels.functions import LANES, func, kernel
+from usvauv.kernels.trigonometry import TWO_PI, half_cosine, half_sine, narrowed
 from usvauv.kernels.types import array1, double1, vec4
 
-LANES = 16
 TURNS_X, TURNS_Y, PHASE, FREQUENCY, AMPLITUDE, LEVEL = range(6)
 PHASES_LAST = 16.0  # s; in single precision a wave of 1 Hz keeps its phase so long within 1e-6 of a turn
-TWO_PI = 2.0 * math.pi
 STILL = 1e-5  # m/s, which is not felt
 
 vec8 = ti.types.vector(8, ti.f32)

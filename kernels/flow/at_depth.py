@@ -16,10 +16,10 @@ import numpy as np
 import taichi as ti
 
 from usvauv.kernels.flow import airy, current
-from usvauv.kernels.flow.airy import TWO_PI, lanes, total
+from usvauv.kernels.flow.airy import lanes, total
 from usvauv.kernels.flow.vortex import PLACES
 from usvauv.kernels.functions import func
-from usvauv.kernels.trigonometry import half_cosine, half_sine
+from usvauv.kernels.trigonometry import TWO_PI, half_cosine, half_sine
 from usvauv.kernels.types import Level, columns, mat3, vec2, vec3
 
 REACH = 1.0  # m, of the differences; cores are at least as large

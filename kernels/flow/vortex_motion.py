@@ -350,7 +350,7 @@ def evolution(
         clock = torch.zeros((len(vortex), 2), dtype=torch.int32, device=vortex.device)
     step = _step(dt, viscosity, eddies)
     renew = renewal(vortex, drift, clock, dt, viscosity, eddies) if mutual else None
-    serial = runtime.better_alone(vortex.shape[0] * vortex.shape[1])
+    serial = runtime.too_few_for_threads(vortex.shape[0] * vortex.shape[1])
     move_all = Launch(_move, serial, vortex, drift, step, eddies.pattern.repeats)
 
     def evolve() -> None:
@@ -386,11 +386,11 @@ def renewal(
     if worlds >= ABREAST * runtime.start().threads:
         work = vortex.new_zeros((-(-worlds // ABREAST), len(Work.names), count, ABREAST))
         due = torch.zeros(worlds + 1, dtype=torch.int32, device=vortex.device)
-        settings = {**runtime.vectors_in_registers(), **runtime.quickly()}
-        serial = runtime.better_alone(worlds * count * count // PAIRS_A_MICROSECOND)
+        settings = {**runtime.vectors_in_registers(), **runtime.fast_compilation()}
+        serial = runtime.too_few_for_threads(worlds * count * count // PAIRS_A_MICROSECOND)
         return Launch(_renew_abreast, serial, *arrays, due, work, step, repeats, settings=settings)
     work = vortex.new_zeros((worlds, len(Work.names), -(-count // LANES), LANES))
     work[:, Work.width2] = 1.0  # of lanes without a vortex: `induced` divides by it
-    serial = runtime.better_alone(worlds * count)
+    serial = runtime.too_few_for_threads(worlds * count)
     settings = runtime.vectors_in_registers()
     return Launch(_renew, serial, *arrays, work, step, repeats, settings=settings)

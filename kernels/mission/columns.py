@@ -169,12 +169,6 @@ class Parameter(Columns):
     duration: int  # of the mission, s
     steps: int  # of the mission
     service_terminates: int
-    array_depth: int
-    water_depth: int
-    roughness: int  # standard deviation of the surface in short waves, m
-    bottom_density: int  # over the water's
-    bottom_speed: int  # of sound, over the water's
-    bottom_absorption: int  # of sound, dB per wavelength
 
 
 class AuvColumn(StateColumns):
@@ -297,7 +291,7 @@ class EstimateColumn(StateColumns):
     covariance_xy: Covariance
     covariance_yy: Covariance
     age: Duration  # of the last fix used when the next one is made, s; without a tracker
-    served_by: BoatIndex  # index of the boat that serves it, see `usvauv.kernels.mission.boat_motion`
+    served_by: BoatIndex  # index of the boat that serves it, see `usvauv.kernels.mission.boats.boat_motion`
 
 
 class Reply(Columns):
@@ -387,11 +381,14 @@ class Schedule(Columns):
 
 
 class Sensor(Columns):
-    """Sensor of dead reckoning: none, velocity over ground, velocity through the water."""
+    """What filters carry an AUV's position by: no filter; velocity over ground or through the water, measured by the
+    AUV for its dead reckoning; or velocity as commanded, for the boat's tracker.
+    """
 
     none: int
     ground: int
     water: int
+    command: int
 
 
 class NodeColumn(StateColumns):
@@ -477,10 +474,26 @@ class Action(Columns):
     fins: int
 
 
+class Division(Columns):
+    """Division of the worlds of a launch among threads.
+
+    `lanes`: many worlds on a CPU take a step side by side (`usvauv.kernels.mission.run`); `one_block`: so few that one
+    thread takes them all; `threads`: on a GPU the parts of a step are launches of their own, some with a thread for
+    each AUV or each goal. On a CPU the calling thread alone takes few worlds (`calling_thread`, `one_block`), because
+    waking another one takes longer.
+    """
+
+    worlds: int
+    calling_thread: int
+    lanes: int
+    one_block: int
+    threads: int
+
+
 class Phase(Columns):
     """Task of a launch: begin episodes, advance them by a step, or by one part of a step.
 
-    On a GPU a step in parts is `begin`, `weigh`, `end` and `look_round`, or `begin_and_end` and `look_round`.
+    On a GPU a step in parts is `begin`, `weigh`, `end` and `observe_auv`, or `begin_and_end` and `observe_auv`.
     """
 
     reset: int
@@ -489,7 +502,7 @@ class Phase(Columns):
     weigh: int
     end: int
     begin_and_end: int
-    look_round: int
+    observe_auv: int
 
 
 class Draw(Columns):

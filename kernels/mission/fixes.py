@@ -17,7 +17,8 @@ Times count from the end of the present mission step, s; earlier times are negat
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission import boat_motion, motion
+from usvauv.kernels.mission import motion
+from usvauv.kernels.mission.boats import boat_motion
 from usvauv.kernels.mission.columns import (
     AuvColumn,
     BoatColumn,
@@ -41,7 +42,7 @@ from usvauv.kernels.mission.reception import (
     reply_worth,
     true_height,
 )
-from usvauv.kernels.mission.reception_in_lanes import note, noted, pose_as_read, read_fix
+from usvauv.kernels.mission.reception_in_lanes import load_reply, pose_as_read, read_fix, store_reply
 from usvauv.kernels.mission.worlds import normals, uniforms
 from usvauv.kernels.positioning import tracker, usbl
 from usvauv.kernels.positioning.usbl import Expectation
@@ -74,8 +75,8 @@ def no_fix(worlds: ti.template(), w, k):
 
 
 @func
-def expect(worlds: ti.template(), w, b, k, here: vec2, age) -> Expectation:
-    """Where boat b, `here` (m), expects AUV k by the estimate of it, which was made `age` seconds ago."""
+def expect(worlds: ti.template(), w, k, here: vec2) -> Expectation:
+    """Where a boat, `here` (m), expects AUV k by the last estimate of it."""
     estimate = ti.static(worlds.estimate)
     covariance = vec3(0.0)
     for j in ti.static(range(3)):
@@ -83,8 +84,7 @@ def expect(worlds: ti.template(), w, b, k, here: vec2, age) -> Expectation:
     return Expectation(
         place=vec2(estimate[w, k, EstimateColumn.x], estimate[w, k, EstimateColumn.y]) - here,
         covariance=covariance,
-        reach=worlds.p[Parameter.auv_speed] * age,
-        separation=-height(worlds, w, b, k),
+        reach=worlds.p[Parameter.auv_speed] * estimate[w, k, EstimateColumn.age],
     )
 
 
@@ -108,21 +108,15 @@ def take_fix(worlds: ti.template(), pose: ArrayPose, w, k):
     if p[Parameter.packet_loss] > 0.0:
         u = uniforms(worlds, w, Draw.loss, k)
         lost = ti.cast(u[0] < p[Parameter.packet_loss], ti.i32)
+    fix = make_fix(worlds, pose, w, k, here, then, lost)
     if ti.static(worlds.program.tracker):
-        expected = expect(worlds, w, pose.boat, k, here, 0.0)
         track = ti.static(worlds.track)
         lag = age * track[w, k, tracker.ADRIFT]
         carried = lag * vec2(track[w, k, tracker.WATER_X], track[w, k, tracker.WATER_Y])
-        place, covariance = tracker.earlier(track, w, k, lag, carried)
-        expected.place = place - here
-        expected.covariance = covariance
-        fix = make_fix(worlds, pose, w, k, here, then, expected, lost)
         update_track(worlds, w, k, fix, lag, carried)
         set_estimate_from_track(worlds, w, k)
     else:
-        expected = expect(worlds, w, pose.boat, k, here, worlds.estimate[w, k, EstimateColumn.age])
-        fix = make_fix(worlds, pose, w, k, here, then, expected, lost)
-        set_estimate_from_fix(worlds, w, k, fix, expected, here)
+        set_estimate_from_fix(worlds, w, k, fix, here)
     finish(worlds, pose, w, k)
 
 
@@ -139,28 +133,18 @@ def take_fixes(worlds: ti.template(), w, b):
 def take_reply(worlds: ti.template(), pose: ArrayPose, w, k, there: vec2, age, lost: ti.i32):
     """Fix AUV k by a reply that left `there` (m) and arrived `age` seconds before the end of the step, or did not."""
     here = boat_before(worlds, w, pose.boat, age)
-    expected = expect_reply(worlds, w, pose.boat, k, here, age)
-    use_fix(worlds, w, k, make_fix(worlds, pose, w, k, here, there, expected, lost), expected, here)
+    use_fix(worlds, w, k, make_fix(worlds, pose, w, k, here, there, lost), here)
 
 
 @func
-def expect_reply(worlds: ti.template(), w, b, k, here: vec2, age) -> Expectation:
-    """Where boat b, `here` (m), expects AUV k whose reply arrives `age` seconds before the end of the step."""
-    since = worlds.estimate[w, k, EstimateColumn.age]
-    if ti.static(worlds.program.sensor != Sensor.none):
-        since = worlds.p[Parameter.step] + age
-    return expect(worlds, w, b, k, here, since)
-
-
-@func
-def use_fix(worlds: ti.template(), w, k, fix: Fix, expected: Expectation, here: vec2):
+def use_fix(worlds: ti.template(), w, k, fix: Fix, here: vec2):
     """Update the track or the estimate of AUV k by a fix made from `here`, m."""
-    if ti.static(worlds.program.sensor != Sensor.none):
+    if ti.static(worlds.program.reckoning):
         if fix.flags & usbl.DETECTED:  # the reply's contents are received even if its fix is not usable
             motion.read_reply(worlds, w, k)
             update_track(worlds, w, k, fix, 0.0, vec2(0.0, 0.0))
     else:
-        set_estimate_from_fix(worlds, w, k, fix, expected, here)
+        set_estimate_from_fix(worlds, w, k, fix, here)
 
 
 @func
@@ -176,11 +160,12 @@ def update_track(worlds: ti.template(), w, k, fix: Fix, lag, carried: vec2):
 
 
 @func
-def set_estimate_from_fix(worlds: ti.template(), w, k, fix: Fix, expected: Expectation, here: vec2):
+def set_estimate_from_fix(worlds: ti.template(), w, k, fix: Fix, here: vec2):
     """The estimate of AUV k is the fix of this step, made from `here` (m), where it can be used."""
     estimate = ti.static(worlds.estimate)
     auv = ti.static(worlds.auv)
     flags = fix.flags
+    expected = expect(worlds, w, k, here)
     if usbl.usable(flags) and usbl.squared_innovation(expected, fix.place - here, fix.covariance) > usbl.GATE:
         flags |= usbl.REJECTED
     auv[w, k, AuvColumn.fix_flags] = ti.cast(flags, ti.f32)
@@ -209,11 +194,11 @@ def finish(worlds: ti.template(), pose: ArrayPose, w, k):
     """Complete the estimate of AUV k for this step: with the errors that all fixes by its boat have in common."""
     estimate = ti.static(worlds.estimate)
     estimate[w, k, EstimateColumn.age] = estimate[w, k, EstimateColumn.age] + worlds.p[Parameter.step]
-    if ti.static(worlds.program.sensor != Sensor.none):
+    if ti.static(worlds.program.reckoning):
         motion.extrapolate(worlds, w, k)
     estimate[w, k, EstimateColumn.separation] = -height(worlds, w, pose.boat, k)
     place = vec2(estimate[w, k, EstimateColumn.x], estimate[w, k, EstimateColumn.y])
-    if ti.static(worlds.program.tracker or worlds.program.sensor != Sensor.none):
+    if ti.static(worlds.program.sensor != Sensor.none):
         # Both are renewed in each step, without what fixes have in common.
         common = common_covariance(worlds, pose, k, away(worlds, w, pose.boat, k))
         for c in ti.static(range(3)):
@@ -355,10 +340,10 @@ def answer(worlds: ti.template(), w, k):
             moved = worlds.auv[w, k, AuvColumn.moved_x + axis]
             exchange[w, k, ExchangeColumn.sent_x + axis] = worlds.auv[w, k, AuvColumn.x + axis] - share * moved
         if ti.static(worlds.program.fixes_in_lanes):
-            if noted(worlds, w, k, ReceptionColumn.arrived) < 0.0:
-                note(worlds, w, k, ReceptionColumn.left, age)
+            if load_reply(worlds, w, k, ReceptionColumn.arrived) < 0.0:
+                store_reply(worlds, w, k, ReceptionColumn.left, age)
             else:
-                note(worlds, w, k, ReceptionColumn.left_next, age)
+                store_reply(worlds, w, k, ReceptionColumn.left_next, age)
         else:
             fill_reply(worlds, w, k, age)
 
@@ -366,7 +351,7 @@ def answer(worlds: ti.template(), w, k):
 @func
 def fill_reply(worlds: ti.template(), w, k, age):
     """Contents of the reply of AUV k that left `age` seconds before the end of the step."""
-    if ti.static(worlds.program.sensor != Sensor.none):
+    if ti.static(worlds.program.reckoning):
         motion.receive_state(worlds, w, k)
         motion.write_reply(worlds, w, k, age)
 
@@ -381,11 +366,11 @@ def receive(worlds: ti.template(), pose: ArrayPose, w, k, age):
     if ti.static(worlds.program.fixes_in_lanes):
         here = boat_before(worlds, w, pose.boat, age)
         for axis in ti.static(range(2)):
-            note(worlds, w, k, ReceptionColumn.offset_x + axis, there[axis] - here[axis])
+            store_reply(worlds, w, k, ReceptionColumn.offset_x + axis, there[axis] - here[axis])
             worlds.auv[w, k, AuvColumn.heard_x + axis] = there[axis]
-        note(worlds, w, k, ReceptionColumn.height, true_height(worlds, w, pose.boat, k))
-        note(worlds, w, k, ReceptionColumn.arrived, age)
-        note(worlds, w, k, ReceptionColumn.lost, ti.cast(lost, ti.f32))
+        store_reply(worlds, w, k, ReceptionColumn.height, true_height(worlds, w, pose.boat, k))
+        store_reply(worlds, w, k, ReceptionColumn.arrived, age)
+        store_reply(worlds, w, k, ReceptionColumn.lost, ti.cast(lost, ti.f32))
         worlds.auv[w, k, AuvColumn.fix_boat] = ti.cast(pose.boat, ti.f32)
     else:
         take_reply(worlds, pose, w, k, there, age, lost)
@@ -405,7 +390,7 @@ def begin_step(worlds: ti.template(), w):
         no_fix(worlds, w, k)
         if ti.static(worlds.program.fixes_in_lanes):
             for c in ti.static((ReceptionColumn.left, ReceptionColumn.left_next, ReceptionColumn.arrived)):
-                note(worlds, w, k, c, -1.0)
+                store_reply(worlds, w, k, c, -1.0)
 
 
 @func
@@ -507,16 +492,15 @@ def exchange(worlds: ti.template(), w):
 def use_replies(worlds: ti.template(), w):
     """Contents and use of the replies of this step, which `exchange` has noted and `fix_side_by_side` has fixed."""
     for k in range(worlds.auv.shape[1]):
-        left = noted(worlds, w, k, ReceptionColumn.left)
+        left = load_reply(worlds, w, k, ReceptionColumn.left)
         if left >= 0.0:
             fill_reply(worlds, w, k, left)
-        age = noted(worlds, w, k, ReceptionColumn.arrived)
+        age = load_reply(worlds, w, k, ReceptionColumn.arrived)
         if age >= 0.0:
             boat = ti.cast(worlds.auv[w, k, AuvColumn.fix_boat], ti.i32)
             here = boat_before(worlds, w, boat, age)
-            expected = expect_reply(worlds, w, boat, k, here, age)
-            use_fix(worlds, w, k, read_fix(worlds, w, k, boat, here), expected, here)
-        left = noted(worlds, w, k, ReceptionColumn.left_next)
+            use_fix(worlds, w, k, read_fix(worlds, w, k, boat, here), here)
+        left = load_reply(worlds, w, k, ReceptionColumn.left_next)
         if left >= 0.0:
             fill_reply(worlds, w, k, left)
     for b in range(worlds.boat.shape[1]):

@@ -280,7 +280,7 @@ def clear_last_step(worlds: ti.template(), w, k):
 def own_position(worlds: ti.template(), w, k) -> vec2:
     """AUV k's own position estimate, m: by dead reckoning, or without it the boat's."""
     found = vec2(worlds.estimate[w, k, EstimateColumn.x], worlds.estimate[w, k, EstimateColumn.y])
-    if ti.static(worlds.program.sensor != Sensor.none):
+    if ti.static(worlds.program.reckoning):
         found = vec2(worlds.own[w, k, tracker.X], worlds.own[w, k, tracker.Y])
     return found
 

@@ -13,14 +13,14 @@ import taichi as ti
 from usvauv.kernels.flow import airy, at_depth, current, vortex
 from usvauv.kernels.flow.vortex import PLACES, places
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission import boat_motion, vehicles
+from usvauv.kernels.mission import vehicles
+from usvauv.kernels.mission.boats import boat_motion
 from usvauv.kernels.mission.columns import (
     AuvColumn,
     BodyColumn,
     EstimateColumn,
     NodeColumn,
     Parameter,
-    Sensor,
     TallyColumn,
 )
 from usvauv.kernels.mission.motion import distance_to_target, own_position, target_of
@@ -87,7 +87,7 @@ def target_offset(worlds: ti.template(), w, k) -> vec2:
     """From AUV k's own position estimate to its target, over the area's diagonal; near it by homing."""
     target = target_of(worlds, w, k)
     here = own_position(worlds, w, k)
-    if ti.static(worlds.program.sensor != Sensor.none):
+    if ti.static(worlds.program.reckoning):
         if distance_to_target(worlds, w, k) <= worlds.p[Parameter.homing_range]:
             here = vec2(worlds.auv[w, k, AuvColumn.x], worlds.auv[w, k, AuvColumn.y])
     there = vec2(worlds.node[w, target, NodeColumn.x], worlds.node[w, target, NodeColumn.y])
@@ -276,7 +276,7 @@ def take_profiles(worlds: ti.template(), w):
 
 
 @func
-def feel_storm(worlds: ti.template(), w, k):
+def add_storm_current(worlds: ti.template(), w, k):
     """Store the storm's velocity at AUV k, to which `sense_current` adds; a vehicle senses it by itself."""
     water = ti.static(worlds.water)
     if ti.static(not worlds.program.vehicle):
@@ -299,8 +299,8 @@ def carry_along(worlds: ti.template(), w, k, velocity: vec2):
 def sense_current(worlds: ti.template(), w, k):
     """Complete the velocity of the water at AUV k of world w and at each boat of its number, modulo the number of AUVs.
 
-    It carries them during the coming step. `feel_storm` has come before. A profile of the current, if there is one, has
-    been taken with others' by `take_profiles`, or is taken here, and with it the current at the AUV.
+    It carries them during the coming step. `add_storm_current` has come before. A profile of the current, if there is
+    one, has been taken with others' by `take_profiles`, or is taken here, and with it the current at the AUV.
     """
     water = ti.static(worlds.water)
     pattern = ti.static(water.pattern)

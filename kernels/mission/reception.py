@@ -7,9 +7,8 @@ import math
 
 import taichi as ti
 
-from usvauv.kernels import random
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission import boat_motion
+from usvauv.kernels.mission.boats import boat_motion
 from usvauv.kernels.mission.columns import (
     AuvColumn,
     BoatColumn,
@@ -19,12 +18,11 @@ from usvauv.kernels.mission.columns import (
     Parameter,
 )
 from usvauv.kernels.mission.replies import expected_reply
-from usvauv.kernels.mission.worlds import Worlds, address, key, normals
-from usvauv.kernels.positioning import acoustic_link, matched_filter, rays, reflections, usbl
+from usvauv.kernels.mission.worlds import normals
+from usvauv.kernels.positioning import acoustic_link, rays, usbl
 from usvauv.kernels.positioning.layered_water import sound_speed
 from usvauv.kernels.positioning.sonar import magnitude
-from usvauv.kernels.positioning.usbl import Expectation
-from usvauv.kernels.types import mat3, select, vec2, vec3, vec4, vec6
+from usvauv.kernels.types import mat3, select, vec2, vec3, vec4
 
 
 @ti.dataclass
@@ -48,25 +46,6 @@ class ArrayPose:
     slowness: ti.f32
     effort: ti.f32
     heading: ti.f32
-
-
-@ti.dataclass
-class IncomingSignal:
-    """A signal on its way to the array.
-
-    Attributes:
-        offset: from array to AUV, m.
-        body: direction of the AUV in the array's true frame.
-        slant_range: straight distance, m.
-        path: the distance that the sound's delay stands for, m.
-        noise: as of `acoustic_link.phase_deviation`.
-    """
-
-    offset: vec3
-    body: vec3
-    slant_range: ti.f32
-    path: ti.f32
-    noise: ti.f32
 
 
 @ti.dataclass
@@ -158,90 +137,6 @@ def array_pose(worlds: ti.template(), w, b) -> ArrayPose:
 
 
 @func
-def sounds(worlds: ti.template(), pose: ArrayPose, arrival: IncomingSignal, w, k):
-    """Signals of a pulse at the hydrophones, as `matched_filter.sounds` has it.
-
-    The array lies at its depth below the surface as it is there; it and the AUVs rise and sink over a level bottom.
-    """
-    p = ti.static(worlds.p)
-    boundaries = reflections.Boundaries(
-        array_depth=p[Parameter.array_depth],
-        water_depth=p[Parameter.water_depth] + worlds.boat[w, pose.boat, BoatColumn.elevation],
-        roughness=p[Parameter.roughness],
-        density=p[Parameter.bottom_density],
-        speed=p[Parameter.bottom_speed],
-        absorption=p[Parameter.bottom_absorption],
-    )
-    z = -worlds.boat[w, pose.boat, BoatColumn.elevation]
-    direct = arrival.path / pose.slowness
-    speed = p[Parameter.sound_speed]
-    bent = ti.static(reflections.Profile(worlds.layers, worlds.mirrored_layers, z, speed, direct))
-    around = ti.static(surroundings(worlds, boundaries, bent))
-    body = arrival.path * arrival.body
-    return matched_filter.sounds(worlds.pulses, worlds.link, k, body, arrival.path, arrival.offset, pose.axes, around)
-
-
-def surroundings(worlds: Worlds, boundaries, profile: reflections.Profile) -> reflections.Waveguide:
-    """Reflections at an array."""
-    if not worlds.program.multipath:
-        return reflections.Waveguide()
-    if worlds.program.refraction:
-        return reflections.Waveguide(boundaries, profile)
-    return reflections.Waveguide(boundaries)
-
-
-@func
-def sample(worlds: ti.template(), pose: ArrayPose, arrival: IncomingSignal, sigma, draw: random.uint4, w, k) -> vec6:
-    """The sampled signal of AUV k as the receiver measures it, columns of `pulse`."""
-    heard = sounds(worlds, pose, arrival, w, k)
-    noise = ti.static(worlds.pulse_noise)
-    matched_filter.draw(noise, w, draw, key(worlds, w))
-    energy = 1.0 / (sigma * sigma)
-    return matched_filter.measure(worlds.pulses, worlds.link, k, arrival.path, energy, heard, noise, w)
-
-
-@func
-def receive(worlds: ti.template(), pose: ArrayPose, arrival: IncomingSignal, w, k) -> usbl.Measurement:
-    """The array's measurement of a signal of AUV k; phase differences modulo one turn."""
-    link = ti.static(worlds.link)
-    sigma = acoustic_link.phase_deviation(link, k, arrival.slant_range, arrival.offset[2], arrival.noise)
-    phase, residual, slant_range, amplitude = vec2(0.0), 0.0, arrival.path, 0.0
-    if ti.static(worlds.program.waveform):
-        draw = address(worlds, w, worlds.clock[w, 1], Draw.fix, k)
-        measured = sample(worlds, pose, arrival, sigma, draw, w, k)
-        phase = vec2(measured[matched_filter.PHASE_X], measured[matched_filter.PHASE_Y])
-        residual = measured[matched_filter.RESIDUAL]
-        slant_range += measured[matched_filter.RANGE_ERROR]
-        amplitude = measured[matched_filter.AMPLITUDE]
-    else:
-        body = arrival.body
-        if ti.static(worlds.program.multipath):
-            heard = sounds(worlds, pose, arrival, w, k)
-            disturbed = matched_filter.disturbance(worlds.pulses, link, k, heard)
-            body += vec3(disturbed[0], disturbed[1], 0.0) / link[k, acoustic_link.KAPPA]
-            slant_range += disturbed[2]
-            sigma = ti.min(sigma / ti.max(disturbed[3], 1e-6), acoustic_link.LARGEST_DEVIATION)
-        noise = normals(worlds, w, Draw.fix, k)
-        residual_noise = 0.0
-        if ti.static(worlds.program.turns):
-            residual_noise = normals(worlds, w, Draw.residual, k)[0]
-        x, y, residual, slant_range, amplitude = usbl.measure(link, k, body, slant_range, sigma, noise, residual_noise)
-        phase = vec2(usbl.wrap(x), usbl.wrap(y))
-    return usbl.Measurement(phase=phase, residual=residual, slant_range=slant_range, amplitude=amplitude, sigma=sigma)
-
-
-@func
-def place_heard(worlds: ti.template(), pose: ArrayPose, w, direction: vec3, slant_range) -> vec3:
-    """The offset (m) from the array of what is heard from a direction, by the rays that the receiver reckons with."""
-    found = slant_range * direction
-    if ti.static(worlds.program.refraction):
-        z = -worlds.boat[w, pose.boat, BoatColumn.elevation]
-        below = vec3(direction[0], direction[1], -1.0)
-        found = rays.follow(worlds.layers, z, below, slant_range, worlds.p[Parameter.sound_speed])
-    return found
-
-
-@func
 def deviation_at(worlds: ti.template(), k, offset: vec3, noise) -> ti.f32:
     """Standard deviation of a phase difference (rad) at an offset, m; `noise` as of `acoustic_link.phase_deviation`."""
     return acoustic_link.phase_deviation(worlds.link, k, offset.norm(), offset[2], noise)
@@ -289,104 +184,36 @@ def as_it_heads(worlds: ti.template(), pose: ArrayPose, covariance: vec3) -> vec
 
 
 @func
-def with_turns(phase: vec2, m, n) -> vec2:
-    """Phase differences (rad) with m and n whole turns more."""
-    return phase + 2.0 * math.pi * vec2(m, n)
+def heard_from(worlds: ti.template(), link: ti.template(), k, body, path, error, measured: ti.template(), length):
+    """Direction x, y, z from which AUV k is heard, the distance measured, m, and the fix's flags.
 
-
-@func
-def may_lack(phase: vec2, m, n, odd: ti.i32, kappa) -> bool:
-    """Whether phase differences (rad) can lack m and n turns: as many as `odd` says, and with them of a direction."""
-    return ((m + n) & 1) == odd and with_turns(phase, m, n).norm_sqr() <= kappa * kappa
-
-
-@func
-def whole_turns(
-    worlds: ti.template(), signal: usbl.Measurement, length, pose: ArrayPose, noise, expected: Expectation, w, k
-):
-    """Phase differences of a signal of AUV k with the turns that they most probably lack, and 1 where others are near.
-
-    See `usvauv.kernels.positioning.usbl`. `length` as of `usbl.located`, `noise` as of `deviation_at`.
-    """
-    link = ti.static(worlds.link)
-    odd = usbl.odd_turns(signal.residual)
-    most = usbl.most_turns(link, k, length)
-    kappa = length * link[k, acoustic_link.KAPPA]
-    phase = signal.phase
-    possible = 0
-    for m in range(-most, most + 1):
-        for n in range(-most, most + 1):
-            if may_lack(signal.phase, m, n, odd, kappa):
-                possible += 1
-                phase = with_turns(signal.phase, m, n)
-    ambiguous = ti.cast(possible == 0, ti.i32)
-    if possible > 1:
-        best = usbl.NO_CANDIDATE
-        second = usbl.NO_CANDIDATE
-        for m in range(-most, most + 1):
-            for n in range(-most, most + 1):
-                if may_lack(signal.phase, m, n, odd, kappa):
-                    candidate = with_turns(signal.phase, m, n)
-                    found = usbl.located(link, k, candidate, candidate, signal.amplitude, pose.measured, length)
-                    towards = vec3(found[0], found[1], found[2])
-                    offset = place_heard(worlds, pose, w, towards, signal.slant_range)
-                    sigma = deviation_at(worlds, k, offset, noise)
-                    covariance = covariance_at(worlds, pose, k, offset, sigma)
-                    cost = usbl.candidate_cost(link, k, expected, offset, covariance, sigma)
-                    if cost < best:
-                        second = best
-                        best = cost
-                        phase = candidate
-                    elif cost < second:
-                        second = cost
-        ambiguous = ti.cast(second - best < usbl.GATE, ti.i32)
-    return phase, ambiguous
-
-
-@func
-def measure(worlds: ti.template(), offset: vec3, pose: ArrayPose, noise, expected: Expectation, w, k) -> vec4:
-    """The offset (m) from boat to AUV k that a fix gives, and its flags.
+    For numbers and for vectors of several AUVs.
 
     Args:
-        offset: the true one, m. noise: as of `deviation_at`. expected: the offset that the receiver expects.
+        link: link table, (K, COLUMNS).
+        body: the true direction in the array's frame. path: the distance that the sound's delay stands for, m.
+        error: standard deviation of a phase difference, rad, and normal numbers as of `usbl.measure`.
+        measured: the array's axes as its sensors have them. length: as of `usbl.located`.
     """
-    layers = ti.static(worlds.layers)
-    link = ti.static(worlds.link)
-    S = ti.max(offset.norm(), 1e-3)
-    direction = offset / S
-    path = S
-    length = 1.0
-    flags = 0
-    if ti.static(worlds.program.refraction):
-        c = worlds.p[Parameter.sound_speed]
-        z = -worlds.boat[w, pose.boat, BoatColumn.elevation]
-        ray = rays.refracted(layers, z, z, offset, c)
-        direction = ray.direction
-        path = ray.slant_range
-        if ray.exists == 0:
-            flags = usbl.NO_RAY
-        length = c / sound_speed(layers, z)
-    # Where sound is slower than supposed, it comes later and less across the array.
-    body = pose.slowness * (pose.axes @ direction)
-    arrival = IncomingSignal(offset=offset, body=body, slant_range=S, path=pose.slowness * path, noise=noise)
-    signal = receive(worlds, pose, arrival, w, k)
-    phase = signal.phase
-    ambiguous = 0
+    sigma, normal, residual_noise = error
+    x, y, residual, distance, amplitude = usbl.measure(link, k, body, path, sigma, normal, residual_noise)
+    kappa = link[k, acoustic_link.KAPPA]
+    phase = usbl.wrap(x), usbl.wrap(y)
+    found = usbl.located(link, k, (kappa * body[0], kappa * body[1]), phase, amplitude, measured, length)
+    flags = found[3]
     if ti.static(worlds.program.turns):
-        phase, ambiguous = whole_turns(worlds, signal, length, pose, noise, expected, w, k)
-    true_phase = link[k, acoustic_link.KAPPA] * vec2(body[0], body[1])
-    found = usbl.located(link, k, true_phase, phase, signal.amplitude, pose.measured, length)
-    place = place_heard(worlds, pose, w, vec3(found[0], found[1], found[2]), signal.slant_range)
-    if flags == 0:
-        flags = ti.cast(found[3], ti.i32) | usbl.AMBIGUOUS * ambiguous
-    return vec4(place[0], place[1], place[2], ti.cast(flags, ti.f32))
+        longest = length * kappa
+        lacking = select(magnitude(residual) > 0.5 * math.pi, 1.0, 0.0)
+        beyond = select(phase[0] * phase[0] + phase[1] * phase[1] > longest * longest, 1.0, 0.0)
+        flags += ti.static(float(usbl.AMBIGUOUS)) * (lacking + beyond - lacking * beyond)
+    return found[0], found[1], found[2], distance, flags
 
 
 @func
 def fixed_offset(
     worlds: ti.template(), link: ti.template(), k, offset, axes: ti.template(), measured: ti.template(), error
 ):
-    """The offset x, y, z (m) that a fix of AUV k gives where nothing bends or disturbs its sound, and the fix's flags.
+    """The offset x, y, z (m) that a fix of AUV k gives where sound goes straight, and the fix's flags.
 
     For numbers and for vectors of several AUVs.
 
@@ -402,37 +229,51 @@ def fixed_offset(
     # Where sound is slower than supposed, it comes later and less across the array.
     body = usbl.in_frame(axes, (slowness * offset[0] / S, slowness * offset[1] / S, slowness * offset[2] / S))
     sigma = acoustic_link.phase_deviation(link, k, S, offset[2], noise)
-    x, y, residual, path, amplitude = usbl.measure(link, k, body, slowness * S, sigma, normal, residual_noise)
-    kappa = link[k, acoustic_link.KAPPA]
-    phase = usbl.wrap(x), usbl.wrap(y)
-    found = usbl.located(link, k, (kappa * body[0], kappa * body[1]), phase, amplitude, measured, 1.0)
-    flags = found[3]
-    if ti.static(worlds.program.turns):
-        lacking = select(magnitude(residual) > 0.5 * math.pi, 1.0, 0.0)
-        beyond = select(phase[0] * phase[0] + phase[1] * phase[1] > kappa * kappa, 1.0, 0.0)
-        flags += ti.static(float(usbl.AMBIGUOUS)) * (lacking + beyond - lacking * beyond)
-    return path * found[0], path * found[1], path * found[2], flags
+    x, y, z, distance, flags = heard_from(
+        worlds, link, k, body, slowness * S, (sigma, normal, residual_noise), measured, 1.0
+    )
+    return distance * x, distance * y, distance * z, flags
 
 
 @func
-def make_fix(
-    worlds: ti.template(), pose: ArrayPose, w, k, here: vec2, there: vec2, expected: Expectation, lost: ti.i32
-) -> Fix:
+def fixed_along_ray(worlds: ti.template(), pose: ArrayPose, w, k, offset: vec3, error):
+    """`fixed_offset` where the speed of sound changes with depth: the receiver follows the ray back."""
+    slowness, noise, normal, residual_noise = error
+    layers = ti.static(worlds.layers)
+    link = ti.static(worlds.link)
+    c = worlds.p[Parameter.sound_speed]
+    depth = -worlds.boat[w, pose.boat, BoatColumn.elevation]
+    ray = rays.refracted(layers, depth, depth, offset, c)
+    body = slowness * (pose.axes @ ray.direction)
+    sigma = acoustic_link.phase_deviation(link, k, ti.max(offset.norm(), 1e-3), offset[2], noise)
+    length = c / sound_speed(layers, depth)
+    x, y, _, distance, flags = heard_from(
+        worlds, link, k, body, slowness * ray.slant_range, (sigma, normal, residual_noise), pose.measured, length
+    )
+    if ray.exists == 0:
+        flags = ti.static(float(usbl.NO_RAY))
+    found = rays.follow(layers, depth, vec3(x, y, -1.0), distance, c)
+    return found[0], found[1], found[2], flags
+
+
+@func
+def make_fix(worlds: ti.template(), pose: ArrayPose, w, k, here: vec2, there: vec2, lost: ti.i32) -> Fix:
     """Fix AUV k, which was `there` when its signal left, from its boat `here`, m; `lost`: no signal comes."""
     auv = ti.static(worlds.auv)
     link = ti.static(worlds.link)
     offset = vec3(there[0] - here[0], there[1] - here[1], true_height(worlds, w, pose.boat, k))
     noise = acoustic_link.noise_ratio(link[k, acoustic_link.OWN_NOISE], pose.effort)
+    residual = 0.0
+    if ti.static(worlds.program.turns):
+        residual = normals(worlds, w, Draw.residual, k)[0]
+    error = pose.slowness, noise, normals(worlds, w, Draw.fix, k), residual
     found = vec4(0.0)
-    if ti.static(worlds.program.plain_sound):
-        residual = 0.0
-        if ti.static(worlds.program.turns):
-            residual = normals(worlds, w, Draw.residual, k)[0]
-        error = pose.slowness, noise, normals(worlds, w, Draw.fix, k), residual
-        x, y, z, mark = fixed_offset(worlds, link, k, offset, pose.axes, pose.measured, error)
+    if ti.static(worlds.program.refraction):
+        x, y, z, mark = fixed_along_ray(worlds, pose, w, k, offset, error)
         found = vec4(x, y, z, mark)
     else:
-        found = measure(worlds, offset, pose, noise, expected, w, k)
+        x, y, z, mark = fixed_offset(worlds, link, k, offset, pose.axes, pose.measured, error)
+        found = vec4(x, y, z, mark)
     flags = ti.cast(found[3], ti.i32)
     if lost:
         flags = usbl.LOST

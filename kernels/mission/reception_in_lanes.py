@@ -5,10 +5,10 @@ Vectors stay in registers. An AUV's fix does not depend on the AUVs beside it, a
 
 import taichi as ti
 
-from usvauv.kernels.functions import func
+from usvauv.kernels.functions import LANE_BITS, LANES, func
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, Draw, Parameter, ReceptionColumn
 from usvauv.kernels.mission.reception import ArrayPose, Fix, array_pose, displacement, fixed_offset, write_fix
-from usvauv.kernels.mission.worlds import SIDE_BITS, SIDE_BY_SIDE, TOGETHER, number_drawn, place_drawn
+from usvauv.kernels.mission.worlds import WORLDS_PER_BLOCK, number_drawn, place_drawn
 from usvauv.kernels.positioning import acoustic_link, usbl
 from usvauv.kernels.trigonometry import circle
 from usvauv.kernels.types import select, vec2, vec3
@@ -26,7 +26,7 @@ def boat_of(worlds: ti.template(), w, k):
 @func
 def of_boats(worlds: ti.template(), w: ti.template(), b: ti.template(), c: ti.template()):
     """A vector of column c of boats b of worlds w."""
-    return ti.Vector([worlds.boat[w[lane], b[lane], c] for lane in ti.static(range(SIDE_BY_SIDE))])
+    return ti.Vector([worlds.boat[w[lane], b[lane], c] for lane in ti.static(range(LANES))])
 
 
 @func
@@ -35,9 +35,9 @@ def numbers_drawn(
 ):
     """The first `count` vectors of a draw's normal numbers."""
     first, each = place_drawn(worlds, draw)
-    place = [first + each * index[lane] for lane in ti.static(range(SIDE_BY_SIDE))]
+    place = [first + each * index[lane] for lane in ti.static(range(LANES))]
     return [
-        ti.Vector([number_drawn(worlds, w[lane], place[lane], part) for lane in ti.static(range(SIDE_BY_SIDE))])
+        ti.Vector([number_drawn(worlds, w[lane], place[lane], part) for lane in ti.static(range(LANES))])
         for part in ti.static(range(count))
     ]
 
@@ -46,15 +46,15 @@ def numbers_drawn(
 def fix_side_by_side(worlds: ti.template(), n):
     """Fix the AUVs of the worlds of iteration n by the replies that arrive in this step."""
     count = worlds.auv.shape[1]
-    many = count * ti.min(TOGETHER, worlds.clock.shape[0] - TOGETHER * n)
+    many = count * ti.min(WORLDS_PER_BLOCK, worlds.clock.shape[0] - WORLDS_PER_BLOCK * n)
     each = 1.0 / count
-    for part in range((many + SIDE_BY_SIDE - 1) // SIDE_BY_SIDE):
+    for part in range((many + LANES - 1) // LANES):
         last = many - 1  # fills the lanes up
-        place = [ti.min(SIDE_BY_SIDE * part + lane, last) for lane in ti.static(range(SIDE_BY_SIDE))]
-        after = [ti.cast((place[lane] + 0.5) * each, ti.i32) for lane in ti.static(range(SIDE_BY_SIDE))]
-        w = [TOGETHER * n + after[lane] for lane in ti.static(range(SIDE_BY_SIDE))]
-        k = [place[lane] - count * after[lane] for lane in ti.static(range(SIDE_BY_SIDE))]
-        fix_each(worlds, w, k, TOGETHER // SIDE_BY_SIDE * count * n + part, part % worlds.links.shape[0])
+        place = [ti.min(LANES * part + lane, last) for lane in ti.static(range(LANES))]
+        after = [ti.cast((place[lane] + 0.5) * each, ti.i32) for lane in ti.static(range(LANES))]
+        w = [WORLDS_PER_BLOCK * n + after[lane] for lane in ti.static(range(LANES))]
+        k = [place[lane] - count * after[lane] for lane in ti.static(range(LANES))]
+        fix_each(worlds, w, k, WORLDS_PER_BLOCK // LANES * count * n + part, part % worlds.links.shape[0])
 
 
 @func
@@ -62,7 +62,7 @@ def fix_each(worlds: ti.template(), w: ti.template(), k: ti.template(), group, r
     """Fix AUVs k of worlds w, which are a group of `worlds.reception` and have a row of `worlds.links`."""
     p = ti.static(worlds.p)
     link, reception = ti.static(worlds.links, worlds.reception)
-    b = [boat_of(worlds, w[lane], k[lane]) for lane in ti.static(range(SIDE_BY_SIDE))]
+    b = [boat_of(worlds, w[lane], k[lane]) for lane in ti.static(range(LANES))]
     slope_x = p[Parameter.tilt] * of_boats(worlds, w, b, BoatColumn.slope_x)
     slope_y = p[Parameter.tilt] * of_boats(worlds, w, b, BoatColumn.slope_y)
     angles = usbl.attitude((slope_x, slope_y))
@@ -99,24 +99,24 @@ def fix_each(worlds: ti.template(), w: ti.template(), k: ti.template(), group, r
 
 
 @func
-def note(worlds: ti.template(), w, k, c: ti.template(), number):
+def store_reply(worlds: ti.template(), w, k, c: ti.template(), number):
     """Write a number of a reply of AUV k, column c of `ReceptionColumn`."""
     n = w * worlds.auv.shape[1] + k
-    worlds.reception[n >> SIDE_BITS, c][n & (SIDE_BY_SIDE - 1)] = number
+    worlds.reception[n >> LANE_BITS, c][n & (LANES - 1)] = number
 
 
 @func
-def noted(worlds: ti.template(), w, k, c: ti.template()) -> ti.f32:
+def load_reply(worlds: ti.template(), w, k, c: ti.template()) -> ti.f32:
     """A number of a reply of AUV k, column c of `ReceptionColumn`."""
     n = w * worlds.auv.shape[1] + k
-    return worlds.reception[n >> SIDE_BITS, c][n & (SIDE_BY_SIDE - 1)]
+    return worlds.reception[n >> LANE_BITS, c][n & (LANES - 1)]
 
 
 @func
 def read_fix(worlds: ti.template(), w, k, boat, here: vec2) -> Fix:
     """The fix of AUV k by a boat, `here` (m), that `fix_side_by_side` has made, written as others are."""
     first = ti.static(ReceptionColumn.offset_x)
-    numbers = [noted(worlds, w, k, first + c) for c in ti.static(range(ReceptionColumn.flags + 1 - first))]
+    numbers = [load_reply(worlds, w, k, first + c) for c in ti.static(range(ReceptionColumn.flags + 1 - first))]
     there = vec2(worlds.auv[w, k, AuvColumn.heard_x], worlds.auv[w, k, AuvColumn.heard_y])
     place = here + displacement(worlds, w, boat) + vec2(numbers[0], numbers[1])
     own, common = vec3(numbers[3], numbers[4], numbers[5]), vec3(numbers[6], numbers[7], numbers[8])
@@ -131,6 +131,6 @@ def pose_as_read(worlds: ti.template(), w, b) -> ArrayPose:
         pose = array_pose(worlds, w, b)
     else:
         first = ti.static(ReceptionColumn.pitch_cosine)
-        angles = [noted(worlds, w, 0, first + c) for c in ti.static(range(4))]
+        angles = [load_reply(worlds, w, 0, first + c) for c in ti.static(range(4))]
         pose = ArrayPose(boat=b, axes=usbl.array_axes(angles))
     return pose

@@ -15,21 +15,22 @@ from usvauv.kernels.flow import airy, vortex_motion
 from usvauv.kernels.flow.current import Water
 from usvauv.kernels.flow.vortex import Pattern, Vortex
 from usvauv.kernels.functions import func, kernel
-from usvauv.kernels.mission import (
-    boat_motion,
-    fixes,
-    foresight,
-    motion,
-    observation,
-    reception,
-    reception_in_lanes,
-    vehicles,
-)
-from usvauv.kernels.mission.belief_planner import OTHER_GOALS
-from usvauv.kernels.mission.columns import AuvColumn, Draw, EstimateColumn, Parameter, Phase, Schedule, Sensor
+from usvauv.kernels.mission import fixes, motion, observation, reception, reception_in_lanes, vehicles
+from usvauv.kernels.mission.boats import boat_motion, foresight
+from usvauv.kernels.mission.boats.belief_planner import OTHER_GOALS
+from usvauv.kernels.mission.columns import AuvColumn, Draw, EstimateColumn, Parameter, Phase, Schedule
 from usvauv.kernels.mission.tasks import rewards
-from usvauv.kernels.mission.worlds import ARRAYS, TOGETHER, Program, Rows, Worlds, address, draw_ahead, find_faults, key
-from usvauv.kernels.positioning.pulse import Pulses
+from usvauv.kernels.mission.worlds import (
+    ARRAYS,
+    WORLDS_PER_BLOCK,
+    Program,
+    Rows,
+    Worlds,
+    address,
+    draw_ahead,
+    find_faults,
+    key,
+)
 from usvauv.kernels.types import array1, array2, array3, array4, index1, index2, vec2
 
 START_ATTEMPTS = 256
@@ -131,18 +132,18 @@ def observe_round(worlds: ti.template(), w, k):
 
 
 @func
-def look_round(worlds: ti.template(), w, k):
+def observe_auv(worlds: ti.template(), w, k):
     """What AUV k meets and observes at the beginning of an episode and at the end of a step."""
-    observation.feel_storm(worlds, w, k)
+    observation.add_storm_current(worlds, w, k)
     observation.sense_current(worlds, w, k)
     observe_round(worlds, w, k)
 
 
 @func
-def feel_storm(worlds: ti.template(), w):
+def add_storm_currents(worlds: ti.template(), w):
     """The storm at the AUVs of world w."""
     for k in range(worlds.auv.shape[1]):
-        observation.feel_storm(worlds, w, k)
+        observation.add_storm_current(worlds, w, k)
 
 
 @func
@@ -163,8 +164,8 @@ def observe(worlds: ti.template(), w):
 
 @func
 def look(worlds: ti.template(), w):
-    """`look_round` of all AUVs of world w."""
-    feel_storm(worlds, w)
+    """`observe_auv` of all AUVs of world w."""
+    add_storm_currents(worlds, w)
     sense(worlds, w)
     observe(worlds, w)
 
@@ -201,7 +202,7 @@ def begin_episode(worlds: ti.template(), w):
                 fixes.begin_estimate(worlds, pose, w, k)
                 if ti.static(worlds.program.tracker):
                     motion.begin_filter(worlds, w, k)
-                if ti.static(worlds.program.sensor != Sensor.none):
+                if ti.static(worlds.program.reckoning):
                     motion.begin_reckoning(worlds, w, k)
                 if ti.static(worlds.program.schedule == Schedule.every_step):
                     fixes.take_fix(worlds, pose, w, k)
@@ -230,7 +231,7 @@ def move_vortices(worlds: ti.template(), n):
         scale, period = p[Parameter.eddy_scale], p[Parameter.period]
         step = ti.static(vortex_motion.Moving(p[Parameter.step], p[Parameter.viscosity], scale, period, middle))
         repeats = ti.static(worlds.program.repeats)
-        count = ti.static(together(worlds.program))
+        count = ti.static(worlds_per_block(worlds.program))
         first, last = count * n, ti.min(count * (n + 1), worlds.clock.shape[0])
         if ti.static(worlds.program.in_lanes):
             each = 4 * worlds.vortex.shape[1]
@@ -266,7 +267,7 @@ def move_auvs(worlds: ti.template(), w):
         worlds.program.task.move(worlds, w, k, worlds.action[w, k, 0], worlds.action[w, k, 1])
         if ti.static(worlds.program.tracker):
             fixes.predict(worlds, w, k)
-        if ti.static(worlds.program.sensor != Sensor.none):
+        if ti.static(worlds.program.reckoning):
             motion.reckon(worlds, w, k)
 
 
@@ -338,8 +339,8 @@ def locate(worlds: ti.template(), w):
 def check(worlds: ti.template(), n):
     """Look at all numbers of the worlds of iteration n."""
     if ti.static(worlds.program.checks):
-        first = ti.static(together(worlds.program)) * n
-        find_faults(worlds, first, ti.min(ti.static(together(worlds.program)), worlds.clock.shape[0] - first))
+        first = ti.static(worlds_per_block(worlds.program)) * n
+        find_faults(worlds, first, ti.min(ti.static(worlds_per_block(worlds.program)), worlds.clock.shape[0] - first))
 
 
 @func
@@ -367,14 +368,14 @@ BEGIN, END = (begin_step, move_auvs, prepare), (plan, move_boats, ride, locate, 
 STAGES = {
     Phase.reset: (begin_chosen, check),
     Phase.step: (
-        *(move_vortices, draw, *BEGIN, plan, move_boats, ride, feel_storm, exchange, fix_side_by_side),
+        *(move_vortices, draw, *BEGIN, plan, move_boats, ride, add_storm_currents, exchange, fix_side_by_side),
         *(locate, end_step, sense, observe, check),
     ),
     Phase.begin: BEGIN,
     Phase.weigh: (weigh,),
     Phase.end: END,
     Phase.begin_and_end: (*BEGIN, *END),
-    Phase.look_round: (look_round,),
+    Phase.observe_auv: (observe_auv,),
 }
 
 
@@ -382,18 +383,18 @@ def launches(program: Program) -> tuple[int, ...]:
     """Phases that make a mission step."""
     phases: tuple[int, ...] = (Phase.step,)
     if program.weighs_apart:
-        phases = Phase.begin, Phase.weigh, Phase.end, Phase.look_round
+        phases = Phase.begin, Phase.weigh, Phase.end, Phase.observe_auv
     elif program.in_threads:
-        phases = Phase.begin_and_end, Phase.look_round
+        phases = Phase.begin_and_end, Phase.observe_auv
     return phases
 
 
 BLOCK = 32  # threads of a block on a GPU: few, so that some thousand worlds keep all its multiprocessors busy
 
 
-def together(program: Program) -> int:
+def worlds_per_block(program: Program) -> int:
     """Worlds of an iteration: several on a CPU, where there are many."""
-    return TOGETHER if program.in_lanes else 1
+    return WORLDS_PER_BLOCK if program.in_lanes else 1
 
 
 def block(program: Program) -> int | None:
@@ -404,8 +405,8 @@ def block(program: Program) -> int | None:
 @func
 def run_stage(worlds: ti.template(), stage: ti.template(), n, threads):
     """A stage of all worlds, or of a member of one, of iteration n."""
-    count = ti.static(together(worlds.program))
-    if ti.static(stage in (look_round, weigh)):
+    count = ti.static(worlds_per_block(worlds.program))
+    if ti.static(stage in (observe_auv, weigh)):
         stage(worlds, n // threads, n % threads)
     elif ti.static(stage in (move_vortices, fix_side_by_side, check)):
         stage(worlds, n)
@@ -443,9 +444,9 @@ PASSED = [
 ]
 SOURCE = f"""
 def run({", ".join(f"{name}: PARAMETERS[{name!r}]" for name in PARAMETERS)}):
-    count = ti.static(together(program))
+    count = ti.static(worlds_per_block(program))
     threads = 1  # of a world: one, or one for each AUV or each goal of each boat
-    if ti.static(phase == Phase.look_round):
+    if ti.static(phase == Phase.observe_auv):
         threads = auv.shape[1]
     elif ti.static(phase == Phase.weigh):
         threads = boat.shape[1] * (auv.shape[1] + OTHER_GOALS)
@@ -456,8 +457,7 @@ def run({", ".join(f"{name}: PARAMETERS[{name!r}]" for name in PARAMETERS)}):
         water = ti.static(Water(Rows.of(vortex), Rows.of(stream), p[Parameter.width], p[Parameter.length], Rows.of(bed),
                                 Rows.of(eta), Rows.of(U), Rows.of(V), unit_x, unit_y, nx, ny, sea_index, Rows.of(wave),
                                 since, felt, pattern))
-        pulses = ti.static(Pulses(pulse_envelope, pulse_output, pulse_rate, program.tone))
-        worlds = ti.static(Worlds(program, water, pulses, {", ".join(PASSED)}))
+        worlds = ti.static(Worlds(program, water, {", ".join(PASSED)}))
         for stage in ti.static(STAGES[phase]):
             run_stage(worlds, stage, n, threads)
 """
@@ -474,7 +474,7 @@ def kernel_of(source: str, **names: Any) -> Callable[..., Any]:
 
 # Begins the next episode of each world w with `chosen[w]` ≠ 0, or advances all worlds by one mission step.
 # On a CPU vectors stay in registers, for which plugins' functions may not compile, and many worlds take the step side
-# by side, `TOGETHER` of them stage after stage, while their numbers are in the processor's cache.
+# by side, `WORLDS_PER_BLOCK` of them stage after stage, while their numbers are in the processor's cache.
 # On a GPU the last part of a step has a thread for each AUV, and a boat's plan by rollouts one for each goal.
 run = kernel_of(
     SOURCE,
@@ -484,12 +484,11 @@ run = kernel_of(
     Phase=Phase,
     Pattern=Pattern,
     Water=Water,
-    Pulses=Pulses,
     Worlds=Worlds,
     Rows=Rows,
     ARRAYS=ARRAYS,
     STAGES=STAGES,
-    together=together,
+    worlds_per_block=worlds_per_block,
     block=block,
     OTHER_GOALS=OTHER_GOALS,
     run_stage=run_stage,

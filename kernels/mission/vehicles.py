@@ -20,12 +20,13 @@ from usvauv.kernels.flow.current import grid_sample
 from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.mission import motion
 from usvauv.kernels.mission.columns import Action, AuvColumn, BodyColumn, Draw, KeyColumn, Parameter, Phase
+from usvauv.kernels.trigonometry import TWO_PI
 from usvauv.kernels.types import array1, array2, array3, index2, mask1, mat3, vec2, vec3, vec4
 from usvauv.kernels.vehicles.kinematics import axes
 from usvauv.kernels.vehicles.vehicle import LANES, Body, Command, Memory, Surroundings, Vehicle, blocks, load, store
 
 LEAST_ALTITUDE = 5.0  # m above the bed, of a vehicle that cruises by depth
-HALF_PI, TWO_PI = 1.5707963267948966, 6.283185307179586
+HALF_PI = 0.25 * TWO_PI
 
 
 class Motion(NamedTuple):
@@ -219,7 +220,7 @@ def over_ground(body: Body):
 
 
 @func
-def sail(motion_of: ti.template(), table: ti.template(), step: ti.f32, substeps: ti.i32, block: ti.template(), g):
+def integrate(motion_of: ti.template(), table: ti.template(), step: ti.f32, substeps: ti.i32, block: ti.template(), g):
     """Move the vehicles of a block through a mission step (s) in some substeps."""
     body = load(block, g, Body, BODY)
     memory = load(block, g, Memory, MEMORY)
@@ -305,7 +306,7 @@ def move(
     ti.loop_config(serialize=serial, block_dim=1)
     for g in range(block.shape[0]):
         if ti.static(phase == Phase.step):
-            sail(motion_of, table, p[Parameter.step], substeps, block, g)
+            integrate(motion_of, table, p[Parameter.step], substeps, block, g)
         else:
             asked = load(block, g, Command, ti.static(range(COMMAND, COMMAND + 4)))
             store(block, g, motion_of.trim(table, asked.speed, asked.depth, asked.heading), BODY)

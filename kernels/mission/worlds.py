@@ -22,6 +22,7 @@ from usvauv.kernels.mission.columns import (
     BeliefColumn,
     BoatColumn,
     BodyColumn,
+    Division,
     Draw,
     EstimateColumn,
     ExchangeColumn,
@@ -32,6 +33,7 @@ from usvauv.kernels.mission.columns import (
     Range,
     ReceptionColumn,
     Schedule,
+    Sensor,
     StateColumns,
     TallyColumn,
 )
@@ -48,7 +50,7 @@ class Strategy(NamedTuple):
     Attributes:
         start: (worlds, w, b) → vec2, initial position of boat b, m; estimated positions are then the true ones.
         goal: (worlds, w, b) → vec2, its next goal, m.
-        foresees: the AUVs are predicted before each goal, see `usvauv.kernels.mission.foresight`.
+        foresees: the AUVs are predicted before each goal, see `usvauv.kernels.mission.boats.foresight`.
         weigh: (worlds, w, b, n), writes the loss of goal n of K + 2 if `goal` will compare them; None: `goal` does all.
     """
 
@@ -69,26 +71,19 @@ class Program(NamedTuple):
         rate_law: of the data link, of `usvauv.kernels.positioning.acoustic_link`.
         observation: a function (worlds, w, k, first) for each term of an observation, which it writes from `first` on.
         objective_code: the boat's objective, from `usvauv.kernels.planning.objectives.objective_code`.
-        waveform: fixes by sampled signals, not by the statistical model.
-        tone: the signal is a tone, not a coded pulse.
-        multipath: the array also receives reflections from surface and bottom.
         refraction: sound is refracted in layers, and fixes include this.
-        tracker: the boat tracks its AUVs by their commanded velocities.
         schedule: of `Schedule`.
-        sensor: of `Sensor`, for dead reckoning of AUVs.
+        sensor: of `Sensor`.
         turns: phases of a fix can lack whole turns, see `usvauv.kernels.positioning.usbl`.
-        candidates: then several directions can be possible.
         fleet: there is more than one boat.
         vehicle: AUVs are vehicles with dynamics, see `usvauv.kernels.mission.vehicles`.
         otter: boats move as in `usvauv.kernels.vehicles.otter`; else they are points.
         repeats: the pattern of vortices has a period.
         passing: nodes are served in passing, not hovering.
         abreast: AUVs side by side in a boat's rollouts, at least all.
-        serial: the calling thread steps all worlds: for few on a CPU waking another thread takes longer.
+        division: of `Division`.
         vortices_move: here, not in a launch of their own.
         checks: on a CPU the kernel looks for faults, with vectors in registers.
-        in_lanes: many worlds on a CPU take a step side by side, see `usvauv.kernels.mission.run`.
-        in_threads: on a GPU the parts of a step are separate launches, some with a thread for each AUV or each goal.
     """
 
     task: Task
@@ -98,37 +93,50 @@ class Program(NamedTuple):
     observation: tuple[Callable[..., Any], ...]
     information: int
     objective_code: int
-    waveform: bool
-    tone: bool
-    multipath: bool
     refraction: bool
-    tracker: bool
     schedule: int
     sensor: int
     turns: bool
-    candidates: bool
     fleet: bool
     vehicle: bool
     otter: bool
     repeats: bool
     passing: bool
     abreast: int
-    serial: bool = False
+    division: int = Division.worlds
     vortices_move: bool = False
     checks: bool = False
-    in_lanes: bool = False
-    in_threads: bool = False
 
     @property
-    def plain_sound(self) -> bool:
-        """Whether a fix needs no more than `usvauv.kernels.mission.reception.fixed_offset`."""
-        return not (self.waveform or self.multipath or self.refraction or self.candidates)
+    def serial(self) -> bool:
+        """Whether the calling thread takes all worlds."""
+        return self.division in (Division.calling_thread, Division.one_block)
+
+    @property
+    def in_lanes(self) -> bool:
+        """Whether worlds take a step side by side."""
+        return self.division in (Division.lanes, Division.one_block)
+
+    @property
+    def in_threads(self) -> bool:
+        """Whether the parts of a step are launches of their own."""
+        return self.division == Division.threads
+
+    @property
+    def tracker(self) -> bool:
+        """Whether the boat tracks its AUVs by their commanded velocities."""
+        return self.sensor == Sensor.command
+
+    @property
+    def reckoning(self) -> bool:
+        """Whether AUVs reckon their positions by a sensor of velocity."""
+        return self.sensor in (Sensor.ground, Sensor.water)
 
     @property
     def fixes_in_lanes(self) -> bool:
         """Whether all replies of a step are fixed side by side, `usvauv.kernels.mission.reception_in_lanes`."""
         ahead = self.schedule in (Schedule.all, Schedule.round_robin)  # who is asked does not depend on fixes
-        return self.in_lanes and ahead and self.plain_sound and not (self.vehicle or self.otter)
+        return self.in_lanes and ahead and not (self.refraction or self.vehicle or self.otter)
 
     @property
     def weighs_apart(self) -> bool:
@@ -140,7 +148,7 @@ class Array(NamedTuple):
     """An array of all worlds.
 
     Attributes:
-        axes: a letter each: W worlds, G groups of `SIDE_BY_SIDE` AUVs of all worlds, K AUVs, B boats, M nodes, V
+        axes: a letter each: W worlds, G groups of `LANES` AUVs of all worlds, K AUVs, B boats, M nodes, V
             vortices, I 1, or K where AUVs have beliefs of their own, O numbers of an observation, R reward terms; "."
             has another length.
         meaning: in words.
@@ -174,10 +182,10 @@ class Array(NamedTuple):
         return self.columns.names if self.columns else tuple(f"column {n}" for n in range(len(self.column_ranges)))
 
 
-SIDE_BITS = 4
-SIDE_BY_SIDE = 1 << SIDE_BITS  # AUVs that are fixed together
-side_by_side = ti.types.vector(SIDE_BY_SIDE, ti.f32)
-TOGETHER = 32  # worlds that a thread takes through a stage, whose code stays in its cache, before it begins the next
+side_by_side = ti.types.vector(LANES, ti.f32)
+WORLDS_PER_BLOCK = (
+    32  # worlds that a thread takes through a stage, whose code stays in its cache, before it begins the next
+)
 PURPOSE = 1 << 16  # of a draw, as part of its address
 ANYWHERE = Range(-1e12, 1e12)
 TRACK = tracker.COLUMNS * (Range(-1e25, 1e25),)
@@ -192,11 +200,7 @@ TABLES = {
     "p": Array("", "numbers of the scenario", Parameter),
     "link": Array("K.", "acoustic constants of each AUV, `usvauv.kernels.positioning.acoustic_link.link_table`"),
     "links": Array("G.", "columns of `link` of AUVs side by side, as often as these differ", dtype=side_by_side),
-    "pulse_envelope": Array("..", "pulses, where they are used, `usvauv.kernels.positioning.pulse.Pulses`"),
-    "pulse_output": Array("...", "likewise"),
-    "pulse_rate": Array(".", "likewise"),
     "layers": Array("..", "sound speed profile, `usvauv.kernels.positioning.rays`"),
-    "mirrored_layers": Array("..", "the same with its mirror image below the bottom, for reflections"),
     "arrivals": Array("..", "Poisson arrivals, `usvauv.kernels.mission.tasks.data_collection.arrival_table`"),
     "fixed_vortex": Array("V", "vortices that are not drawn at random", Vortex),
     "strategy_arguments": Array(".", "numbers that the boat strategy was given, at least one"),
@@ -257,9 +261,8 @@ ARRAYS = {
     "which": Array(".", "of the bounds of all these numbers, `usvauv.kernels.functions.Limits`", dtype=ti.i32),
     "bounds": Array("..", "likewise", dtype=lanes),
     "outside": Array(".", "set to 1 if one is not finite or out of its range", dtype=ti.i32),
-    "ways": Array("W.", "where AUVs are foreseen, for `TOGETHER` worlds", dtype=random.lanes),
+    "ways": Array("W.", "where AUVs are foreseen, for `WORLDS_PER_BLOCK` worlds", dtype=random.lanes),
     "reception": Array("G", "replies of a step that are fixed side by side", ReceptionColumn, side_by_side),
-    "pulse_noise": Array("W..", "noise of one pulse, where it is sampled"),
 }
 
 
@@ -314,13 +317,12 @@ class Rows(tuple[Any, ...]):
         return impl.subscript(None, argument, *indices)
 
 
-class Worlds(namedtuple("Worlds", ("program", "water", "pulses", *ARRAYS))):
+class Worlds(namedtuple("Worlds", ("program", "water", *ARRAYS))):
     """All worlds, as the functions of a mission take them: the arrays of `ARRAYS` by name, and besides
 
     Attributes:
         program: what is compiled, `Program`.
         water: `usvauv.kernels.flow.current.Water`.
-        pulses: `usvauv.kernels.positioning.pulse.Pulses` of the AUVs, where they are used.
     """
 
     __slots__ = ()

@@ -42,6 +42,7 @@ from usvauv.kernels.planning.information import (
 from usvauv.kernels.planning.jet import VALUE, XX, XY, YY, X, Y
 from usvauv.kernels.planning.objectives import PAPER, A, D, log_objective, objective_of
 from usvauv.kernels.positioning.acoustic_link import ALIGNMENT, ATTITUDE, HEADING, POSITION, SOUND_SPEED
+from usvauv.kernels.trigonometry import TWO_PI
 from usvauv.kernels.types import array2, array3, vec2, vec3, vec4, vec6
 
 MAX_EVALUATIONS = 60
@@ -52,7 +53,6 @@ LEAST_DAMPING = 1e-6
 UNBOUNDED = 1e9  # m, length of a step
 STEP = 0.5  # of the least slant range, longest step: longer ones skip from one maximum to another
 RING_STARTS = 8
-TWO_PI = 6.283185307179586
 ANYWHERE = 1e9  # m, unlimited reach
 LATTICE = 10  # places tried along each side of the AUVs' box
 BETWEEN = 5  # places tried between two AUVs

@@ -90,32 +90,29 @@ SPREADING = 3  # loss a decade of range, dB
 ABSORPTION = 4  # dB/km
 NOISE_EXPONENT = 5  # σ² = VARIANCE · 10^(−exponent · ratio/10): 1, or 2 for the demonstration's law
 VARIANCE = 6  # of a phase difference at a ratio of 0 dB, rad²
-SAMPLES = 7  # of a tone, N
-RANGE_PER_PHASE = 8  # c/(2πf_rms), halved for an echo, m/rad
-PERIODS = 9  # length of the tone in periods of its carrier
-THRESHOLD = 10  # least R²
-LEVEL = 11  # the planner's information of one AUV at q = S², 1/m²: ln T = LEVEL − POWER ln(q/S_0²) − DECAY (√q − S_0)
-POWER = 12
-DECAY = 13
-REFERENCE = 14  # S_0, m; near the ranges that occur, or single precision loses digits
-ATTITUDE = 15  # variances of the errors other than noise, see `Accuracy`: of measured pitch and roll, rad²
-ALIGNMENT = 16  # rad²
-HEADING = 17  # rad²
-SOUND_SPEED = 18  # relative
-POSITION = 19  # m² per axis
-WAVELENGTH = 20  # c/f, m
-OWN_NOISE = 21  # noise power of the boat at top speed over that of the sea
-BUBBLES = 22  # loss in the bubbles above the array of a path straight up, dB
-UNLOCATED = 23  # ln det of the information on an AUV's position without a fix, 1/m⁴
-CERTAIN = 24  # least q T from which on a signal is certainly detected; 0: a planner takes all fixes as good
-HORIZON = 25  # length of the phase differences up to which a fix is good, rad
-COLUMNS = 26
+RANGE_PER_PHASE = 7  # c/(2πf_rms), halved for an echo, m/rad
+THRESHOLD = 8  # least R²
+LEVEL = 9  # the planner's information of one AUV at q = S², 1/m²: ln T = LEVEL − POWER ln(q/S_0²) − DECAY (√q − S_0)
+POWER = 10
+DECAY = 11
+REFERENCE = 12  # S_0, m; near the ranges that occur, or single precision loses digits
+ATTITUDE = 13  # variances of the errors other than noise, see `Accuracy`: of measured pitch and roll, rad²
+ALIGNMENT = 14  # rad²
+HEADING = 15  # rad²
+SOUND_SPEED = 16  # relative
+POSITION = 17  # m² per axis
+OWN_NOISE = 18  # noise power of the boat at top speed over that of the sea
+BUBBLES = 19  # loss in the bubbles above the array of a path straight up, dB
+UNLOCATED = 20  # ln det of the information on an AUV's position without a fix, 1/m⁴
+CERTAIN = 21  # least q T from which on a signal is certainly detected; 0: a planner takes all fixes as good
+HORIZON = 22  # length of the phase differences up to which a fix is good, rad
+COLUMNS = 23
 
 MOST_BUBBLES = 7.5  # dB one way: the handbook's bound of 15 dB there and back
 CERTAINTY = 6.0  # standard deviations beyond a limit from which on a planner takes a fix as good
 LARGEST_DEVIATION = 1e3  # rad; nothing is detected long before, and squares of lengths stay within single precision
 PERIOD_ENERGY = 25.0  # least energy of one carrier period on one hydrophone over the noise variance, 14 dB
-CODE_ENERGY = 8.0  # γ_min of a code, 9 dB; a wrong peak is then the highest once in 10⁴: `benchmarks.pulse`
+CODE_ENERGY = 8.0  # γ_min of a code, 9 dB; a wrong peak is then the highest once in 10⁴
 
 INV_LN2 = 1.4426950408889634
 HALF, PUNCTURED, UNCODED = 4.5, 5.5, 9.6  # E_b/N0 of the code at one wrong bit in 10⁵, dB
@@ -244,16 +241,13 @@ def link_table(carriers: Sequence[float], sonar: Sonar) -> np.ndarray:
         alpha = s.absorption(f)
         row[KAPPA] = 2.0 * math.pi * f * s.spacing / s.sound_speed
         row[RATIO_AT_1M] = s.ratio_at_1m(f)
-        row[WAVELENGTH] = s.sound_speed / f
         row[PATHS] = paths
         row[SPREADING] = s.spreading
         row[ABSORPTION] = alpha
         row[NOISE_EXPONENT] = exponent
-        row[SAMPLES] = s.length(f) * s.sampling_rate
-        row[VARIANCE] = 1.0 if s.noise_law == "density" else 4.0 / row[SAMPLES]
+        row[VARIANCE] = 1.0 if s.noise_law == "density" else 4.0 / (s.length(f) * s.sampling_rate)
         frequency = s.bandwidth / math.sqrt(12.0) if s.signal == "code" else f
         row[RANGE_PER_PHASE] = s.sound_speed / (2.0 * math.pi * frequency) / paths
-        row[PERIODS] = s.periods
         code_energy = max(CODE_ENERGY, 10.0 ** (0.1 * s.data_ratio))
         row[THRESHOLD] = 8.0 + (8.0 * code_energy if s.signal == "code" else 4.0 * PERIOD_ENERGY * s.periods)
         # T = κ²/(σ² q) with σ² = VARIANCE · 10^(−exponent · ratio/10).

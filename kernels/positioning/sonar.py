@@ -346,12 +346,6 @@ def wind_of_developed_sea(significant_height: float) -> float:
     return wind / (1.0 + math.sqrt(drag(wind)) / KARMAN * math.log(19.5 / 10.0))
 
 
-def height_of_developed_sea(wind: float) -> float:
-    """Significant height Hs (m) of the sea that `wind_of_developed_sea` gives a wind (m/s) at 10 m, to some 0.1 %."""
-    aloft = wind * (1.0 + math.sqrt(drag(wind)) / KARMAN * math.log(19.5 / 10.0))
-    return 2.0 * math.sqrt(PHILLIPS / DECAY) * aloft**2 / GRAVITY
-
-
 def wind_of_growing_sea(significant_height: float, peak_period: float) -> float:
     """Wind that makes a sea of height Hs and peak period Tp grow, by Toba's 3/2-power law and the drag of Wu.
 

@@ -229,19 +229,10 @@ def drift(track: ti.template(), w, k, carried: vec2, time, variance, correlation
 
 
 @func
-def earlier(track: ti.template(), w, k, lag, carried: vec2):
-    """Position (m) and its covariance (xx, xy, yy) at a late fix's time; `lag` and `carried` as in `TrackFix`."""
-    B = cross_block(track, w, k)
-    A = position_block(track, w, k) - lag * (B + B.transpose()) + lag * lag * current_block(track, w, k)
-    current = vec2(track[w, k, CURRENT_X], track[w, k, CURRENT_Y])
-    return vec2(track[w, k, X], track[w, k, Y]) - carried - lag * current, vec3(A[0, 0], A[0, 1], A[1, 1])
-
-
-@func
 def reject(track: ti.template(), w, k, fix: TrackFix, variance, speed):
     """Note a fix beyond the gate; begin the track anew where it confirms those rejected before it."""
     last = vec2(track[w, k, REJECTED_X], track[w, k, REJECTED_Y])
-    near = Expectation(place=last, covariance=fix.covariance, reach=speed * track[w, k, REJECTED_AGE], separation=0.0)
+    near = Expectation(place=last, covariance=fix.covariance, reach=speed * track[w, k, REJECTED_AGE])
     in_a_row = 1.0
     if track[w, k, REJECTIONS] > 0.0 and squared_innovation(near, fix.place, fix.covariance) <= GATE:
         in_a_row += track[w, k, REJECTIONS]

@@ -13,8 +13,7 @@ Validity. With a² = 2/σ² the four hydrophones together measure the amplitude 
 noncentral χ of 8 degrees of freedom, to 3e-3 where signals are detected), and their phases scatter with σ² 2a/R. A fix
 is DETECTED where R is above the link's threshold. It has WRAPPED where a phase difference has left (−π, π], as it can
 with d near half a wavelength or above, and has NO_DEPTH where x̂'² + ŷ'² > Ŝ², as it can near the horizon. It is good
-where its flags are DETECTED and nothing else. `usvauv.kernels.positioning.pulse` measures sampled pulses instead;
-`docs/positioning.md` compares both.
+where its flags are DETECTED and nothing else.
 
 Residual. Of phases p on four hydrophones with the variance σ²/2 each, (p_3 + p_4)/2 − (p_1 + p_2)/2 is independent of
 both differences and of the mean, and has the variance σ²/2. The receiver adds half a measured difference to p_1 and
@@ -28,22 +27,14 @@ Gate. An innovation ν with the covariance P + R has νᵀ(P + R)⁻¹ν distrib
 GATE with the probability e^(−GATE/2) = 10⁻³. Without a tracker the AUV can have moved by `reach` from its last estimate
 in any direction; only the part of ν beyond that counts.
 
-Turns. A phase difference is measured modulo 2π. With κ > π the directions φ + 2π(m, n), |φ + 2π(m, n)| ≤ κ, are all
-possible, m + n even or odd as the mean phases of the two pairs say (`usbl.odd_turns`). Of these candidates that with
-the least
-
-    min(νᵀ(P + R)⁻¹ν, 2 GATE) + (ρ − √(S² − z²))²/σ_ρ²,   σ_ρ² = S² (σ²/κ² + ε² + DEPTH_TOLERANCE²),
-
-is taken: −2 ln of its likelihood, bounded in the first term, so that an AUV that is not where it is expected is found
-by the second, by its horizontal distance ρ, which follows from its slant range S and its depth z below the array. The
-receiver is given z. If the next candidate is not worse by at least GATE, a likelihood ratio of 10³, the fix is
-ambiguous and is not used.
+Turns. A phase difference is measured modulo 2π and taken as it is, in [−π, π]. Noise can wrap it, and with κ > π, an
+array wider than half a wavelength, so do directions far from the vertical. Where an odd number of turns is missing the
+residual tells, and the fix is not used. Where one is missing on each axis nothing tells but the gate: for AUVs to all
+sides d has to be at most half a wavelength.
 
 Sources: Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking and Navigation" (2001), doi
 10.1002/0471221279, §5.4 (normalised innovation squared); Bar-Shalom and Fortmann, "Tracking and Data Association"
-(1988), §4 (validation gate); Teunissen, "The least-squares ambiguity decorrelation adjustment" (1995), doi
-10.1007/BF00863419 (integer least squares); Verhagen and Teunissen, "The ratio test for future GNSS ambiguity
-resolution" (2013), doi 10.1007/s10291-012-0299-z (best candidate against the second).
+(1988), §4 (validation gate).
 """
 # pyright: reportOptionalCall=false
 # (what Taichi's operations return is an expression only while a kernel is compiled)
@@ -72,10 +63,7 @@ from usvauv.kernels.positioning.sonar import magnitude
 from usvauv.kernels.trigonometry import circle
 from usvauv.kernels.types import array2, index1, mat2, mat3, select, vec2, vec3, vec4, vec5
 
-TWO_PI = 2.0 * math.pi
 GATE = -2.0 * math.log(1e-3)
-DEPTH_TOLERANCE = 0.01  # of the slant range: bent rays, and the error of the AUV's depth
-NO_CANDIDATE = 1e30
 
 # Bits of a fix's flags.
 DETECTED = 1  # the tone is above the detection threshold; known to the receiver
@@ -83,22 +71,11 @@ WRAPPED = 2  # a phase difference is wrong by whole turns; known to the simulati
 NO_DEPTH = 4  # the direction measured has no real depth; known to the receiver
 NO_RAY = 8  # no direct ray of sound leads from the AUV to the array: nothing is received
 LOST = 16  # interrogation or reply was lost
-AMBIGUOUS = 32  # turns are missing, or may be, and what the receiver expects does not tell which; known to the receiver
+AMBIGUOUS = 32  # an odd number of turns is missing, or the direction is none; known to the receiver
 REJECTED = 64  # too far from where the AUV is expected; known to the receiver
 SILENT = 128  # no reply was due
 FLAGS = 255  # all of them
 UNUSABLE = NO_DEPTH | NO_RAY | LOST | AMBIGUOUS | REJECTED  # the receiver does not use such a fix
-
-
-@ti.dataclass
-class Measurement:
-    """The receiver's measurements of a tone."""
-
-    phase: vec2  # phase differences, unwrapped, rad
-    residual: ti.f32  # mean phase by the y pair minus that by the x pair, modulo one turn, rad
-    slant_range: ti.f32  # m
-    amplitude: ti.f32  # of the tone over the noise, all hydrophones together
-    sigma: ti.f32  # standard deviation of a phase difference, rad
 
 
 class Axes(tuple[Any, ...]):
@@ -201,9 +178,10 @@ def usable(flags: ti.i32):
 
 @func
 def measure(link: ti.template(), k, body, path, sigma, noise, residual_noise):
-    """Phase differences, unwrapped, residual, slant range and amplitude of a tone of AUV k, see `Measurement`.
+    """Phase differences, unwrapped, residual, slant range and amplitude over the noise of a signal of AUV k.
 
-    By the statistical model, for numbers and for vectors of several AUVs.
+    The residual is the mean phase by the y pair minus that by the x pair, rad, modulo one turn; the amplitude is that
+    of all hydrophones together. For numbers and for vectors of several AUVs.
 
     Args:
         link: link table, (K, COLUMNS).
@@ -391,13 +369,11 @@ class Expectation:
         place: horizontal offset from the array, m.
         covariance: of that, (xx, xy, yy), m².
         reach: how far from there it can have gone, m.
-        separation: vertical distance to the array, m.
     """
 
     place: vec2
     covariance: vec3
     reach: ti.f32
-    separation: ti.f32
 
 
 @func
@@ -409,32 +385,6 @@ def squared_innovation(expected: Expectation, fix: vec2, covariance: vec3) -> ti
     return innovation.dot(mat2([[C[0], C[1]], [C[1], C[2]]]).inverse() @ innovation)
 
 
-@func
-def candidate_cost(
-    link: ti.template(), k: ti.i32, expected: Expectation, offset: vec3, covariance: vec3, sigma: ti.f32
-):
-    """−2 ln of the bounded likelihood of a candidate for the fix of AUV k.
-
-    Args:
-        link: `acoustic_link.link_table`.
-        offset: from array to AUV by this candidate, m. covariance: of its horizontal part, m².
-        sigma: standard deviation of a phase difference, rad.
-    """
-    squared = squared_innovation(expected, vec2(offset[0], offset[1]), covariance)
-    S2 = offset.norm_sqr()
-    distance = ti.sqrt(ti.max(S2 - expected.separation * expected.separation, 0.0))
-    error = vec2(offset[0], offset[1]).norm() - distance
-    phase = sigma / link[k, KAPPA]
-    variance = S2 * (phase * phase + link[k, ATTITUDE] + DEPTH_TOLERANCE * DEPTH_TOLERANCE)
-    return ti.min(squared, 2.0 * GATE) + error * error / variance
-
-
-@func
-def most_turns(link: ti.template(), k: ti.i32, length: ti.f32) -> ti.i32:
-    """Largest number of turns that can be missing of a phase difference of AUV k; `length` as of `located`."""
-    return ti.cast(ti.floor(0.5 * length * link[k, KAPPA] / math.pi + 0.5), ti.i32)
-
-
 def turns_possible(link: np.ndarray) -> bool:
     """Whether noise, or an array wider than half a wavelength, can wrap a detected fix into another real direction.
 
@@ -442,11 +392,6 @@ def turns_possible(link: np.ndarray) -> bool:
     """
     sigma = np.sqrt(8.0 / link[:, THRESHOLD])
     return bool((link[:, KAPPA] > math.pi - 3.0 * sigma).any())
-
-
-def candidates_possible(link: np.ndarray) -> bool:
-    """Whether phase differences modulo one turn can be those of more than one direction."""
-    return bool((link[:, KAPPA] >= math.pi).any())
 
 
 @kernel

@@ -25,7 +25,8 @@ import numpy as np
 import taichi as ti
 import torch
 
-LANES = 16
+from usvauv.kernels.functions import LANES
+
 vector = ti.types.vector(LANES, ti.f32)
 vectors = ti.types.ndarray(dtype=vector, ndim=1)
 CHUNK = 1 << 15  # cells that the host works on at a time: its f64 copies stay small against the fields

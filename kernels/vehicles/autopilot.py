@@ -31,6 +31,7 @@ import math
 import taichi as ti
 
 from usvauv.kernels.functions import func
+from usvauv.kernels.trigonometry import TWO_PI
 from usvauv.kernels.vehicles.gains import Gain
 from usvauv.kernels.vehicles.kinematics import axes, velocity_of_water
 from usvauv.kernels.vehicles.numbers import Constant
@@ -38,7 +39,6 @@ from usvauv.kernels.vehicles.vehicle import Actuators, Memory, lanes, magnitude,
 
 AUTHORITY = 0.7  # share of the fins' largest moment that a commanded pitch may need
 LOST = 0.6  # rad, by which the heading's reference is ahead at most
-TWO_PI = 2.0 * math.pi
 TINY = 1e-6
 
 

@@ -356,7 +356,7 @@ def steer(table: ti.template(), hull: boat8, heading: ti.f32, speed: ti.f32, dt:
 
 
 @kernel
-def sail(table: array1, hull: array2, orders: array2, air: array2, dt: ti.f32, steps: ti.i32, way: array2):
+def integrate(table: array1, hull: array2, orders: array2, air: array2, dt: ti.f32, steps: ti.i32, way: array2):
     """Advance n boats, `hull` (n, 8) of `HullColumn`, by some substeps under constant orders; `way` (n, 2) adds up.
 
     Args:

@@ -37,6 +37,7 @@ import numpy as np
 import taichi as ti
 
 from usvauv.kernels.functions import func
+from usvauv.kernels.trigonometry import TWO_PI
 from usvauv.kernels.vehicles import autopilot, gains, stability
 from usvauv.kernels.vehicles.kinematics import Triple, axes, dot, gradient, gradient_transposed, velocity_of_water
 from usvauv.kernels.vehicles.numbers import GRAVITY, NUMBERS, Constant, constants_of
@@ -56,7 +57,6 @@ from usvauv.kernels.vehicles.vehicle import (
 SUBSTEP = 0.05  # s, the longest
 STAGES = 2
 TURNING = 10.0  # m
-TWO_PI = 6.283185307179586
 Wrench = ti.types.struct(x=lanes, y=lanes, z=lanes, roll=lanes, pitch=lanes, yaw=lanes)
 Rates = ti.types.struct(
     north=lanes,

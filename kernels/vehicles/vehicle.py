@@ -15,10 +15,9 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 import taichi as ti
 
-from usvauv.kernels.functions import func
+from usvauv.kernels.functions import LANES, func
 from usvauv.kernels.registry import Registry
 
-LANES = 16
 TINY = 1e-12
 lanes = ti.types.vector(LANES, ti.f32)
 blocks = ti.types.ndarray(dtype=lanes, ndim=2)

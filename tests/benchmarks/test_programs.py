@@ -17,7 +17,7 @@ SMALLEST: dict[str, tuple[str, dict[str, object]]] = {  # options, and constants
     "benchmarks.studies.buoy": ("", {}),
     "benchmarks.studies.eddies": ("--draws 1 --points 16", {"TIMES": (1,)}),
     "benchmarks.studies.front": ("--episodes 2", {}),
-    "benchmarks.usbl": ("--seconds 0 --count 100", {}),
+    "benchmarks.usbl": ("--seconds 0", {}),
     "benchmarks.vehicles": (
         "--vehicles 16 --seconds 0",
         {"WORLDS": 1, "ROUNDS": 1, "STAGES": (2,), "STEP_LENGTHS": (0.1,), "WAY": 0.5, "RUDDER": {}, "FIN_STEPS": (1,)},
@@ -50,7 +50,6 @@ SLOW = list(SMALLEST).index("benchmarks.curves")
 # They install packages, need a graphics card or a browser, write into the repository, or have tests of their own.
 OTHERS = {f"tests.{name}" for name in ("golden", "pictures", "trials.conventions", "trials.versions")}
 OTHERS |= {f"benchmarks.{name}" for name in ("gpu", "live", "ranks", "studies.pendulum")}
-OTHERS |= {"benchmarks.studies.multipath", "benchmarks.studies.wide_array"}
 
 
 def test_each_program_of_a_page_is_run_or_left_out_for_a_reason():

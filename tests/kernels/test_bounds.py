@@ -44,7 +44,6 @@ def run(last: str, *arguments: str) -> subprocess.CompletedProcess[str]:
             "ideal",
             "hold:0,0",
             "acoustics.sound_speed_profile=[[0,1500],[50,1490],[200,1485]]",
-            "usbl.model=waveform",
             "usbl.signal=tone",
         ),
     ],

@@ -259,31 +259,29 @@ def overwrite(place, new):
 folder = Path(os.environ["TI_OFFLINE_CACHE_FILE_PATH"])
 run()
 for name in ("*.tic", "ticache.tcb"):
-    for damaged in (bytes(), os.urandom(500), overwrite(0, b"?"), overwrite(25, b"????"), lambda data: data[:-3]):
+    for damaged in (bytes(), os.urandom(500), lambda data: data[:-3], overwrite(0, b"?"), overwrite(25, b"????")):
         (file,) = folder.glob(name)
         file.write_bytes(damaged(file.read_bytes()) if callable(damaged) else damaged)
-        print(run(), (folder / (file.name + ".damaged")).exists(), len(list(folder.glob("*.tic"))))
-        (folder / (file.name + ".damaged")).unlink()
-        run()
+        print(run(), len(list(folder.glob("*.tic"))), flush=True)
 next(folder.glob("*.tic")).unlink()
-print(run(), True, len(list(folder.glob("*.tic"))))
+print(run(), len(list(folder.glob("*.tic"))))
 (folder / "ticache.lock").touch()  # as of a process that is writing
-print(run(), True, 1)
+print(run(), 1)
 os.utime(folder / "ticache.lock", (0, 0))  # and of one that was killed
-print(run(), not (folder / "ticache.lock").exists(), 1)
+print(run(), 1 - (folder / "ticache.lock").exists())
 """
 
 
 @pytest.mark.cpu("files of compiled kernels")
-def test_damaged_files_of_kernels_are_set_aside_and_made_anew(tmp_path):
-    """Files of kernels and their index: each once, with one line. Locks are waited for, but not for ever."""
+def test_a_damaged_cache_of_kernels_is_made_anew(tmp_path):
+    """Files of kernels and their index, cut off or of other content. Only a lock of a process that lives is kept."""
     (tmp_path / "damage.py").write_text(DAMAGE)
     folder = {"TI_OFFLINE_CACHE_FILE_PATH": str(tmp_path / "cache")}
     command = [sys.executable, str(tmp_path / "damage.py")]
     done = subprocess.run(command, capture_output=True, text=True, env={**os.environ, **folder}, timeout=300)
-    assert [line for line in done.stdout.splitlines() if line[:1] == "["][-13:] == 13 * ["[2.0, 2.0, 2.0] True 1"]
+    assert [line for line in done.stdout.splitlines() if line[:1] == "["][-13:] == 13 * ["[2.0, 2.0, 2.0] 1"]
     said = [line for line in done.stderr.splitlines() if line.startswith("usvauv: compiled kernels in ")]
-    assert len(said) == 11, done.stderr
+    assert len(said) == 9, done.stderr
 
 
 def test_it_can_be_imported_where_all_warnings_are_errors():

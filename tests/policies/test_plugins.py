@@ -19,7 +19,7 @@ from usvauv.env import Scenario, World, plugins
 from usvauv.env.record.metrics import Metric, episode_metrics, task_metrics
 from usvauv.env.record.recorder import record
 from usvauv.kernels.errors import UserError
-from usvauv.kernels.mission.boat_strategies import BoatStrategy, boat_strategies
+from usvauv.kernels.mission.boats.boat_strategies import BoatStrategy, boat_strategies
 from usvauv.kernels.mission.observation import ObservationTerm, observation_terms
 from usvauv.kernels.mission.target_rules import TargetRule, target_rules
 from usvauv.kernels.mission.tasks.task import RewardTerm, tasks

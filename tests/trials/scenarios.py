@@ -27,8 +27,7 @@ OPTIONS = (  # sets of choices; each compiles its own kernels
     ("paper-extreme", ()),
     ("station-keeping", ("sea.equations=nonlinear", "sea.cell_size=10", "sea.realisations=2")),
     ("ideal", ("acoustics.sound_speed_profile=[[0,1500],[50,1490],[11000,1550]]", "planner.objective=a")),
-    ("extreme", ("usbl.model=waveform", "acoustics.multipath=true")),
-    ("extreme", (*EVERY_STEP, "usbl.model=waveform", "acoustics.path=transponder", "planner.measurement=phase")),
+    ("extreme", (*EVERY_STEP, "acoustics.path=transponder", "planner.measurement=phase")),
 )
 
 

@@ -229,7 +229,7 @@ def boats(plugins: Plugins = None) -> None:
 
     `usvauv boats`
     """
-    from usvauv.kernels.mission.boat_strategies import boat_strategies, usage
+    from usvauv.kernels.mission.boats.boat_strategies import boat_strategies, usage
 
     def written(name: str) -> Item:
         strategy = boat_strategies[name]

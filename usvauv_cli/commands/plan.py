@@ -102,11 +102,10 @@ def plan(
     the whole area, each AUV's weighted by the probability of a good fix. The table gives the error of one good fix of
     each AUV from this place, from the AUVs' centroid and from every `--compare`: standard deviations along the axes of
     its horizontal error ellipse, and their geometric mean and rms over the located AUVs. They include all causes in the
-    tables except reflections. The array is level; `--slope` tilts it for the errors. Objective d minimises the mean, a
-    the rms; figures show the minimised one. "detected" is the probability that the tone of a fix is detected, "good"
-    that in addition the fix is unambiguous (no phase has wrapped) and has a real depth. An AUV is located if at least
-    90 % of its fixes are good; a line on standard error lists the AUVs not located from the optimum, with the reason
-    and a remedy.
+    tables. The array is level; `--slope` tilts it for the errors. Objective d minimises the mean, a the rms; figures
+    show the minimised one. "detected" is the probability that the tone of a fix is detected, "good" that in addition
+    the fix is unambiguous (no phase has wrapped) and has a real depth. An AUV is located if at least 90 % of its fixes
+    are good; a line on standard error lists the AUVs not located from the optimum, with the reason and a remedy.
 
     Numbers are metres from the area's south-west corner. A scenario has a place on Earth where `water.latitude` and
     `water.longitude` of that corner are set or `water` names a file; then positions can be latitudes and longitudes

@@ -78,9 +78,7 @@ def simulate(
     `usvauv simulate wide --compare usv=fim --out boats.mp4`
     """
     from usvauv.env import Scenario
-    from usvauv.env.accuracy.fix_errors import reflections_warning
     from usvauv.env.record.metrics import episode_metrics
-    from usvauv.env.site.site import Site
     from usvauv.env.world.strategy_choice import StrategyChoice
     from usvauv.policies import loading
 
@@ -104,8 +102,6 @@ def simulate(
         options.check_policy(steered_by, setting.with_targets(rule))
         StrategyChoice.parse(boat, setting)
     options.check_regime(setting)
-    if line := reflections_warning(Site(setting)):
-        typer.echo(f"warning: {line}", err=True)
     options.preparing(setting, arch)
     recorded, problem = [], None
     for run in runs:

@@ -22,7 +22,7 @@ from usvauv.env.storage.memory import require
 from usvauv.env.world.strategy_choice import StrategyChoice
 from usvauv.env.world.world import World
 from usvauv.kernels.errors import DivergenceError, UserError
-from usvauv.kernels.mission.boat_strategies import AGENT, boat_strategies
+from usvauv.kernels.mission.boats.boat_strategies import AGENT, boat_strategies
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn
 from usvauv.kernels.mission.target_rules import target_rules
 from usvauv.kernels.vehicles.otter import HullColumn

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from usvauv.env.accuracy import fix_errors
-from usvauv.env.accuracy.fix_errors import LEAST_GOOD, SUM, FixError, Position
+from usvauv.env.accuracy.fix_errors import LEAST_GOOD, FixError, Position
 from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.site.place import wrapped
 from usvauv.env.site.site import Site
@@ -21,7 +21,6 @@ from usvauv.kernels.planning import objectives, search
 from usvauv.kernels.positioning import acoustic_link
 
 LARGEST_ERROR = 1e8  # m; beyond, an error is unbounded
-REFLECTIONS = "reflections"  # in the budget
 OBJECTIVE_NAMES = {"d": "ln det J", "a": "−ln tr J⁻¹", "sum": "ln det ΣJ", "paper": "ln of Eq. 3"}
 NO_INFORMATION = -1e29  # ln of an objective; lower values stand for ln 0
 LARGEST_RAISE = 30  # dB, a thousand times the power; no source louder than that, or than LOUDEST, is proposed
@@ -177,19 +176,12 @@ def solve(
         longitude, latitude = site.frame.to_geographic(np.array(x), np.array(y))
         return float(latitude), float(wrapped(longitude))
 
-    def budget(boat: tuple[float, float]) -> dict[str, list[float]]:
-        parts = fix_errors.error_budget(scenario, link, auvs, boat, measurement, slope)
-        if scenario.acoustics.multipath:
-            total = parts.pop(SUM)
-            parts[REFLECTIONS] = fix_errors.reflection_errors(site, link, auvs, boat)
-            parts[SUM] = [math.hypot(*both) for both in zip(total, parts[REFLECTIONS], strict=True)]
-        return parts
-
     boats = [optimum, centroid, *others]
     places = []
     for (x, y), value in zip(boats, log_objective(boats), strict=True):
         errors = expect(link, auvs, (x, y))
         axes = deviations(errors)
+        budget = fix_errors.error_budget(scenario, link, auvs, (x, y), measurement, slope)
         latitude, longitude = geographic(x, y)
         places.append(
             BoatPlace(
@@ -204,7 +196,7 @@ def solve(
                 errors=errors,
                 budget={
                     cause: [value if value < LARGEST_ERROR else None for value in values]
-                    for cause, values in budget((x, y)).items()
+                    for cause, values in budget.items()
                 },
             )
         )
@@ -222,10 +214,7 @@ def solve(
         optimum=places[0],
         centroid=places[1],
         compare=places[2:],
-        warnings=[
-            *warnings_of(scenario, expect, link, auvs, (optimum[0], optimum[1])),
-            *fix_errors.omitted_reflections(site, link, auvs, (optimum[0], optimum[1])),
-        ],
+        warnings=warnings_of(scenario, expect, link, auvs, (optimum[0], optimum[1])),
     )
     return plan, landscape
 

@@ -16,7 +16,7 @@ from usvauv.env.world import mission_parameters
 from usvauv.kernels import runtime
 from usvauv.kernels.planning import objectives, search
 from usvauv.kernels.planning.information import FIX, MEASUREMENTS, tilted_batch
-from usvauv.kernels.positioning import acoustic_link, rays, reflections, usbl
+from usvauv.kernels.positioning import acoustic_link, rays, usbl
 from usvauv.kernels.positioning.acoustic_link import KAPPA
 
 LARGEST_VARIANCE = 1e16  # m²; an axis of more than 10⁸ m is unbounded
@@ -33,7 +33,6 @@ ERRORS = {
 COLUMNS = sorted(set(ERRORS.values()))
 SUM = "all"
 QUIET = 300.0  # dB by which noise is lowered to leave it out
-DISTANCE = 0.25  # of an AUV from the boat in `reflections_warning`, over the area's diagonal
 
 Position = tuple[float, float, float]  # x, y and depth, m
 
@@ -238,54 +237,6 @@ def error_budget(
         found[name] = [math.sqrt(max(a * a - b * b, 0.0)) for a, b in zip(rms(alone), without, strict=True)]
     found[SUM] = rms(link)
     return found
-
-
-def reflection_errors(
-    site: Site, link: torch.Tensor, auvs: Sequence[Position], boat: tuple[float, float]
-) -> list[float]:
-    """Horizontal rms error (m) by reflections of a fix of each AUV by a level array.
-
-    The closed form of `usvauv.kernels.positioning.reflections`: it supposes reflections weaker than the direct sound.
-
-    Args:
-        link, boat: as for `predict`.
-        auvs: x, y and depth (m) of all AUVs of the scenario, once or any number of times.
-    """
-    index, offset, level = _seen_from(boat, auvs, (0.0, 0.0), link)
-    water = offset.new_tensor(mission_parameters.boundaries(site)).expand(len(auvs), -1).contiguous()
-    pulses = mission_parameters.pulse_tables(site.scenario, link.device)
-    variance = reflections.multipath_variances(pulses, link, index, offset, level, water).double()
-    square = offset.double().square().sum(1)
-    across = square / link[index.long(), KAPPA].double().square() * (variance[:, 0] + variance[:, 1])
-    along = variance[:, 2] * (1 - offset[:, 2].double().square() / square)
-    return (across + along).sqrt().tolist()
-
-
-def omitted_reflections(
-    site: Site, link: torch.Tensor, auvs: Sequence[Position], boat: tuple[float, float]
-) -> list[str]:
-    """A line where `acoustics.multipath` = false leaves out more than all other errors of one of the AUVs' fixes."""
-    scenario = site.scenario
-    if scenario.acoustics.multipath or not scenario.can_have_multipath:
-        return []
-    reflected = reflection_errors(site, link, auvs, boat)
-    other = error_budget(scenario, link, auvs, boat, "fix", (0.0, 0.0))[SUM]
-    worst = max(range(len(auvs)), key=lambda k: reflected[k] / other[k])
-    if reflected[worst] <= other[worst]:
-        return []
-    x, y, depth = auvs[worst]
-    slant = math.hypot(x - boat[0], y - boat[1], depth)
-    return [
-        f"acoustics.multipath = false leaves out reflections from surface and bottom: by them a fix at {slant:.0f} m is"
-        f" off by {reflected[worst]:.2g} m rms, by all else by {other[worst]:.2g} m"
-    ]
-
-
-def reflections_warning(site: Site) -> str:
-    """The line of `omitted_reflections` for AUVs a quarter of the area's diagonal from the boat, or nothing."""
-    scenario, link = site.scenario, torch.from_numpy(mission_parameters.link_table(site)).to(runtime.start().device)
-    place = DISTANCE * scenario.area.diagonal, 0.0, scenario.auv.depth
-    return " ".join(omitted_reflections(site, link, [place] * scenario.auv.count, (0.0, 0.0)))
 
 
 def best_variance(trace: Trace) -> np.ndarray:

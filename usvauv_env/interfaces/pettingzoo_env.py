@@ -23,7 +23,7 @@ from usvauv.env.world.agents import (
 )
 from usvauv.env.world.state import numbers_of
 from usvauv.env.world.world import NOT_BEGUN
-from usvauv.kernels.mission.boat_strategies import AGENT
+from usvauv.kernels.mission.boats.boat_strategies import AGENT
 
 
 class DataCollectionParallelEnv(ParallelEnv[str, np.ndarray, np.ndarray]):

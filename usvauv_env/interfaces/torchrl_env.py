@@ -35,7 +35,7 @@ from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.world.agents import action_space, auv_observation_space, boat_observation_space, observe_boats
 from usvauv.env.world.state import numbers_of
 from usvauv.env.world.world import World
-from usvauv.kernels.mission.boat_strategies import AGENT
+from usvauv.kernels.mission.boats.boat_strategies import AGENT
 
 try:
     from tensordict import TensorDict, TensorDictBase

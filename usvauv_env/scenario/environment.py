@@ -11,7 +11,6 @@ from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
 from usvauv.env.scenario.fields import Bandwidth, Carrier, FileName, Number, Place, Section, one_of
 from usvauv.kernels.planning.information import MAX_AUVS
-from usvauv.kernels.positioning.reflections import SEDIMENTS
 from usvauv.kernels.positioning.sonar import absorption_laws, ambient_noise_laws
 from usvauv.kernels.shallow_water.discretisation import Side
 
@@ -299,12 +298,6 @@ class Acoustics(Section):
     )
     bubbles: bool = Field(False, description="bubbles from the wind attenuate sound on its way to the array")
     rain: float = Field(0.0, ge=0, le=200, description="rain in the noise, mm/h")
-    multipath: bool = Field(
-        False, description="the array also receives reflections of coded pulses from the surface and the bottom"
-    )
-    sediment: Annotated[str, one_of(SEDIMENTS)] = Field(
-        "sand", description="sediment of the bottom, for its reflections: clay, silt, sand, gravel, moraine"
-    )
     bandwidth: Bandwidth = Field(4000.0, description="bandwidth of the positioning link, Hz")
     noise_law: Literal["density", "demonstration"] = Field(
         "density",
@@ -316,9 +309,7 @@ class Usbl(Section):
     """Ultra-short baseline array and its estimator (Eq. 1)."""
 
     spacing: float = Field(0.033, ge=0.001, le=10, description="array spacing d, m")
-    array_depth: float = Field(
-        3.0, ge=0, le=50, description="depth of the array, for bubbles above it and reflections, m"
-    )
+    array_depth: float = Field(3.0, ge=0, le=50, description="depth of the array, for bubbles above it, m")
     carriers: tuple[Carrier, ...] = Field(
         (15000.0, 18000.0), min_length=1, max_length=MAX_AUVS, description="carrier of each AUV, Hz"
     )
@@ -330,9 +321,6 @@ class Usbl(Section):
     periods: int = Field(10, ge=1, le=10000, description="length of a tone, carrier periods")
     pulse_length: float = Field(0.01, ge=1e-5, le=1, description="length of a coded pulse, s")
     sampling_rate: float = Field(2.016e6, ge=200, le=1e8, description="sampling rate, Hz")
-    model: Literal["statistical", "waveform"] = Field(
-        "statistical", description="fixes drawn from their distribution, or measured from sampled signals in noise"
-    )
     propagation: bool = Field(
         False, description="a fix gives the AUV's position when its sound left it, not its present one"
     )

@@ -40,19 +40,22 @@ Carrier = Annotated[float, Field(ge=LOWEST_TONE, le=HIGHEST_TONE)]
 FILE = "file"  # mark of a field with the name of a file of data
 FileName = Annotated[str, FILE]
 Bandwidth = Annotated[float, Field(ge=1, le=1e6)]
-# Retired fields, and values that earlier versions wrote into every file. A file may have these values, which now change
-# nothing; a stored scenario may have any.
-RETIRED: dict[str, tuple[object, ...]] = {
-    "planner.horizon": (10,),
-    "auv.refused_power": ("travelling", "hovering"),
-    "usbl.refraction": ("corrected",),
-    "sea.start_rms": (0.0,),
-    "sea.start_modes": (4,),
-    "reference.zermelo_speed": (1.1, 1.2, 1.3, 1.5, 1.6, 1.7, 1.8),
+ONE_MODEL = "0.4: fixes are drawn from their distribution, without reflections"
+# Retired fields: what removed them, and the values that earlier versions wrote into every file. A file may have these
+# values, which now change nothing; a stored scenario may have any.
+RETIRED: dict[str, tuple[str, tuple[object, ...]]] = {
+    "planner.horizon": ("0.3", (10,)),
+    "auv.refused_power": ("0.4", ("travelling", "hovering")),
+    "usbl.refraction": ("0.4: with a profile of the speed of sound fixes follow the bent ray", ("corrected",)),
+    "usbl.model": (ONE_MODEL, ("statistical",)),
+    "acoustics.multipath": (ONE_MODEL, (False,)),
+    "acoustics.sediment": (ONE_MODEL, ("sand",)),
+    "sea.start_rms": ("0.4", (0.0,)),
+    "sea.start_modes": ("0.4", (4,)),
+    "reference.zermelo_speed": ("0.4: with the policy zermelo", (1.1, 1.2, 1.3, 1.5, 1.6, 1.7, 1.8)),
 }
 BASE = "base"  # key of a file with the name of the scenario that it differs from
-GONE = ("planner.objective", "e")  # a retired value of an existing field
-REMOVED_IN_03 = ("planner.horizon", GONE[0])  # the others in 0.4
+GONE = ("planner.objective", "e")  # a value of an existing field that 0.3 removed
 
 
 def one_of(*names: Collection[str]) -> AfterValidator:
@@ -233,9 +236,9 @@ def without_retired(layer: Layer, stored: bool) -> Mapping[str, Any]:
         value = content[field]
         if name == GONE[0] and value != GONE[1]:
             continue
-        if not stored and value not in RETIRED.get(name, ()):
-            version = "0.3" if name in REMOVED_IN_03 else "0.4"
-            raise ScenarioError(f"{layer.source}: {name} = {value!r}: was removed in {version}")
+        removed_in, harmless = RETIRED.get(name, ("0.3", ()))
+        if not stored and value not in harmless:
+            raise ScenarioError(f"{layer.source}: {name} = {value!r}: was removed in {removed_in}")
         data = {**data, section: {other: inner for other, inner in content.items() if other != field}}
     return data
 

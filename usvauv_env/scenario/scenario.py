@@ -32,14 +32,12 @@ from usvauv.env.scenario.fields import (
 )
 from usvauv.env.storage.files import TextFileError, check_plain
 from usvauv.kernels.mission.tasks.task import Task, tasks
-from usvauv.kernels.positioning.pulse import FEWEST_CHIPS, FEWEST_PERIODS
 from usvauv.kernels.vehicles.torpedo import check_roll
 from usvauv.kernels.vehicles.vehicle import vehicles
 
 LONGEST_NAME = 120  # bytes; it is part of file names, which may have 255
 MOST_CHANGES = 12  # changes that `repr` lists
 VEHICLE_TERMS = "attitude", "depth", "motion"  # observation terms of vehicles with dynamics
-MOST_CHIPS = 1000  # of a coded pulse; codes are chosen by their correlations
 
 
 class Scenario(Section):
@@ -147,7 +145,6 @@ class Scenario(Section):
         if not self.water.waves:
             self._check_storm()
         self._check_vortices()
-        self._check_signal()
         return self
 
     def _check_vehicle(self) -> None:
@@ -177,42 +174,6 @@ class Scenario(Section):
         for name in ("altitude", *(["depth_max"] if auv.action == "vector-depth" else [])):
             if getattr(auv, name) >= depth:
                 raise ValueError(f"auv.{name} = {getattr(auv, name):g}: must be below area.depth, {depth:g} m")
-
-    @property
-    def chips(self) -> int:
-        """Length of a coded pulse, chips of 1/B."""
-        return round(self.usbl.pulse_length * self.acoustics.bandwidth)
-
-    @property
-    def uses_pulse_tables(self) -> bool:
-        """Whether fixes depend on the pulses' waveform."""
-        return self.usbl.model == "waveform" or self.acoustics.multipath
-
-    @property
-    def can_have_multipath(self) -> bool:
-        """Whether `acoustics.multipath` could be true."""
-        return FEWEST_CHIPS <= self.chips <= MOST_CHIPS and not self._against_multipath
-
-    @property
-    def _against_multipath(self) -> str:
-        """What the scenario lacks for reflections; empty: nothing."""
-        if self.usbl.signal != "code":
-            return "usbl.signal = code"
-        return "" if self.auv.separation == "geometry" else "auv.separation = geometry"
-
-    def _check_signal(self) -> None:
-        usbl, coded = self.usbl, self.usbl.signal == "code"
-        if usbl.model == "waveform" and not coded and usbl.periods < FEWEST_PERIODS:
-            raise ValueError(
-                f"usbl.periods = {usbl.periods}: must be at least {FEWEST_PERIODS} with usbl.model = waveform"
-            )
-        if self.uses_pulse_tables and coded and not FEWEST_CHIPS <= self.chips <= MOST_CHIPS:
-            raise ValueError(
-                f"usbl.pulse_length times acoustics.bandwidth: a pulse of {self.chips} chips; from {FEWEST_CHIPS} to"
-                f" {MOST_CHIPS} with usbl.model = waveform or acoustics.multipath"
-            )
-        if self.acoustics.multipath and self._against_multipath:
-            raise ValueError(f"acoustics.multipath: needs {self._against_multipath}")
 
     @property
     def highest_long_wave(self) -> float:

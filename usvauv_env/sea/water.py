@@ -138,7 +138,7 @@ class AirySea:
         self._begin = math.nan
         self.since = torch.zeros(1, dtype=torch.float32, device=device)
         self._write_since = runtime.writer(self.since)
-        serial = runtime.better_alone(len(omega) // SEAS_A_MICROSECOND)
+        serial = runtime.too_few_for_threads(len(omega) // SEAS_A_MICROSECOND)
         self._set_phases = None
         if omega.size:
             arguments = start, frequency, self._clock, self.wave, serial

@@ -175,12 +175,6 @@ class SoundSpeedProfile:
             depths, speeds = _thinned(depths, speeds, arrays, source, longest)
         return SoundSpeedProfile(depths, speeds)
 
-    def mirrored(self, depth: float) -> SoundSpeedProfile:
-        """The profile down to a depth (m) and its mirror image below: sound that is reflected there goes on in it."""
-        depths = np.append(self.depths[self.depths < depth], depth)
-        speeds = np.interp(depths, self.depths, self.speeds)
-        return SoundSpeedProfile(np.append(depths, 2 * depth - depths[-2::-1]), np.append(speeds, speeds[-2::-1]))
-
     def layers(self) -> np.ndarray:
         """The profile for `usvauv.kernels.positioning.rays`, (N + 2, 3) float32."""
         return layer_table(self.depths, self.speeds)

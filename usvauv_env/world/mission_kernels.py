@@ -19,29 +19,28 @@ from usvauv.env.world.strategy_choice import StrategyChoice
 from usvauv.kernels import random, runtime
 from usvauv.kernels.errors import blaming
 from usvauv.kernels.flow import vortex_motion
-from usvauv.kernels.functions import DeviceFlag, Launch, copy_finite
-from usvauv.kernels.mission.belief_planner import OTHER_GOALS
-from usvauv.kernels.mission.boat_strategies import boat_strategies
-from usvauv.kernels.mission.columns import Phase, ReceptionColumn
+from usvauv.kernels.functions import LANES, DeviceFlag, Launch, copy_finite
+from usvauv.kernels.mission.boats.belief_planner import OTHER_GOALS
+from usvauv.kernels.mission.boats.boat_strategies import boat_strategies
+from usvauv.kernels.mission.boats.rollouts import STEPS, WAY
+from usvauv.kernels.mission.columns import Division, Phase, ReceptionColumn
 from usvauv.kernels.mission.observation import observation_terms
-from usvauv.kernels.mission.rollouts import STEPS, WAY
 from usvauv.kernels.mission.run import PARAMETERS, launches, run
 from usvauv.kernels.mission.target_rules import target_rules
 from usvauv.kernels.mission.tasks.task import tasks
 from usvauv.kernels.mission.vehicles import ROWS, move
-from usvauv.kernels.mission.worlds import SIDE_BY_SIDE, TOGETHER, draw_numbers
-from usvauv.kernels.positioning.pulse import Pulses
+from usvauv.kernels.mission.worlds import WORLDS_PER_BLOCK, draw_numbers
 from usvauv.kernels.registry import Registry
-from usvauv.kernels.vehicles.vehicle import LANES, vehicles
+from usvauv.kernels.vehicles.vehicle import vehicles
 
 AUV_STEP = 5  # µs, about, of an AUV's step in few worlds, one after the other
 
 
-def workspace_numbers(scenario: Scenario, pulses: Pulses) -> int:
+def workspace_numbers(scenario: Scenario) -> int:
     """Numbers of a world's workspaces, at most."""
     drawn = draw_numbers(scenario.auv.count, scenario.boat.count, scenario.targets).size
     received = scenario.auv.count * len(ReceptionColumn.names)
-    return mission_parameters.rule_workspace(scenario) + 8 * pulses.noise.shape[2] + 4 * drawn + received
+    return mission_parameters.rule_workspace(scenario) + 4 * drawn + received
 
 
 class MissionKernels:
@@ -51,7 +50,6 @@ class MissionKernels:
         site, strategy, layout: of the worlds; the last of their observations.
         seeds: of each world. water: of the worlds.
         memory: of the worlds' arrays.
-        pulses: of AUVs, where they are used.
 
     Attributes:
         clock: (W, 2) int32, episode, and mission steps done.
@@ -69,11 +67,10 @@ class MissionKernels:
         seeds: Seeds,
         water: WorldWater,
         memory: StateBuffer,
-        pulses: Pulses,
     ) -> None:
         scenario, running = site.scenario, runtime.start()
         self._strategy, self._layout, self._seeds, self._water = strategy, layout, seeds, water
-        self._memory, self._pulses = memory, pulses
+        self._memory = memory
         self._device, self._on_cpu, self._on_host = running.device, running.on_cpu, running.torch_on_host
         worlds, auvs = len(seeds.seed), scenario.auv.count
         self.clock = torch.full((worlds, 2), -1, dtype=torch.int32, device=self._device)
@@ -103,27 +100,32 @@ class MissionKernels:
         self._site = site
         program = mission_parameters.program(site, self._strategy.strategy, uploaded["link"])
         worlds, auvs = self.action.shape[:2]
-        few = runtime.better_alone(AUV_STEP * worlds * auvs)
+        few = runtime.too_few_for_threads(AUV_STEP * worlds * auvs)
         known = not self.plugins()  # plugins' functions may read anything, and may not compile with whole vectors
-        in_lanes, in_threads = known and self._on_cpu and not few, known and not self._on_cpu
-        serial = few or (in_lanes and worlds <= TOGETHER)
-        program = program._replace(serial=serial, in_lanes=in_lanes, in_threads=in_threads)
-        program = program._replace(checks=known and self._on_cpu and self._on_host)
-        program = program._replace(vortices_move=self._on_cpu and self._vortices_move)
+        division = Division.calling_thread if few else Division.worlds
+        if known and self._on_cpu and not few:
+            division = Division.one_block if worlds <= WORLDS_PER_BLOCK else Division.lanes
+        elif known and not self._on_cpu:
+            division = Division.threads
+        program = program._replace(
+            division=division,
+            vortices_move=self._on_cpu and self._vortices_move,
+            checks=known and self._on_cpu and self._on_host,
+        )
         losses = scenario.boat.count * (auvs + OTHER_GOALS) if program.weighs_apart else 0
         ways = (1, 1)
-        if in_lanes and program.strategy.weigh:
-            ways = -(-worlds // TOGETHER), WAY * STEPS * program.abreast // random.LANES
+        if program.in_lanes and program.strategy.weigh:
+            ways = -(-worlds // WORLDS_PER_BLOCK), WAY * STEPS * program.abreast // random.LANES
         draws = draw_numbers(auvs, scenario.boat.count, scenario.targets)
-        drawn = (worlds, 4 * len(draws)) if in_lanes else (1, 1)
-        groups = -(-worlds * auvs // SIDE_BY_SIDE) if program.fixes_in_lanes else 1
+        drawn = (worlds, 4 * len(draws)) if program.in_lanes else (1, 1)
+        groups = -(-worlds * auvs // LANES) if program.fixes_in_lanes else 1
         arrays = self._memory.arrays
         self.tables: dict[str, Any] = {
             **{name: torch.from_numpy(table).to(self._device) for name, table in uploaded.items()},
             "key": torch.from_numpy(self._seeds.keys()).to(self._device),
             "draw_numbers": torch.tensor(draws, device=self._device),
             "drawn": self._zeros(*drawn, random.LANES),
-            "reception": self._zeros(groups, len(ReceptionColumn.names), SIDE_BY_SIDE),
+            "reception": self._zeros(groups, len(ReceptionColumn.names), LANES),
             "links": torch.tensor(uploaded["links"], device=self._device),  # aligned
             "program": program,
             "numbers": self._rows(self._memory.numbers, program.checks).view(torch.int32),
@@ -132,14 +134,10 @@ class MissionKernels:
             "bounds": self._memory.limits.bits,
             "outside": self._outside,
             "due": self._due,
-            "vortex_rows": self._rows(arrays["vortex"], in_lanes),
-            "drift_rows": self._rows(arrays["drift"], in_lanes),
+            "vortex_rows": self._rows(arrays["vortex"], program.in_lanes),
+            "drift_rows": self._rows(arrays["drift"], program.in_lanes),
             "workspace": self._zeros(worlds, mission_parameters.rule_workspace(scenario) + losses),
             "ways": self._zeros(*ways, random.LANES),
-            "pulse_envelope": self._pulses.envelope,
-            "pulse_output": self._pulses.noise,
-            "pulse_rate": self._pulses.rate,
-            "pulse_noise": self._zeros(worlds, self._pulses.noise.shape[2], 8),
         }
 
     def _rows(self, array: torch.Tensor, read: bool) -> torch.Tensor:
@@ -194,11 +192,11 @@ class MissionKernels:
     def _mission(self, arguments: Mapping[str, Any], phase: int) -> Launch:
         """A phase of the mission's kernel."""
         program = arguments["program"]
-        if phase == Phase.reset:  # which draws for itself
-            program = program._replace(in_lanes=False)
+        if phase == Phase.reset and program.in_lanes:  # a reset draws for itself
+            program = program._replace(division=Division.calling_thread if program.serial else Division.worlds)
         settings = runtime.NONE if self.plugins() else runtime.vectors_in_registers()
         given = ({**arguments, "phase": phase, "program": program}[name] for name in PARAMETERS)
-        return Launch(run, *given, settings={**runtime.quickly(), **settings})
+        return Launch(run, *given, settings={**runtime.fast_compilation(), **settings})
 
     def _moving(self, phase: int, arguments: Mapping[str, Any]) -> Launch:
         """The kernel that deploys the vehicles with dynamics, or moves them through a mission step."""
@@ -209,7 +207,7 @@ class MissionKernels:
         return Launch(
             move,
             phase,
-            runtime.better_alone(self._blocks.shape[0]),
+            runtime.too_few_for_threads(self._blocks.shape[0]),
             mission_parameters.vehicle_motion(scenario),
             mission_parameters.vehicle_substeps(scenario),
             arguments["p"],

@@ -24,28 +24,27 @@ from usvauv.env.world.observation_layout import ObservationLayout
 from usvauv.env.world.strategy_choice import StrategyChoice
 from usvauv.kernels import runtime
 from usvauv.kernels.flow.vortex_motion import steps_of_renewal
+from usvauv.kernels.functions import LANES
 from usvauv.kernels.mission import target_rules
-from usvauv.kernels.mission.boat_motion import CONTROL_TIME, DRIFT_TIME
-from usvauv.kernels.mission.boat_strategies import BoatStrategy
+from usvauv.kernels.mission.boats.boat_motion import CONTROL_TIME, DRIFT_TIME
+from usvauv.kernels.mission.boats.boat_strategies import BoatStrategy
 from usvauv.kernels.mission.columns import Action, Information, Parameter, Schedule, Sensor
 from usvauv.kernels.mission.observation import observation_terms
 from usvauv.kernels.mission.run import draw_vortices
 from usvauv.kernels.mission.tasks.data_collection import LEAST_RATE, arrival_table
 from usvauv.kernels.mission.vehicles import Motion
-from usvauv.kernels.mission.worlds import SIDE_BY_SIDE, Program
+from usvauv.kernels.mission.worlds import Program
 from usvauv.kernels.planning import objectives
 from usvauv.kernels.planning.information import MAX_AUVS
-from usvauv.kernels.positioning import pulse, sonar, usbl
+from usvauv.kernels.positioning import sonar, usbl
 from usvauv.kernels.positioning.acoustic_link import Accuracy, Sonar, attenuation_per_km, optical_budget, rate_laws
 from usvauv.kernels.positioning.acoustic_link import link_table as link_constants
-from usvauv.kernels.positioning.reflections import SEDIMENTS
 from usvauv.kernels.positioning.sonar import (
     NoiseLaw,
     SeaWater,
     absorption_laws,
     ambient_noise_laws,
     boat_noise,
-    height_of_developed_sea,
     rain_noise,
     total_level,
     wind_of_developed_sea,
@@ -57,9 +56,7 @@ from usvauv.kernels.vehicles.vehicle import vehicles
 OWN_NOISE_FREQUENCY = 15000.0  # Hz, at which a scenario states own noise
 DEPTH_TIME = 20.0  # s, correlation time of the error of an AUV's depth
 SPEED_RESPONSE = Parameter.names[Parameter.span("speed_memory", "speed_noise_rest")]
-BOUNDARIES = Parameter.names[Parameter.span("array_depth", "bottom_absorption")]
 SERVICE_FILL = 0.65  # share of a full buffer collected in a typical service, for the boat's prediction
-GATE = 16  # of the receiver of coded pulses, chips
 STRONGEST = 50.0  # m/s, upper limit of Wu's law for the drag of the sea surface
 SHORTEST = 1e-4  # s, of a vehicle's substep
 LOUDEST = 200.0  # dB re 1 µPa²/Hz, of ambient noise
@@ -204,15 +201,10 @@ def program(site: Site, strategy: BoatStrategy, link: np.ndarray) -> Program:
         observation=tuple(observation_terms[name].write for name in ObservationLayout.of(s).terms),
         information=getattr(Information, s.nodes.information.replace("-", "_")),
         objective_code=objectives.objective_code(s.planner.measurement, s.planner.objective),
-        waveform=s.usbl.model == "waveform",
-        tone=s.usbl.signal == "tone",
-        multipath=s.acoustics.multipath,
         refraction=site.sound_speed is not None,
-        tracker=s.tracker.enabled,
         schedule=getattr(Schedule, s.channel.schedule.replace("-", "_")),
-        sensor=getattr(Sensor, s.navigation.sensor),
+        sensor=Sensor.command if s.tracker.enabled else getattr(Sensor, s.navigation.sensor),
         turns=usbl.turns_possible(link),
-        candidates=usbl.candidates_possible(link),
         fleet=s.boat.count > 1,
         vehicle=s.auv.dynamic,
         otter=s.boat.model == "otter",
@@ -237,7 +229,6 @@ def kernel_tables(site: Site, strategy: StrategyChoice) -> dict[str, np.ndarray]
         "link": link,
         "links": side_by_side(link),
         "layers": sound.layers(),
-        "mirrored_layers": sound.mirrored(site.mean_depth).layers(),
         "arrivals": arrival_table(s.nodes.arrival_rates, s.mission.step),
         "fixed_vortex": fixed_vortices(s),
         "strategy_arguments": strategy.numbers or [0.0],
@@ -267,11 +258,11 @@ def otter_table(site: Site) -> np.ndarray:
 
 
 def side_by_side(link: np.ndarray) -> np.ndarray:
-    """The link table's columns of `SIDE_BY_SIDE` AUVs after each other, (rows, COLUMNS, SIDE_BY_SIDE), until they are
+    """The link table's columns of `LANES` AUVs after each other, (rows, COLUMNS, LANES), until they are
     the same again.
     """
     count = len(link)
-    auv = np.arange(math.lcm(count, SIDE_BY_SIDE)).reshape(-1, SIDE_BY_SIDE) % count
+    auv = np.arange(math.lcm(count, LANES)).reshape(-1, LANES) % count
     return link[auv].swapaxes(1, 2)
 
 
@@ -318,34 +309,6 @@ def link_table(site: Site) -> np.ndarray:
 def carriers(scenario: Scenario) -> list[float]:
     """Carrier of each AUV, Hz."""
     return [scenario.usbl.carrier(k, scenario.auv.count) for k in range(scenario.auv.count)]
-
-
-def pulse_tables(scenario: Scenario, device: torch.device) -> pulse.Pulses:
-    """Tables of the AUVs' pulses."""
-    count = scenario.auv.count
-    if scenario.usbl.signal == "tone":
-        return pulse.tones(count, scenario.usbl.periods, device)
-    codes, bandwidth = pulse.codes(count, scenario.chips), scenario.acoustics.bandwidth
-    return pulse.pulses(codes, carriers(scenario), bandwidth, GATE, device)
-
-
-def no_pulses(device: torch.device) -> pulse.Pulses:
-    """Empty tables in place of `pulse_tables` where none are used."""
-    none = torch.zeros(1, dtype=torch.float32, device=device)
-    return pulse.Pulses(none.view(1, 1), none.view(1, 1, 1), none)
-
-
-def roughness(site: Site) -> float:
-    """Standard deviation of the surface in short waves, m: in the storm, or without one in the wind's sea."""
-    systems = wave_systems(site)
-    return 0.25 * (total_height(systems) if systems else height_of_developed_sea(wind(site)))
-
-
-def boundaries(site: Site) -> tuple[float, ...]:
-    """Fields of `usvauv.kernels.positioning.reflections.Boundaries` for AUVs at their depth below the array."""
-    s = site.scenario
-    depth = s.usbl.array_depth
-    return depth, depth + site.mean_depth, roughness(site), *SEDIMENTS[s.acoustics.sediment]
 
 
 def speed_response(scenario: Scenario) -> dict[str, float]:
@@ -438,7 +401,6 @@ def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
         "reference_speed": s.reference.straight_speed,
         "reference_rate": rate,
         "service_time": SERVICE_FILL * s.nodes.payload / rate,
-        **dict(zip(BOUNDARIES, boundaries(site), strict=True)),
     }
     return np.array([float(numbers[name]) for name in Parameter.names], np.float32)
 

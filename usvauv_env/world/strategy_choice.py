@@ -9,7 +9,7 @@ from usvauv.env.scenario.fields import ScenarioError
 from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.site.positions import SIDED, position
 from usvauv.kernels.errors import choices
-from usvauv.kernels.mission.boat_strategies import BoatStrategy, boat_strategies, usage
+from usvauv.kernels.mission.boats.boat_strategies import BoatStrategy, boat_strategies, usage
 
 RETIRED = ("fim-horizon", "learned")  # since 0.3
 

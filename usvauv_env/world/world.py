@@ -37,7 +37,7 @@ from usvauv.kernels import runtime
 from usvauv.kernels.errors import DivergenceError
 from usvauv.kernels.flow import current
 from usvauv.kernels.flow.vortex import Vortex
-from usvauv.kernels.mission.boat_strategies import AGENT
+from usvauv.kernels.mission.boats.boat_strategies import AGENT
 from usvauv.kernels.mission.columns import (
     AuvColumn,
     BoatColumn,
@@ -144,7 +144,7 @@ class World:
     reward: torch.Tensor
     reward_terms: torch.Tensor
 
-    @runtime.alone()
+    @runtime.taichi_lock()
     @torch.inference_mode(False)  # tensors made in torch's inference mode could not be written outside it
     def __init__(
         self,
@@ -182,13 +182,7 @@ class World:
 
         self._foresees = foresees = self.strategy.strategy.functions.foresees
         shapes = array_shapes(scenario, num_worlds, foresees)
-        used = scenario.uses_pulse_tables
-        pulses = (
-            mission_parameters.pulse_tables(scenario, self.device)
-            if used
-            else mission_parameters.no_pulses(self.device)
-        )
-        workspaces = num_worlds * workspace_numbers(scenario, pulses)
+        workspaces = num_worlds * workspace_numbers(scenario)
         size = 4.0 * (WORKSPACE * sum(map(padded_length, shapes.values())) + workspaces)
         require(size, f"num_worlds = {num_worlds} of {self.num_auvs} AUVs", self.device)
         memory = allocate(shapes, scenario, num_worlds, self.device)
@@ -196,9 +190,7 @@ class World:
             setattr(self, name, array)
         self._measures = self.auv[..., MEASURED]  # making it anew in each step would take longer
         self._water = WorldWater(self.site, seeds, first_world=first_world, fine=fine_sea, device=self.device)
-        self._kernels = MissionKernels(
-            *(self.site, self.strategy, self.observation_layout, seeds), self._water, memory, pulses
-        )
+        self._kernels = MissionKernels(*(self.site, self.strategy, self.observation_layout, seeds), self._water, memory)
         self._clock, self._action = self._kernels.clock, self._kernels.action
         self._begun = self._diverged = False
 

@@ -8,8 +8,7 @@ from usvauv.kernels.mission.motion import distance_to_target, travel
 from usvauv.kernels.mission.tasks import rewards
 from usvauv.kernels.mission.tasks.task import Task, tasks
 from usvauv.kernels.mission.worlds import uniforms
-
-TWO_PI = 6.283185307179586
+from usvauv.kernels.trigonometry import TWO_PI
 
 
 @func

@@ -137,9 +137,8 @@ class TestLost:
         assert 0.3 < heard.mean() < 0.7
         np.testing.assert_array_equal(whole.fix[0][heard], holed.fix[0][heard])
 
-    @pytest.mark.parametrize("model", ["statistical", pytest.param("waveform", marks=pytest.mark.slow)])
-    def test_a_tone_too_weak_is_not_detected(self, model):
-        trace = voyage(["acoustics.source_level=132", f"usbl.model={model}"], worlds=4, steps=5)
+    def test_a_tone_too_weak_is_not_detected(self):
+        trace = voyage(["acoustics.source_level=132"], worlds=4, steps=5)
         assert (trace.fix_flags & usbl.DETECTED == 0).all()
         assert np.isnan(trace.fix).all()
 
@@ -171,7 +170,6 @@ class TestSound:
             (["acoustics.sound_speed_profile=[[0, 4900]]"], "sound_speed_profile: speed 4900 m/s at 0 m; allowed"),
             ([THERMOCLINE, "acoustics.temperature_salinity=[[0, 10, 35], [200, 9, 35]]"], "give one of them"),
             (["acoustics.temperature_salinity=[[0, 283, 35], [200, 9, 35]]"], "temperature_salinity: temperature 283"),
-            (["usbl.model=waveform", "usbl.periods=4"], "usbl.periods = 4: must be at least 5"),
         ],
     )
     def test_bad_settings_are_one_line(self, settings, message):
@@ -182,15 +180,13 @@ class TestSound:
         assert "\n" not in str(caught.value)
 
 
-class TestModels:
-    def test_tones_and_statistics_scatter_alike(self):
-        """Both models of a fix, over a whole mission: errors in units of the predicted covariance are χ²."""
-        for model in ("statistical", "waveform"):
-            trace = voyage([f"usbl.model={model}", "usbl.attitude_error=0", "usbl.propagation=false"], worlds=64)
-            error = (column(trace, "fix") - column(trace, "auv_position")).reshape(-1, 2)
-            C = column(trace, "fix_covariance").reshape(-1, 3)[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
-            squared = np.einsum("ni,nij,nj->n", error, np.linalg.inv(C), error)
-            assert squared.mean() == pytest.approx(2, abs=5 * math.sqrt(4 / len(squared)))
+def test_errors_in_units_of_the_predicted_covariance_are_chi_square():
+    """Over a whole mission."""
+    trace = voyage(["usbl.attitude_error=0", "usbl.propagation=false"], worlds=64)
+    error = (column(trace, "fix") - column(trace, "auv_position")).reshape(-1, 2)
+    C = column(trace, "fix_covariance").reshape(-1, 3)[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
+    squared = np.einsum("ni,nij,nj->n", error, np.linalg.inv(C), error)
+    assert squared.mean() == pytest.approx(2, abs=5 * math.sqrt(4 / len(squared)))
 
 
 class TestTracker:

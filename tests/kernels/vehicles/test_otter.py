@@ -26,7 +26,7 @@ def sailed(hulls, orders, air=(0.0, 0.0), dt=0.1, time=10.0, **changes):
     n = len(hull)
     way = torch.zeros(n, 2)
     orders, air = (torch.tensor(np.broadcast_to(x, (n, 2)).copy(), dtype=torch.float32) for x in (orders, air))
-    otter.sail(torch.from_numpy(otter.table_of(NUMBERS | changes)), hull, orders, air, dt, round(time / dt), way)
+    otter.integrate(torch.from_numpy(otter.table_of(NUMBERS | changes)), hull, orders, air, dt, round(time / dt), way)
     return hull.numpy().astype(float), way.numpy().astype(float)
 
 

@@ -5,7 +5,7 @@ import re
 import pytest
 
 from usvauv.env import Scenario
-from usvauv.kernels.mission.boat_strategies import boat_strategies
+from usvauv.kernels.mission.boats.boat_strategies import boat_strategies
 from usvauv.kernels.mission.target_rules import target_rules
 from usvauv.policies import trained
 from usvauv.policies.heuristics import heuristics

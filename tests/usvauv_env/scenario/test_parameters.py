@@ -5,12 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from usvauv.env import Scenario, ScenarioError
+from usvauv.env import Scenario
 from usvauv.env.site.site import Site
 from usvauv.env.world import mission_parameters
 from usvauv.env.world.strategy_choice import StrategyChoice
 from usvauv.kernels.mission.columns import Parameter
-from usvauv.kernels.positioning.pulse import FEWEST_PERIODS
 from usvauv.kernels.positioning.sonar import (
     wind_of_growing_sea,
 )
@@ -25,11 +24,11 @@ NUMBERS = {
     },
     "acoustics": {
         "sound_speed": 1480, "sound_speed_error": 5, "spreading": 17, "water_temperature": 12, "water_salinity": 34,
-        "ph": 7.9, "shipping": 0.3, "wind": 9, "rain": 6, "sediment": "gravel",
+        "ph": 7.9, "shipping": 0.3, "wind": 9, "rain": 6,
     },
     "usbl": {
         "gnss_correlation_time": 30, "periods": 40, "carrier_min": 13000, "pulse_length": 0.02, "lever_arm_error": 0.4,
-        "gnss_error": 0.3, "attitude_error": 0.01, "alignment_error": 0.02, "heading_error": 0.03, "array_depth": 7,
+        "gnss_error": 0.3, "attitude_error": 0.01, "alignment_error": 0.02, "heading_error": 0.03,
     },
     "navigation": {"velocity_noise": 0.3, "velocity_bias": 0.2, "bias_correlation_time": 90},
     "reference": {"straight_speed": 1.6},
@@ -90,13 +89,6 @@ class TestSound:
 def program(place: Site):
     strategy = StrategyChoice.parse(None, place.scenario).strategy
     return mission_parameters.program(place, strategy, mission_parameters.link_table(place))
-
-
-def test_a_tone_too_short_for_the_waveform_receiver():
-    for model, signal in (("statistical", "tone"), ("waveform", "code")):
-        program(site(usbl={"model": model, "signal": signal, "periods": FEWEST_PERIODS - 1}))
-    with pytest.raises(ScenarioError, match=rf"periods = {FEWEST_PERIODS - 1}: must be at least {FEWEST_PERIODS} with"):
-        Scenario.load("ideal", ["usbl.model=waveform", "usbl.signal=tone", f"usbl.periods={FEWEST_PERIODS - 1}"])
 
 
 class TestWindAndNoise:

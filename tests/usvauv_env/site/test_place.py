@@ -144,13 +144,6 @@ class TestSoundSpeed:
         with pytest.raises(SoundSpeedError, match=said):
             read(**further)
 
-    def test_a_mirror(self):
-        profile = SoundSpeedProfile.from_table([(0, 1500), (40, 1490), (60, 1485), (100, 1480)])
-        mirrored = profile.mirrored(60)
-        assert mirrored.depths.tolist() == [0, 40, 60, 80, 120]
-        for depth in (0, 20, 40, 55, 60):
-            assert mirrored.at(depth) == mirrored.at(120 - depth) == profile.at(depth)
-
 
 @pytest.mark.parametrize("latitude", [-85.0, -33.0, 0.0, 22.51, 80.0])
 @pytest.mark.parametrize("form", ["cf", "wkt"])

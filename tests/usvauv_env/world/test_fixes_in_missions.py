@@ -1,18 +1,14 @@
-"""Fixes in missions: errors as large as predicted, sampled pulses as the statistical model, reflections, energy."""
+"""Fixes in missions: errors as large as predicted, and energy."""
 
 import math
-import re
 
 import numpy as np
 import pytest
 import torch
-from scipy import stats
 
 from tests.links import CODED
-from tests.slowly import slowly
 from usvauv.env import Scenario, World
 from usvauv.env.accuracy import fix_errors
-from usvauv.env.accuracy.boat_place import solve
 from usvauv.env.accuracy.fix_errors import error_budget, reception
 from usvauv.env.site.site import Site
 from usvauv.env.world.mission_parameters import link_table
@@ -123,125 +119,3 @@ class TestEnergy:
         place = torch.tensor([[0.0, 0.0, -100.0]], device=device)
         index, level = torch.zeros(1, dtype=torch.int32, device=device), place.new_zeros(1, 2)
         assert reception(link.to(device), index, place, level)[2].item() < 0.05
-
-
-SHALLOW = ["area.width=1000", "area.length=1000", "sea.cell_size=20", "auv.depth=40", "area.depth=60"]
-MELTWATER = "acoustics.sound_speed_profile=[[0,1440],[20,1475],[60,1480]]"
-
-
-def fixes(device, changes, scenario="ideal"):
-    """Horizontal errors (n,) of good fixes, m; of all flags, slant ranges, m, and errors (n, 2), m."""
-    error, _, world = errors_of_fixes(device, changes, 2, scenario)
-    auv = world.auv.double().cpu().numpy()
-    flags = auv[..., AuvColumn.fix_flags].astype(int).reshape(-1)
-    boat = world.boat.double().cpu().numpy()[..., :2]
-    away = np.linalg.norm(auv[..., :2] - boat, axis=-1).reshape(-1)
-    slant = np.hypot(away, world.scenario.auv.depth)
-    return np.linalg.norm(error, axis=-1)[flags == usbl.DETECTED], flags, slant, error
-
-
-def both(device, changes, scenario="ideal"):
-    """`fixes` by the statistical model and by sampled pulses."""
-    return [fixes(device, [*changes, f"usbl.model={model}"], scenario) for model in ("statistical", "waveform")]
-
-
-def rms(error):
-    return math.sqrt(np.mean(error**2))
-
-
-UNDISTURBED = {
-    "code": ["acoustics.source_level=110"],
-    "tone": ["acoustics.source_level=150", "usbl.signal=tone"],
-    "bent": [*SHALLOW, "acoustics.source_level=160", MELTWATER],
-    "slower than supposed": ["acoustics.source_level=150", "acoustics.sound_speed_error=10"],
-}
-
-
-@pytest.mark.parametrize("case", slowly(UNDISTURBED, "bent"))
-def test_errors_without_reflections(device, case):
-    """Both agree in the rms within 3 % from an E/N0 of 15 dB on, 6 dB over that of detection; a tone in a storm."""
-    statistical, sampled = both(device, [*STORM, *UNDISTURBED[case]], "extreme" if case == "tone" else "ideal")
-    assert min((part[1] & usbl.DETECTED).mean() for part in (statistical, sampled)) > 0.999
-    assert rms(sampled[0]) == pytest.approx(rms(statistical[0]), rel=0.03)
-
-
-@pytest.mark.parametrize("level", [97.0])
-def test_detection_near_the_threshold(device, level):
-    """The sampled rate is that of noncentral χ² of 9 degrees of freedom, the statistical one within 0.05 of it."""
-    changes = [f"acoustics.source_level={level}"]
-    statistical, sampled = both(device, changes)
-    link = link_table(Site(Scenario.load("ideal", [*QUIET, *changes])))
-    ratio = link[0, acoustic_link.RATIO_AT_1M] - 20 * np.log10(sampled[2])
-    ratio -= link[0, acoustic_link.ABSORPTION] * sampled[2] / 1000
-    expected = stats.ncx2.sf(link[0, acoustic_link.THRESHOLD], 9, 8 * 10 ** (ratio / 10))[::2].mean()
-    rate = [(part[1][::2] & usbl.DETECTED).mean() for part in (statistical, sampled)]
-    assert 0.05 < expected < 0.95
-    assert rate[1] == pytest.approx(expected, abs=4.5 * 0.5 / math.sqrt(WORLDS))
-    assert rate[0] == pytest.approx(rate[1], abs=0.05)
-
-
-REFLECTING = {
-    "steep, mirror": ["acoustics.source_level=187"],
-    "shallow, breeze": [*SHALLOW, "acoustics.source_level=160", "acoustics.wind=4"],
-    "shallow, bent": [*SHALLOW, "acoustics.source_level=160", "acoustics.wind=4", MELTWATER],
-}
-
-
-@pytest.mark.parametrize("case", slowly(REFLECTING, "shallow, bent", "steep, mirror"))
-def test_errors_with_reflections(device, case):
-    """Both agree in the rms within 5 %, in good fixes within 0.05, and in what a reflection does to a fix itself."""
-    statistical, sampled = both(device, [*REFLECTING[case], "acoustics.multipath=true"])
-    good = (statistical[1] == usbl.DETECTED) & (sampled[1] == usbl.DETECTED)
-    assert np.corrcoef(statistical[3][good].ravel(), sampled[3][good].ravel())[0, 1] > 0.5
-    assert rms(sampled[0]) == pytest.approx(rms(statistical[0]), rel=0.05)
-    assert len(sampled[0]) / len(sampled[1]) == pytest.approx(len(statistical[0]) / len(statistical[1]), abs=0.05)
-    alone = fixes(device, REFLECTING[case])[0]
-    assert rms(sampled[0]) > 1.5 * rms(alone)
-
-
-CALM = ["acoustics.wind=0", "auv.depth=100", "area.depth=120", "auv.depth_noise=0"]
-
-
-@pytest.mark.parametrize(("wind", "sediment"), [(2, "sand"), (12, "gravel")])
-def test_predicted_errors_are_those_of_missions(device, wind, sediment):
-    """The closed form over many places, within 10 % where the direct sound is the strongest.
-
-    In strong wind the surface reflects nothing; beside the direct sound there is that of a bottom 0.3 m below.
-    """
-    bottom = ["area.depth=100.3"] if wind > 10 else []
-    water = [*CALM, *bottom, f"acoustics.wind={wind}", f"acoustics.sediment={sediment}", "acoustics.multipath=true"]
-    error, _, world = errors_of_fixes(device, water, 2)
-    site = Site(world.scenario)
-    auv = world.auv.double().cpu().numpy()
-    link = torch.from_numpy(link_table(site)).to(device)
-    offset = (auv[..., :2] - world.boat.double().cpu().numpy()[..., :2]).reshape(-1, 2)
-    predicted = fix_errors.reflection_errors(site, link, [(x, y, 100.0) for x, y in offset], (0.0, 0.0))
-    good = auv[..., AuvColumn.fix_flags].reshape(-1) == usbl.DETECTED
-    assert rms(np.linalg.norm(error, axis=-1)[good]) == pytest.approx(rms(np.array(predicted)[good]), rel=0.1)
-
-
-@pytest.mark.parametrize(
-    ("changes", "expected"),
-    [
-        (["acoustics.wind=0"], True),
-        (["acoustics.wind=0", "acoustics.multipath=true"], False),
-        (["acoustics.wind=0", "usbl.gnss_error=10"], False),
-    ],
-)
-def test_who_leaves_out_what_matters_is_told(changes, expected):
-    site = Site(Scenario.load("ideal", [*QUIET, *changes]))
-    line = fix_errors.reflections_warning(site)
-    assert ("leaves out reflections from surface and bottom" in line) == expected
-    auv = site.scenario.auv
-    layout = [(10.0 + 150 * k, 10.0, auv.depth) for k in range(auv.count)]
-    plan, _ = solve(site.scenario, layout, [], "d", "fix")
-    assert any("leaves out reflections" in warning for warning in plan.warnings) == expected
-    budget = plan.optimum.budget
-    assert ("reflections" in budget) == site.scenario.acoustics.multipath
-    parts = [values[0] for cause, values in budget.items() if cause != "all"]
-    assert budget["all"][0] == pytest.approx(math.hypot(*parts), rel=1e-3)
-    if expected:
-        told = next(warning for warning in plan.warnings if "leaves out" in warning)
-        reflected, others = (float(number) for number in re.findall(r"by ([\d.e+-]+) m", told))
-        assert reflected > others
-        assert any(others == pytest.approx(error, rel=0.06) for error in budget["all"])  # two digits

@@ -8,7 +8,6 @@ import pytest
 import torch
 
 from tests.links import EVERY_STEP
-from tests.slowly import slowly
 from usvauv.env import Scenario, World, plugins
 from usvauv.kernels import runtime
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn
@@ -109,8 +108,6 @@ def _plugin(own_registries):
 
 ALONE = {
     "tracked": ("extreme", [*TRACKED, "tracker.current_reading=0.05"], "hold:0,200"),
-    "waveform": ("ideal", [*EVERY_STEP, "usbl.model=waveform"], "fim"),
-    "sampled pulses": ("extreme", ["usbl.model=waveform", "acoustics.multipath=true"], "fim"),
     "nonlinear": ("extreme", ["sea.equations=nonlinear", "sea.radiating_edges=['west']"], "fim"),
     "station-keeping": ("station-keeping", ["auv.count=5"], "fim"),
     "plugin": ("extreme", [*EVERY_STEP, "task=survey"], "hold:0,200"),
@@ -120,7 +117,7 @@ SEEDS = (4, (1 << 64) - 1, 4 + (1 << 32), 4)
 
 
 @pytest.mark.usefixtures("_plugin")
-@pytest.mark.parametrize("case", slowly(ALONE, "waveform"))
+@pytest.mark.parametrize("case", ALONE)
 def test_alone_as_in_a_batch(case):
     """World 9 has the same bits in another batch, where others are reset in between, and alone and brought back.
 
@@ -161,7 +158,7 @@ MANY = {
     ),
     "Otter and torpedoes": ("wide-torpedo", ["boat.model=otter"], None),
     "paper": ("paper-extreme", [], None),
-    "greedy, by pulses": ("extreme", ["usbl.model=waveform", "planner.objective=a"], "fim-greedy"),
+    "greedy": ("extreme", ["planner.objective=a"], "fim-greedy"),
 }
 
 
@@ -188,7 +185,7 @@ def test_alone_as_among_many(case, monkeypatch):
                 assert len(among) == 1 or torch.equal(among[own], by_itself[0]), each  # 1 where it is not used
 
 
-@pytest.mark.parametrize("case", ["tracked", "sampled pulses", "torpedo"])
+@pytest.mark.parametrize("case", ["tracked", "torpedo"])
 def test_each_with_a_seed_of_its_own_as_alone(case):
     """Two episodes of worlds of different seeds, two of them of the same one: the bits of each seed's world 0."""
     name, changes, usv = ALONE[case]

@@ -302,7 +302,7 @@ def reach(worlds: ti.template(), w, b) -> vec3:
 
 
 @func
-def sail(worlds: ti.template(), w, b, way: vec2, current: vec2) -> vec2:
+def integrate_hull(worlds: ti.template(), w, b, way: vec2, current: vec2) -> vec2:
     """How far an Otter gets through the water in a step, m; its hull, velocity and estimate of the drift follow.
 
     It turns into the direction of the command of `command_to` and goes at the part of its speed that is ahead; within
@@ -363,7 +363,7 @@ def move_boat(worlds: ti.template(), w, b):
     farthest = p[Parameter.top_speed] * dt
     distance = 0.0
     if ti.static(worlds.program.otter):
-        wanted = sail(worlds, w, b, wanted, drift / dt)
+        wanted = integrate_hull(worlds, w, b, wanted, drift / dt)
         distance = wanted.norm()
     elif p[Parameter.response_time] > 0.0:
         drift += dt * vec2(p[Parameter.leeway_x], p[Parameter.leeway_y])

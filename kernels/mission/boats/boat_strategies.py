@@ -10,9 +10,9 @@ from typing import Annotated, Any
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission import belief_planner, boat_motion, foresight
+from usvauv.kernels.mission.boats import belief_planner, boat_motion, foresight
+from usvauv.kernels.mission.boats.rollouts import NO_AUV
 from usvauv.kernels.mission.columns import Parameter
-from usvauv.kernels.mission.rollouts import NO_AUV
 from usvauv.kernels.mission.worlds import Strategy
 from usvauv.kernels.planning import search
 from usvauv.kernels.planning.information import Team, indices

@@ -1,12 +1,12 @@
 """The boat's visits by rollouts: predicted uncertainty of the AUVs' own positions over the next minutes.
 
-The boat compares first goals: each AUV's predicted position (`usvauv.kernels.mission.foresight`), their mean, and its
-present goal. The loss of a goal is the mean of a², over the horizon and all AUVs, with a the variance of an AUV's own
-position (`usvauv.kernels.mission.rollouts`): the square, so that one AUV alone for long counts more than several for a
-short time. The boat goes to the least certain AUV unless another goal's loss is less by a margin, because rollouts have
-errors. It keeps the goal until it has received a reply of the AUV that it visits, has arrived, or has searched for too
-long: with a new plan in each step, a far AUV would always come second. It gives up a goal that it cannot approach
-against wind and water (`boat_motion.can_approach`).
+The boat compares first goals: each AUV's predicted position (`usvauv.kernels.mission.boats.foresight`), their mean, and
+its present goal. The loss of a goal is the mean of a², over the horizon and all AUVs, with a the variance of an AUV's
+own position (`usvauv.kernels.mission.boats.rollouts`): the square, so that one AUV alone for long counts more than
+several for a short time. The boat goes to the least certain AUV unless another goal's loss is less by a margin, because
+rollouts have errors. It keeps the goal until it has received a reply of the AUV that it visits, has arrived, or has
+searched for too long: with a new plan in each step, a far AUV would always come second. It gives up a goal that it
+cannot approach against wind and water (`boat_motion.can_approach`).
 
 Source: a rollout of a base policy is no worse than the base policy where its model holds (Bertsekas, "Rollout, Policy
 Iteration, and Distributed Reinforcement Learning" (2020), §2.3).
@@ -15,10 +15,10 @@ Iteration, and Distributed Reinforcement Learning" (2020), §2.3).
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission import boat_motion, rollouts
+from usvauv.kernels.mission.boats import boat_motion, rollouts
+from usvauv.kernels.mission.boats.foresight import foreseen_place, own_uncertainty
+from usvauv.kernels.mission.boats.rollouts import INTERVAL, NO_AUV
 from usvauv.kernels.mission.columns import BoatColumn, ExchangeColumn, Parameter
-from usvauv.kernels.mission.foresight import foreseen_place, own_uncertainty
-from usvauv.kernels.mission.rollouts import INTERVAL, NO_AUV
 from usvauv.kernels.types import vec2
 
 PATIENCE = 150.0  # s that the boat looks for an AUV before it plans anew

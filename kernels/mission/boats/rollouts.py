@@ -18,11 +18,12 @@ import taichi as ti
 from taichi.lang import impl
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission import boat_motion, foresight, reception, replies
+from usvauv.kernels.mission import reception, replies
+from usvauv.kernels.mission.boats import boat_motion, foresight
+from usvauv.kernels.mission.boats.foresight import PredictedAuv, drift_over, own_uncertainty
 from usvauv.kernels.mission.columns import ExchangeColumn, ForesightColumn, Parameter
-from usvauv.kernels.mission.foresight import Way, drift_over, own_uncertainty
 from usvauv.kernels.mission.replies import SIGNAL, Signal
-from usvauv.kernels.mission.worlds import TOGETHER
+from usvauv.kernels.mission.worlds import WORLDS_PER_BLOCK
 from usvauv.kernels.positioning import tracker
 from usvauv.kernels.random import LANES
 from usvauv.kernels.types import select, vec2
@@ -32,7 +33,7 @@ STEPS = 60  # of a rollout
 SURE = 0.8  # probability from which on a reply is received in a rollout
 NO_AUV = -1  # the index of a goal that is no AUV
 STRAYING = 0.3  # standard deviation per axis of an AUV's velocity from the predicted one, over the reference speed
-WAY = 4  # numbers of a `Way` that change: x, y, node, hovers
+WAY = 4  # numbers of a `PredictedAuv` that change: x, y, node, hovers
 TEAM = 11  # numbers of an AUV at the beginning, before those of `Signal`
 
 
@@ -43,7 +44,7 @@ class Team(NamedTuple):
         served: 1 for those that the boat serves, else 0.
         a, b, c: of an AUV's own position.
         p, q, r: the same of its estimate of its position about the predicted one.
-        x, y, node, hovers: of `Way`.
+        x, y, node, hovers: of `PredictedAuv`.
         signal: `Signal` of them.
     """
 
@@ -76,7 +77,7 @@ def straying_over(worlds: ti.template(), time) -> tracker.Drift:
 
 
 @func
-def numbers_of(way: Way):
+def numbers_of(way: PredictedAuv):
     """Those that change."""
     return ti.Vector([way.place[0], way.place[1], ti.cast(way.node, ti.f32), way.hovers])
 
@@ -120,14 +121,14 @@ def foresee_ways(worlds: ti.template(), w, boat):
                 way = foresight.advanced(worlds, w, way, INTERVAL, 0)
                 numbers = numbers_of(way)
                 for c in ti.static(range(WAY)):
-                    worlds.ways[w // TOGETHER, place_of(worlds, n, c) + k // LANES][k % LANES] = numbers[c]
+                    worlds.ways[w // WORLDS_PER_BLOCK, place_of(worlds, n, c) + k // LANES][k % LANES] = numbers[c]
 
 
 @func
 def foreseen(worlds: ti.template(), w, n, c):
     """Number c of the AUVs' ways after step n of a rollout, from `foresee_ways`."""
     rows = [
-        worlds.ways[w // TOGETHER, place_of(worlds, n, c) + row]
+        worlds.ways[w // WORLDS_PER_BLOCK, place_of(worlds, n, c) + row]
         for row in ti.static(range(worlds.program.abreast // LANES))
     ]
     return ti.Vector([rows[row][lane] for row in ti.static(range(len(rows))) for lane in ti.static(range(LANES))])
@@ -199,7 +200,7 @@ def expected_loss(worlds: ti.template(), w, boat, goal: vec2, first: ti.i32, tea
                 if boat_motion.serves(worlds, w, boat, k) and (lost or astray[k] > 0.5):
                     apart = True
                     astray[k] = 1.0
-                    after = Way(
+                    after = PredictedAuv(
                         place=vec2(x[k], y[k]),
                         node=ti.cast(node[k], ti.i32),
                         hovers=hovers[k],

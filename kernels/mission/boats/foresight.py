@@ -8,7 +8,7 @@ it misses its node waits there.
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission import boat_motion
+from usvauv.kernels.mission.boats import boat_motion
 from usvauv.kernels.mission.columns import AuvColumn, ExchangeColumn, ForesightColumn, NodeColumn, Parameter
 from usvauv.kernels.positioning import tracker
 from usvauv.kernels.types import vec2, vec3
@@ -18,7 +18,7 @@ SLOWEST = 1e-3  # m/s, of a predicted AUV
 
 
 @ti.dataclass
-class Way:
+class PredictedAuv:
     """Predicted state of an AUV.
 
     Attributes:
@@ -60,7 +60,7 @@ def works_within(worlds: ti.template()) -> ti.f32:
 
 
 @func
-def approached(worlds: ti.template(), w, way: Way, time) -> vec2:
+def approached(worlds: ti.template(), w, way: PredictedAuv, time) -> vec2:
     """Position of an AUV that has gone straight towards its node for some time (s), at most to it, m."""
     node = ti.static(worlds.node)
     ahead = vec2(node[w, way.node, NodeColumn.x], node[w, way.node, NodeColumn.y]) - way.place
@@ -69,7 +69,7 @@ def approached(worlds: ti.template(), w, way: Way, time) -> vec2:
 
 
 @func
-def advanced(worlds: ti.template(), w, way: Way, time, lost: ti.i32) -> Way:
+def advanced(worlds: ti.template(), w, way: PredictedAuv, time, lost: ti.i32) -> PredictedAuv:
     """An AUV's state after some time (s); one that is lost goes no farther than to its target."""
     p = ti.static(worlds.p)
     node = ti.static(worlds.node)
@@ -110,7 +110,7 @@ def advanced(worlds: ti.template(), w, way: Way, time, lost: ti.i32) -> Way:
 
 
 @func
-def may_arrive(worlds: ti.template(), w, way: Way, time):
+def may_arrive(worlds: ti.template(), w, way: PredictedAuv, time):
     """Whether an AUV may come to a node within some time, s; at most by one in a hundred farther than it gets."""
     node = ti.static(worlds.node)
     away = vec2(node[w, way.node, NodeColumn.x], node[w, way.node, NodeColumn.y]) - way.place
@@ -119,10 +119,10 @@ def may_arrive(worlds: ti.template(), w, way: Way, time):
 
 
 @func
-def remembered(worlds: ti.template(), w, k) -> Way:
+def remembered(worlds: ti.template(), w, k) -> PredictedAuv:
     """The boat's present prediction of AUV k."""
     foresight = ti.static(worlds.foresight)
-    return Way(
+    return PredictedAuv(
         place=vec2(foresight[w, k, ForesightColumn.x], foresight[w, k, ForesightColumn.y]),
         node=ti.cast(foresight[w, k, ForesightColumn.heads_for], ti.i32),
         hovers=foresight[w, k, ForesightColumn.hovers],
