@@ -4,8 +4,8 @@ registry           item            adds
 `boat_strategies`  `BoatStrategy`  a boat's goal: `Strategy`, its functions; `serves`, whether it serves an AUV
 """
 
-from usvauv.kernels.mission.boat_motion import serves
-from usvauv.kernels.mission.boat_strategies import BoatStrategy, boat_strategies
+from usvauv.kernels.mission.boats.boat_motion import serves
+from usvauv.kernels.mission.boats.boat_strategies import BoatStrategy, boat_strategies
 from usvauv.kernels.mission.worlds import Strategy
 
 __all__ = ["BoatStrategy", "Strategy", "boat_strategies", "serves"]
