@@ -250,8 +250,7 @@ def fixed_along_ray(worlds: ti.template(), pose: ArrayPose, w, k, offset: vec3, 
     x, y, _, distance, flags = heard_from(
         worlds, link, k, body, slowness * ray.slant_range, (sigma, normal, residual_noise), pose.measured, length
     )
-    if ray.exists == 0:
-        flags = ti.static(float(usbl.NO_RAY))
+    flags = select(ray.exists == 0, ti.static(float(usbl.NO_RAY)), flags)
     found = rays.follow(layers, depth, vec3(x, y, -1.0), distance, c)
     return found[0], found[1], found[2], flags
 
