@@ -32,8 +32,8 @@ def clairvoyant(worlds: ti.template(), w, b):
     for k in range(worlds.estimate.shape[1]):
         for axis in ti.static(range(2)):
             worlds.foresight[w, k, ForesightColumn.x + axis] = worlds.auv[w, k, AuvColumn.x + axis]
-        worlds.foresight[w, k, ForesightColumn.heads_for] = worlds.auv[w, k, AuvColumn.target]
-        worlds.foresight[w, k, ForesightColumn.hovers] = worlds.auv[w, k, AuvColumn.hover]
+        worlds.foresight.heads_for[w, k] = worlds.auv.target[w, k]
+        worlds.foresight.hovers[w, k] = worlds.auv.hover[w, k]
     return belief_planner.go(worlds, w, b)
 
 

@@ -28,7 +28,7 @@ from usvauv.env.record.recorder import record
 from usvauv.env.record.trace import Trace
 from usvauv.env.site.site import Site
 from usvauv.env.world.mission_parameters import reference_rate
-from usvauv.kernels.mission.columns import AuvColumn, BeliefColumn, NodeColumn
+from usvauv.kernels.mission.columns import AuvColumn, NodeColumn
 from usvauv.kernels.mission.target_rules import TargetRule, knowledge, rollout, target_rules
 
 STOPS = 120  # nodes of an AUV in a plan
@@ -60,9 +60,9 @@ def told(worlds: ti.template(), w, k):
     """`rollout` by one who learns the true rate of a node with its first visit."""
     for i in range(worlds.node.shape[1]):
         b = knowledge.holder(worlds, k)
-        if worlds.belief[w, b, i, BeliefColumn.since] > 0.0:
-            worlds.belief[w, b, i, BeliefColumn.count] = worlds.node[w, i, NodeColumn.rate] * knowledge.SURE
-            worlds.belief[w, b, i, BeliefColumn.exposure] = knowledge.SURE
+        if worlds.belief.since[w, b, i] > 0.0:
+            worlds.belief.count[w, b, i] = worlds.node.rate[w, i] * knowledge.SURE
+            worlds.belief.exposure[w, b, i] = knowledge.SURE
     return rollout.rollout(worlds, w, k)
 
 

@@ -12,7 +12,7 @@ import taichi as ti
 from usvauv import Scenario, World, policies, record
 from usvauv.extend.boat import BoatStrategy, Strategy, boat_strategies
 from usvauv.extend.task import position_error
-from usvauv.extend.world import EstimateColumn, vec2
+from usvauv.extend.world import vec2
 
 # %%
 # The function runs inside the mission's kernel, for all worlds at once. It gets the state of the worlds and returns
@@ -23,7 +23,7 @@ from usvauv.extend.world import EstimateColumn, vec2
 def circle(worlds: ti.template(), w, b) -> vec2:
     middle = vec2(0.0, 0.0)
     for k in range(worlds.estimate.shape[1]):
-        middle += vec2(worlds.estimate[w, k, EstimateColumn.x], worlds.estimate[w, k, EstimateColumn.y])
+        middle += vec2(worlds.estimate.x[w, k], worlds.estimate.y[w, k])
     middle /= worlds.estimate.shape[1]
     out = vec2(worlds.boat[w, b, 0], worlds.boat[w, b, 1]) - middle
     ahead = ti.atan2(out[1], out[0]) + 0.5  # rad further round

@@ -3,13 +3,13 @@
 import taichi as ti
 
 from usvauv.extend.boat import BoatStrategy, Strategy, boat_strategies
-from usvauv.extend.world import EstimateColumn, vec2
+from usvauv.extend.world import vec2
 
 
 @ti.func
 def above(worlds: ti.template(), w, b) -> vec2:
     k = ti.cast(worlds.strategy_arguments[0], ti.i32)
-    return vec2(worlds.estimate[w, k, EstimateColumn.x], worlds.estimate[w, k, EstimateColumn.y])
+    return vec2(worlds.estimate.x[w, k], worlds.estimate.y[w, k])
 
 
 def refuse(scenario, numbers):

@@ -2,13 +2,13 @@
 
 import taichi as ti
 
-from usvauv.extend.world import AuvColumn, NodeColumn, ObservationTerm, Parameter, observation_terms
+from usvauv.extend.world import ObservationTerm, observation_terms
 
 
 @ti.func
 def backlog(worlds: ti.template(), w, k, first):
-    target = ti.cast(worlds.auv[w, k, AuvColumn.target], ti.i32)
-    worlds.observation[w, k, first] = worlds.node[w, target, NodeColumn.backlog] / worlds.p[Parameter.buffer]
+    target = ti.cast(worlds.auv.target[w, k], ti.i32)
+    worlds.observation[w, k, first] = worlds.node.backlog[w, target] / worlds.p.buffer
 
 
 observation_terms.register(

@@ -3,12 +3,11 @@
 import taichi as ti
 
 from usvauv.extend.task import TargetRule, best_free, knowledge, target_rules
-from usvauv.extend.world import BeliefColumn
 
 
 @ti.func
 def waiting(worlds: ti.template(), w, k, i):
-    return -worlds.belief[w, knowledge.holder(worlds, k), i, BeliefColumn.since]
+    return -worlds.belief.since[w, knowledge.holder(worlds, k), i]
 
 
 @ti.func

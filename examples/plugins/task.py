@@ -3,20 +3,20 @@
 import taichi as ti
 
 from usvauv.extend.task import Metric, RewardTerm, Task, distance_to_target, rewards, task_metrics, tasks, travel
-from usvauv.extend.world import AuvColumn, Draw, NodeColumn, ObservationTerm, Parameter, observation_terms, uniforms
+from usvauv.extend.world import Draw, ObservationTerm, observation_terms, uniforms
 
 
 @ti.func
 def place(worlds: ti.template(), w):
     for i in range(worlds.node.shape[1]):
         u = uniforms(worlds, w, Draw.node, i)
-        worlds.node[w, i, NodeColumn.x] = u[0] * worlds.p[Parameter.width]
-        worlds.node[w, i, NodeColumn.y] = u[1] * worlds.p[Parameter.length]
+        worlds.node.x[w, i] = u[0] * worlds.p.width
+        worlds.node.y[w, i] = u[1] * worlds.p.length
 
 
 @ti.func
 def assign(worlds: ti.template(), w, k):
-    worlds.auv[w, k, AuvColumn.target] = ti.cast(k % worlds.node.shape[1], ti.f32)
+    worlds.auv.target[w, k] = ti.cast(k % worlds.node.shape[1], ti.f32)
 
 
 @ti.func
@@ -24,9 +24,9 @@ def move(worlds: ti.template(), w, k, a0, a1):
     before = distance_to_target(worlds, w, k)
     travel(worlds, w, k, a0, a1)
     after = distance_to_target(worlds, w, k)
-    worlds.auv[w, k, AuvColumn.closed] = before - after
+    worlds.auv.closed[w, k] = before - after
     if after < worlds.task_parameters[0]:
-        worlds.auv[w, k, AuvColumn.delivered] = 1.0
+        worlds.auv.delivered[w, k] = 1.0
 
 
 @ti.func
@@ -37,19 +37,19 @@ def update(worlds: ti.template(), w):
 @ti.func
 def finish(worlds: ti.template(), w):
     for k in range(worlds.auv.shape[1]):
-        if worlds.auv[w, k, AuvColumn.delivered] > 0.0:
-            following = ti.cast(worlds.auv[w, k, AuvColumn.target], ti.i32) + worlds.auv.shape[1]
-            worlds.auv[w, k, AuvColumn.target] = ti.cast(following % worlds.node.shape[1], ti.f32)
+        if worlds.auv.delivered[w, k] > 0.0:
+            following = ti.cast(worlds.auv.target[w, k], ti.i32) + worlds.auv.shape[1]
+            worlds.auv.target[w, k] = ti.cast(following % worlds.node.shape[1], ti.f32)
 
 
 @ti.func
 def visit(worlds: ti.template(), w, k, weight):
-    return weight * worlds.auv[w, k, AuvColumn.delivered]
+    return weight * worlds.auv.delivered[w, k]
 
 
 @ti.func
 def distance_left(worlds: ti.template(), w, k, first):
-    worlds.observation[w, k, first] = distance_to_target(worlds, w, k) / worlds.p[Parameter.diagonal]
+    worlds.observation[w, k, first] = distance_to_target(worlds, w, k) / worlds.p.diagonal
 
 
 tasks.register(

@@ -490,21 +490,6 @@ class Division(Columns):
     threads: int
 
 
-class Phase(Columns):
-    """Task of a launch: begin episodes, advance them by a step, or by one part of a step.
-
-    On a GPU a step in parts is `begin`, `weigh`, `end` and `observe_auv`, or `begin_and_end` and `observe_auv`.
-    """
-
-    reset: int
-    step: int
-    begin: int
-    weigh: int
-    end: int
-    begin_and_end: int
-    observe_auv: int
-
-
 class Draw(Columns):
     """Purpose of a random draw: part of its address."""
 

@@ -21,11 +21,9 @@ from usvauv.kernels.mission import motion
 from usvauv.kernels.mission.boats import boat_motion
 from usvauv.kernels.mission.columns import (
     AuvColumn,
-    BoatColumn,
     Draw,
     EstimateColumn,
     ExchangeColumn,
-    Parameter,
     ReceptionColumn,
     Reply,
     Schedule,
@@ -54,8 +52,8 @@ DEPLOYMENT_VARIANCE = 1e-4  # of the place where an AUV is deployed, m²
 @func
 def away(worlds: ti.template(), w, b, k) -> vec3:
     """From boat b to where AUV k is estimated, m."""
-    x = worlds.estimate[w, k, EstimateColumn.x] - worlds.boat[w, b, BoatColumn.x]
-    y = worlds.estimate[w, k, EstimateColumn.y] - worlds.boat[w, b, BoatColumn.y]
+    x = worlds.estimate.x[w, k] - worlds.boat.x[w, b]
+    y = worlds.estimate.y[w, k] - worlds.boat.y[w, b]
     return vec3(x, y, height(worlds, w, b, k))
 
 
@@ -63,15 +61,15 @@ def away(worlds: ti.template(), w, b, k) -> vec3:
 def boat_before(worlds: ti.template(), w, b, age) -> vec2:
     """Where boat b was `age` seconds before the end of the step, m."""
     boat = ti.static(worlds.boat)
-    share = age / worlds.p[Parameter.step]
-    moved = vec2(boat[w, b, BoatColumn.moved_x], boat[w, b, BoatColumn.moved_y])
-    return vec2(boat[w, b, BoatColumn.x], boat[w, b, BoatColumn.y]) - share * moved
+    share = age / worlds.p.step
+    moved = vec2(boat.moved_x[w, b], boat.moved_y[w, b])
+    return vec2(boat.x[w, b], boat.y[w, b]) - share * moved
 
 
 @func
 def no_fix(worlds: ti.template(), w, k):
     """No fix of AUV k is due in this step."""
-    worlds.auv[w, k, AuvColumn.fix_flags] = ti.cast(usbl.SILENT, ti.f32)
+    worlds.auv.fix_flags[w, k] = ti.cast(usbl.SILENT, ti.f32)
 
 
 @func
@@ -82,9 +80,9 @@ def expect(worlds: ti.template(), w, k, here: vec2) -> Expectation:
     for j in ti.static(range(3)):
         covariance[j] = estimate[w, k, EstimateColumn.covariance_xx + j]
     return Expectation(
-        place=vec2(estimate[w, k, EstimateColumn.x], estimate[w, k, EstimateColumn.y]) - here,
+        place=vec2(estimate.x[w, k], estimate.y[w, k]) - here,
         covariance=covariance,
-        reach=worlds.p[Parameter.auv_speed] * estimate[w, k, EstimateColumn.age],
+        reach=worlds.p.auv_speed * estimate.age[w, k],
     )
 
 
@@ -98,16 +96,16 @@ def take_fix(worlds: ti.template(), pose: ArrayPose, w, k):
     """
     p = ti.static(worlds.p)
     auv = ti.static(worlds.auv)
-    here = boat_before(worlds, w, pose.boat, p[Parameter.latency])
-    there = vec2(auv[w, k, AuvColumn.x], auv[w, k, AuvColumn.y])
+    here = boat_before(worlds, w, pose.boat, p.latency)
+    there = vec2(auv.x[w, k], auv.y[w, k])
     z = height(worlds, w, pose.boat, k)
     range_now = ti.sqrt((there - boat_before(worlds, w, pose.boat, 0.0)).norm_sqr() + z * z)
-    age = p[Parameter.latency] + p[Parameter.propagates] * range_now / p[Parameter.sound_speed]
-    then = there - age / p[Parameter.step] * vec2(auv[w, k, AuvColumn.moved_x], auv[w, k, AuvColumn.moved_y])
+    age = p.latency + p.propagates * range_now / p.sound_speed
+    then = there - age / p.step * vec2(auv.moved_x[w, k], auv.moved_y[w, k])
     lost = 0
-    if p[Parameter.packet_loss] > 0.0:
+    if p.packet_loss > 0.0:
         u = uniforms(worlds, w, Draw.loss, k)
-        lost = ti.cast(u[0] < p[Parameter.packet_loss], ti.i32)
+        lost = ti.cast(u[0] < p.packet_loss, ti.i32)
     fix = make_fix(worlds, pose, w, k, here, then, lost)
     if ti.static(worlds.program.tracker):
         track = ti.static(worlds.track)
@@ -154,9 +152,9 @@ def update_track(worlds: ti.template(), w, k, fix: Fix, lag, carried: vec2):
     track = ti.static(worlds.track)
     if usbl.usable(fix.flags):
         taken = tracker.TrackFix(place=fix.place, covariance=fix.covariance, lag=lag, carried=carried)
-        tracker.update(track, w, k, taken, p[Parameter.current_variance], p[Parameter.auv_speed])
+        tracker.update(track, w, k, taken, p.current_variance, p.auv_speed)
         if track[w, k, tracker.REJECTIONS] > 0.0:
-            worlds.auv[w, k, AuvColumn.fix_flags] = ti.cast(fix.flags | usbl.REJECTED, ti.f32)
+            worlds.auv.fix_flags[w, k] = ti.cast(fix.flags | usbl.REJECTED, ti.f32)
 
 
 @func
@@ -168,13 +166,13 @@ def set_estimate_from_fix(worlds: ti.template(), w, k, fix: Fix, here: vec2):
     expected = expect(worlds, w, k, here)
     if usbl.usable(flags) and usbl.squared_innovation(expected, fix.place - here, fix.covariance) > usbl.GATE:
         flags |= usbl.REJECTED
-    auv[w, k, AuvColumn.fix_flags] = ti.cast(flags, ti.f32)
+    auv.fix_flags[w, k] = ti.cast(flags, ti.f32)
     if usbl.usable(flags):
         for c in ti.static(range(2)):
             estimate[w, k, EstimateColumn.x + c] = auv[w, k, AuvColumn.fix_x + c]
         for c in ti.static(range(3)):
             estimate[w, k, EstimateColumn.covariance_xx + c] = auv[w, k, AuvColumn.covariance_xx + c]
-        estimate[w, k, EstimateColumn.age] = 0.0
+        estimate.age[w, k] = 0.0
 
 
 @func
@@ -182,22 +180,22 @@ def set_estimate_from_track(worlds: ti.template(), w, k):
     """The estimate of AUV k is its track."""
     estimate = ti.static(worlds.estimate)
     track = ti.static(worlds.track)
-    estimate[w, k, EstimateColumn.x] = track[w, k, tracker.X]
-    estimate[w, k, EstimateColumn.y] = track[w, k, tracker.Y]
-    estimate[w, k, EstimateColumn.covariance_xx] = track[w, k, tracker.XX]
-    estimate[w, k, EstimateColumn.covariance_xy] = track[w, k, tracker.XY]
-    estimate[w, k, EstimateColumn.covariance_yy] = track[w, k, tracker.YY]
+    estimate.x[w, k] = track[w, k, tracker.X]
+    estimate.y[w, k] = track[w, k, tracker.Y]
+    estimate.covariance_xx[w, k] = track[w, k, tracker.XX]
+    estimate.covariance_xy[w, k] = track[w, k, tracker.XY]
+    estimate.covariance_yy[w, k] = track[w, k, tracker.YY]
 
 
 @func
 def finish(worlds: ti.template(), pose: ArrayPose, w, k):
     """Complete the estimate of AUV k for this step: with the errors that all fixes by its boat have in common."""
     estimate = ti.static(worlds.estimate)
-    estimate[w, k, EstimateColumn.age] = estimate[w, k, EstimateColumn.age] + worlds.p[Parameter.step]
+    estimate.age[w, k] = estimate.age[w, k] + worlds.p.step
     if ti.static(worlds.program.reckoning):
         motion.extrapolate(worlds, w, k)
-    estimate[w, k, EstimateColumn.separation] = -height(worlds, w, pose.boat, k)
-    place = vec2(estimate[w, k, EstimateColumn.x], estimate[w, k, EstimateColumn.y])
+    estimate.separation[w, k] = -height(worlds, w, pose.boat, k)
+    place = vec2(estimate.x[w, k], estimate.y[w, k])
     if ti.static(worlds.program.sensor != Sensor.none):
         # Both are renewed in each step, without what fixes have in common.
         common = common_covariance(worlds, pose, k, away(worlds, w, pose.boat, k))
@@ -205,8 +203,8 @@ def finish(worlds: ti.template(), pose: ArrayPose, w, k):
             estimate[w, k, EstimateColumn.covariance_xx + c] = (
                 estimate[w, k, EstimateColumn.covariance_xx + c] + common[c]
             )
-    error = place - vec2(worlds.auv[w, k, AuvColumn.x], worlds.auv[w, k, AuvColumn.y])
-    worlds.auv[w, k, AuvColumn.position_error] = error.norm()
+    error = place - vec2(worlds.auv.x[w, k], worlds.auv.y[w, k])
+    worlds.auv.position_error[w, k] = error.norm()
 
 
 @func
@@ -226,11 +224,11 @@ def begin_estimate(worlds: ti.template(), pose: ArrayPose, w, k):
 def predict(worlds: ti.template(), w, k):
     """Carry the track of AUV k through the step it has just made, by its velocity through the water."""
     auv = ti.static(worlds.auv)
-    water = vec2(auv[w, k, AuvColumn.water_x], auv[w, k, AuvColumn.water_y])
-    tracker.carry(worlds.track, w, k, water, worlds.p[Parameter.step], motion.drifted(worlds, w, k))
-    tracker.spread(worlds.track, w, k, motion.gnss_change(worlds, worlds.p[Parameter.step]))
-    worlds.estimate[w, k, EstimateColumn.x] = worlds.track[w, k, tracker.X]
-    worlds.estimate[w, k, EstimateColumn.y] = worlds.track[w, k, tracker.Y]
+    water = vec2(auv.water_x[w, k], auv.water_y[w, k])
+    tracker.carry(worlds.track, w, k, water, worlds.p.step, motion.drifted(worlds, w, k))
+    tracker.spread(worlds.track, w, k, motion.gnss_change(worlds, worlds.p.step))
+    worlds.estimate.x[w, k] = worlds.track[w, k, tracker.X]
+    worlds.estimate.y[w, k] = worlds.track[w, k, tracker.Y]
 
 
 @func
@@ -241,14 +239,14 @@ def prepare_next_step(worlds: ti.template(), w, k):
         worlds.track,
         w,
         k,
-        p[Parameter.step],
-        p[Parameter.current_variance],
-        p[Parameter.correlation_time],
+        p.step,
+        p.current_variance,
+        p.correlation_time,
     )
-    deviation = p[Parameter.current_reading]
+    deviation = p.current_reading
     if deviation > 0.0:
         noise = normals(worlds, w, Draw.reading, k)
-        reading = vec2(worlds.auv[w, k, AuvColumn.current_x], worlds.auv[w, k, AuvColumn.current_y])
+        reading = vec2(worlds.auv.current_x[w, k], worlds.auv.current_y[w, k])
         reading += deviation * vec2(noise[0], noise[1])
         tracker.sense(worlds.track, w, k, reading, deviation * deviation)
 
@@ -256,10 +254,10 @@ def prepare_next_step(worlds: ti.template(), w, k):
 @func
 def squared_distance(worlds: ti.template(), w, b, k) -> ti.f32:
     """Square of the true distance between boat b and AUV k, m²."""
-    dx = worlds.auv[w, k, AuvColumn.x] - worlds.boat[w, b, BoatColumn.x]
-    dy = worlds.auv[w, k, AuvColumn.y] - worlds.boat[w, b, BoatColumn.y]
-    z = worlds.p[Parameter.separation_boat] + worlds.boat[w, b, BoatColumn.elevation]
-    z += worlds.auv[w, k, AuvColumn.depth_error]
+    dx = worlds.auv.x[w, k] - worlds.boat.x[w, b]
+    dy = worlds.auv.y[w, k] - worlds.boat.y[w, b]
+    z = worlds.p.separation_boat + worlds.boat.elevation[w, b]
+    z += worlds.auv.depth_error[w, k]
     return dx * dx + dy * dy + z * z
 
 
@@ -267,15 +265,15 @@ def squared_distance(worlds: ti.template(), w, b, k) -> ti.f32:
 def duration(worlds: ti.template(), w, b, k) -> vec2:
     """Time (s) from boat b's interrogation of AUV k to the departure of the reply, and to its end at the boat."""
     p = ti.static(worlds.p)
-    travel = ti.sqrt(squared_distance(worlds, w, b, k)) / p[Parameter.sound_speed]
-    reply = travel + p[Parameter.turn_around]
-    return vec2(reply, reply + travel + p[Parameter.signal_length])
+    travel = ti.sqrt(squared_distance(worlds, w, b, k)) / p.sound_speed
+    reply = travel + p.turn_around
+    return vec2(reply, reply + travel + p.signal_length)
 
 
 @func
 def may_ask(worlds: ti.template(), w, b, k, start):
     """Whether boat b may ask AUV k at `start`: its next fix must not fall into a step that has one already."""
-    return worlds.exchange[w, k, ExchangeColumn.over] == 0.0 or start + duration(worlds, w, b, k)[1] > 0.0
+    return worlds.exchange.over[w, k] == 0.0 or start + duration(worlds, w, b, k)[1] > 0.0
 
 
 @func
@@ -293,12 +291,12 @@ def chosen(worlds: ti.template(), w, b, start):
         if not may_ask(worlds, w, b, best, start):
             best = -1
     else:
-        last = ti.cast(worlds.boat[w, b, BoatColumn.asked], ti.i32)
+        last = ti.cast(worlds.boat.asked[w, b], ti.i32)
         for n in range(count):
             k = (last + 1 + n) % count
             value = 0.0  # in turn: the first of them
             if ti.static(worlds.program.schedule == Schedule.by_need):
-                waits = start - worlds.exchange[w, k, ExchangeColumn.reply_at]  # else one that does not reply goes on
+                waits = start - worlds.exchange.reply_at[w, k]  # else one that does not reply goes on
                 value = waits * reply_worth(worlds, w, b, k)
             if value > largest and boat_motion.serves(worlds, w, b, k) and may_ask(worlds, w, b, k, start):
                 largest = value
@@ -310,9 +308,9 @@ def chosen(worlds: ti.template(), w, b, start):
 def ask(worlds: ti.template(), w, b, k, start):
     """Boat b interrogates AUV k at `start`; returns when its reply is over."""
     lasts = duration(worlds, w, b, k)
-    worlds.exchange[w, k, ExchangeColumn.reply_at] = start + lasts[0]
-    worlds.exchange[w, k, ExchangeColumn.reply] = Reply.due
-    worlds.boat[w, b, BoatColumn.asked] = ti.cast(k, ti.f32)
+    worlds.exchange.reply_at[w, k] = start + lasts[0]
+    worlds.exchange.reply[w, k] = Reply.due
+    worlds.boat.asked[w, b] = ti.cast(k, ti.f32)
     return start + lasts[1]
 
 
@@ -320,10 +318,10 @@ def ask(worlds: ti.template(), w, b, k, start):
 def is_lost(worlds: ti.template(), w, k) -> ivec2:
     """Whether an interrogation of AUV k and its reply are lost in this step."""
     lost = ivec2(0, 0)
-    if worlds.p[Parameter.packet_loss] > 0.0:
+    if worlds.p.packet_loss > 0.0:
         u = uniforms(worlds, w, Draw.loss, k)
         for way in ti.static(range(2)):
-            lost[way] = ti.cast(u[way] < worlds.p[Parameter.packet_loss], ti.i32)
+            lost[way] = ti.cast(u[way] < worlds.p.packet_loss, ti.i32)
     return lost
 
 
@@ -331,11 +329,11 @@ def is_lost(worlds: ti.template(), w, k) -> ivec2:
 def answer(worlds: ti.template(), w, k):
     """AUV k receives the interrogation, unless it is lost, and its reply leaves."""
     exchange = ti.static(worlds.exchange)
-    age = -exchange[w, k, ExchangeColumn.reply_at]
-    share = age / worlds.p[Parameter.step]
-    exchange[w, k, ExchangeColumn.reply] = Reply.lost
+    age = -exchange.reply_at[w, k]
+    share = age / worlds.p.step
+    exchange.reply[w, k] = Reply.lost
     if not is_lost(worlds, w, k)[0]:
-        exchange[w, k, ExchangeColumn.reply] = Reply.sent
+        exchange.reply[w, k] = Reply.sent
         for axis in ti.static(range(2)):
             moved = worlds.auv[w, k, AuvColumn.moved_x + axis]
             exchange[w, k, ExchangeColumn.sent_x + axis] = worlds.auv[w, k, AuvColumn.x + axis] - share * moved
@@ -359,9 +357,9 @@ def fill_reply(worlds: ti.template(), w, k, age):
 @func
 def receive(worlds: ti.template(), pose: ArrayPose, w, k, age):
     """The reply of AUV k arrives `age` seconds before the end of the step, if it does."""
-    there = vec2(worlds.exchange[w, k, ExchangeColumn.sent_x], worlds.exchange[w, k, ExchangeColumn.sent_y])
+    there = vec2(worlds.exchange.sent_x[w, k], worlds.exchange.sent_y[w, k])
     lost = is_lost(worlds, w, k)[1]
-    if worlds.exchange[w, k, ExchangeColumn.reply] == Reply.lost:
+    if worlds.exchange.reply[w, k] == Reply.lost:
         lost = 1
     if ti.static(worlds.program.fixes_in_lanes):
         here = boat_before(worlds, w, pose.boat, age)
@@ -371,22 +369,22 @@ def receive(worlds: ti.template(), pose: ArrayPose, w, k, age):
         store_reply(worlds, w, k, ReceptionColumn.height, true_height(worlds, w, pose.boat, k))
         store_reply(worlds, w, k, ReceptionColumn.arrived, age)
         store_reply(worlds, w, k, ReceptionColumn.lost, ti.cast(lost, ti.f32))
-        worlds.auv[w, k, AuvColumn.fix_boat] = ti.cast(pose.boat, ti.f32)
+        worlds.auv.fix_boat[w, k] = ti.cast(pose.boat, ti.f32)
     else:
         take_reply(worlds, pose, w, k, there, age, lost)
-    worlds.exchange[w, k, ExchangeColumn.reply] = Reply.none
-    worlds.exchange[w, k, ExchangeColumn.over] = 1.0
+    worlds.exchange.reply[w, k] = Reply.none
+    worlds.exchange.over[w, k] = 1.0
 
 
 @func
 def begin_step(worlds: ti.template(), w):
     """Count times from the end of the new step; no exchange has ended in it yet."""
-    step = worlds.p[Parameter.step]
+    step = worlds.p.step
     for column in ti.static((TallyColumn.channel_free, TallyColumn.next_ping)):
         worlds.tally[w, column] = ti.max(worlds.tally[w, column] - step, -step)
     for k in range(worlds.auv.shape[1]):
-        worlds.exchange[w, k, ExchangeColumn.reply_at] = worlds.exchange[w, k, ExchangeColumn.reply_at] - step
-        worlds.exchange[w, k, ExchangeColumn.over] = 0.0
+        worlds.exchange.reply_at[w, k] = worlds.exchange.reply_at[w, k] - step
+        worlds.exchange.over[w, k] = 0.0
         no_fix(worlds, w, k)
         if ti.static(worlds.program.fixes_in_lanes):
             for c in ti.static((ReceptionColumn.left, ReceptionColumn.left_next, ReceptionColumn.arrived)):
@@ -397,18 +395,18 @@ def begin_step(worlds: ti.template(), w):
 def open_channel(worlds: ti.template(), w):
     """When an episode begins the channel is free, and the turn is the first boat's."""
     boats = worlds.boat.shape[1]
-    worlds.tally[w, TallyColumn.channel_free] = 0.0
-    worlds.tally[w, TallyColumn.next_ping] = 0.0
-    worlds.tally[w, TallyColumn.asking] = ti.cast(boats - 1, ti.f32)
+    worlds.tally.channel_free[w] = 0.0
+    worlds.tally.next_ping[w] = 0.0
+    worlds.tally.asking[w] = ti.cast(boats - 1, ti.f32)
     for b in range(boats):
-        worlds.boat[w, b, BoatColumn.asked] = -1.0
+        worlds.boat.asked[w, b] = -1.0
 
 
 @func
 def begin_exchanges(worlds: ti.template(), pose: ArrayPose, w, k):
     """Nothing is in the water when an episode begins, and AUV k is where it is deployed."""
-    worlds.exchange[w, k, ExchangeColumn.reply] = Reply.none
-    worlds.exchange[w, k, ExchangeColumn.reply_at] = 0.0
+    worlds.exchange.reply[w, k] = Reply.none
+    worlds.exchange.reply_at[w, k] = 0.0
     no_fix(worlds, w, k)
     finish(worlds, pose, w, k)
 
@@ -418,9 +416,9 @@ def begin_exchange(worlds: ti.template(), w):
     """The boat whose turn it is begins an exchange as soon as the channel is free; returns whether one begins."""
     boats = worlds.boat.shape[1]
     count = worlds.auv.shape[1]
-    start = ti.max(worlds.tally[w, TallyColumn.channel_free], worlds.tally[w, TallyColumn.next_ping])
-    start = ti.max(start, -worlds.p[Parameter.step])
-    last = ti.cast(worlds.tally[w, TallyColumn.asking], ti.i32)
+    start = ti.max(worlds.tally.channel_free[w], worlds.tally.next_ping[w])
+    start = ti.max(start, -worlds.p.step)
+    last = ti.cast(worlds.tally.asking[w], ti.i32)
     turns = boats
     if ti.static(worlds.program.schedule == Schedule.all):
         turns = 1  # every boat has an AUV to ask, if not now then in the next step
@@ -434,9 +432,9 @@ def begin_exchange(worlds: ti.template(), w):
                 for k in range(count):
                     if ti.static(worlds.program.schedule == Schedule.all) or k == first:
                         end = ti.max(end, ask(worlds, w, b, k, start))
-                worlds.tally[w, TallyColumn.channel_free] = end
-                worlds.tally[w, TallyColumn.next_ping] = start + worlds.p[Parameter.ping_interval]
-                worlds.tally[w, TallyColumn.asking] = ti.cast(b, ti.f32)
+                worlds.tally.channel_free[w] = end
+                worlds.tally.next_ping[w] = start + worlds.p.ping_interval
+                worlds.tally.asking[w] = ti.cast(b, ti.f32)
                 begins = True
     return begins
 
@@ -458,7 +456,7 @@ def exchange(worlds: ti.template(), w):
     pose = array_of(worlds, w, 0)
     under_way = False
     for k in range(count):
-        under_way = under_way or worlds.exchange[w, k, ExchangeColumn.reply] != Reply.none
+        under_way = under_way or worlds.exchange.reply[w, k] != Reply.none
     going_on = True
     while going_on:
         going_on = False
@@ -466,15 +464,15 @@ def exchange(worlds: ti.template(), w):
             under_way = begin_exchange(worlds, w)
         if under_way:
             for k in range(count):
-                due = worlds.exchange[w, k, ExchangeColumn.reply] == Reply.due
-                if due and worlds.exchange[w, k, ExchangeColumn.reply_at] <= 0.0:
+                due = worlds.exchange.reply[w, k] == Reply.due
+                if due and worlds.exchange.reply_at[w, k] <= 0.0:
                     answer(worlds, w, k)
-            end = worlds.tally[w, TallyColumn.channel_free]
+            end = worlds.tally.channel_free[w]
             if end <= 0.0:
                 if ti.static(worlds.program.fleet):
-                    pose = array_of(worlds, w, ti.cast(worlds.tally[w, TallyColumn.asking], ti.i32))
+                    pose = array_of(worlds, w, ti.cast(worlds.tally.asking[w], ti.i32))
                 for k in range(count):
-                    reply = worlds.exchange[w, k, ExchangeColumn.reply]
+                    reply = worlds.exchange.reply[w, k]
                     if reply == Reply.sent or reply == Reply.lost:
                         receive(worlds, pose, w, k, -end)
                 under_way = False
@@ -497,7 +495,7 @@ def use_replies(worlds: ti.template(), w):
             fill_reply(worlds, w, k, left)
         age = load_reply(worlds, w, k, ReceptionColumn.arrived)
         if age >= 0.0:
-            boat = ti.cast(worlds.auv[w, k, AuvColumn.fix_boat], ti.i32)
+            boat = ti.cast(worlds.auv.fix_boat[w, k], ti.i32)
             here = boat_before(worlds, w, boat, age)
             use_fix(worlds, w, k, read_fix(worlds, w, k, boat, here), here)
         left = load_reply(worlds, w, k, ReceptionColumn.left_next)

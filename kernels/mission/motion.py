@@ -25,12 +25,9 @@ import taichi as ti
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission.columns import (
     AuvColumn,
-    BodyColumn,
     Draw,
     EstimateColumn,
     ExchangeColumn,
-    NodeColumn,
-    Parameter,
     Sensor,
 )
 from usvauv.kernels.mission.worlds import normals
@@ -66,10 +63,10 @@ def water_velocity(p: ti.template(), a0, a1):
     Vector form: speed_max · a with its norm clamped into [speed_min, speed_max]; a zero action means east.
     Polar form: heading π a0, speed linear in a1.
     """
-    velocity = vec2(p[Parameter.speed_min], 0.0)
-    if p[Parameter.polar] > 0.5:
+    velocity = vec2(p.speed_min, 0.0)
+    if p.polar > 0.5:
         share = ti.min(ti.max(0.5 * (a1 + 1.0), 0.0), 1.0)
-        speed = p[Parameter.speed_min] + share * (p[Parameter.speed_max] - p[Parameter.speed_min])
+        speed = p.speed_min + share * (p.speed_max - p.speed_min)
         heading = 3.141592653589793 * a0
         velocity = speed * vec2(ti.cos(heading), ti.sin(heading))
     else:
@@ -77,7 +74,7 @@ def water_velocity(p: ti.template(), a0, a1):
         a = vec2(a0 / share, a1 / share)
         norm = ti.sqrt(a[0] * a[0] + a[1] * a[1])
         if norm > 1e-6:
-            speed = ti.min(ti.max(norm * p[Parameter.speed_max], p[Parameter.speed_min]), p[Parameter.speed_max])
+            speed = ti.min(ti.max(norm * p.speed_max, p.speed_min), p.speed_max)
             velocity = speed / norm * a
     return velocity
 
@@ -85,7 +82,7 @@ def water_velocity(p: ti.template(), a0, a1):
 @func
 def target_of(worlds: ti.template(), w, k):
     """Index of the node that AUV k heads for; one that a plugin has set wrong counts as the nearest index."""
-    target = ti.cast(worlds.auv[w, k, AuvColumn.target], ti.i32)
+    target = ti.cast(worlds.auv.target[w, k], ti.i32)
     return ti.min(ti.max(target, 0), worlds.node.shape[1] - 1)
 
 
@@ -94,8 +91,8 @@ def offset_to_target(worlds: ti.template(), w, k) -> vec2:
     """True horizontal offset from AUV k to its target, m."""
     target = target_of(worlds, w, k)
     return vec2(
-        worlds.node[w, target, NodeColumn.x] - worlds.auv[w, k, AuvColumn.x],
-        worlds.node[w, target, NodeColumn.y] - worlds.auv[w, k, AuvColumn.y],
+        worlds.node.x[w, target] - worlds.auv.x[w, k],
+        worlds.node.y[w, target] - worlds.auv.y[w, k],
     )
 
 
@@ -108,11 +105,11 @@ def distance_to_target(worlds: ti.template(), w, k):
 @func
 def distance_between(worlds: ti.template(), w, j, k):
     """True distance between AUVs j and k, m: horizontal, or with vehicles that of three dimensions."""
-    dx = worlds.auv[w, j, AuvColumn.x] - worlds.auv[w, k, AuvColumn.x]
-    dy = worlds.auv[w, j, AuvColumn.y] - worlds.auv[w, k, AuvColumn.y]
+    dx = worlds.auv.x[w, j] - worlds.auv.x[w, k]
+    dy = worlds.auv.y[w, j] - worlds.auv.y[w, k]
     distance = vec2(dx, dy).norm()
     if ti.static(worlds.program.vehicle):
-        dz = worlds.auv[w, j, AuvColumn.depth_error] - worlds.auv[w, k, AuvColumn.depth_error]
+        dz = worlds.auv.depth_error[w, j] - worlds.auv.depth_error[w, k]
         distance = vec2(distance, dz).norm()
     return distance
 
@@ -136,31 +133,31 @@ def hold(worlds: ti.template(), w, k, wanted: vec2):
     """
     p = ti.static(worlds.p)
     auv = ti.static(worlds.auv)
-    here = vec2(auv[w, k, AuvColumn.x], auv[w, k, AuvColumn.y])
-    current = vec2(auv[w, k, AuvColumn.current_x], auv[w, k, AuvColumn.current_y])
+    here = vec2(auv.x[w, k], auv.y[w, k])
+    current = vec2(auv.current_x[w, k], auv.current_y[w, k])
     velocity = wanted - current
     speed = velocity.norm()
-    if speed > p[Parameter.speed_max]:
-        velocity *= p[Parameter.speed_max] / speed
-    auv[w, k, AuvColumn.power] = hovering_power(velocity.norm())
-    auv[w, k, AuvColumn.velocity_x] = velocity[0]
-    auv[w, k, AuvColumn.velocity_y] = velocity[1]
-    place = here + p[Parameter.step] * (velocity + current)
+    if speed > p.speed_max:
+        velocity *= p.speed_max / speed
+    auv.power[w, k] = hovering_power(velocity.norm())
+    auv.velocity_x[w, k] = velocity[0]
+    auv.velocity_y[w, k] = velocity[1]
+    place = here + p.step * (velocity + current)
     place = vec2(
-        ti.min(ti.max(place[0], 0.0), p[Parameter.width]),
-        ti.min(ti.max(place[1], 0.0), p[Parameter.length]),
+        ti.min(ti.max(place[0], 0.0), p.width),
+        ti.min(ti.max(place[1], 0.0), p.length),
     )
     moved = place - here
     water = vec2(0.0)
     if moved.norm_sqr() > 0.0:
-        water = moved / p[Parameter.step] - current
+        water = moved / p.step - current
     move_to(worlds, w, k, place, water)
 
 
 @func
 def drifted(worlds: ti.template(), w, k) -> ti.f32:
     """1 where AUV k has moved over ground in this step; 0 where it has held its place, which it senses."""
-    moved = vec2(worlds.auv[w, k, AuvColumn.moved_x], worlds.auv[w, k, AuvColumn.moved_y])
+    moved = vec2(worlds.auv.moved_x[w, k], worlds.auv.moved_y[w, k])
     return ti.select(moved.norm_sqr() > 0.0, 1.0, 0.0)
 
 
@@ -176,16 +173,16 @@ def respond(worlds: ti.template(), w, k, commanded: vec2) -> vec2:
     """
     p = ti.static(worlds.p)
     auv = ti.static(worlds.auv)
-    apart = vec2(auv[w, k, AuvColumn.velocity_x], auv[w, k, AuvColumn.velocity_y]) - commanded
-    end = commanded + p[Parameter.speed_memory] * apart
-    mean = commanded + p[Parameter.speed_share] * apart
-    if p[Parameter.speed_noise] > 0.0:
+    apart = vec2(auv.velocity_x[w, k], auv.velocity_y[w, k]) - commanded
+    end = commanded + p.speed_memory * apart
+    mean = commanded + p.speed_share * apart
+    if p.speed_noise > 0.0:
         noise = normals(worlds, w, Draw.speed, k)
         shared = vec2(noise[0], noise[1])
-        end += p[Parameter.speed_noise] * shared
-        mean += p[Parameter.speed_noise_mean] * shared + p[Parameter.speed_noise_rest] * vec2(noise[2], noise[3])
-    auv[w, k, AuvColumn.velocity_x] = end[0]
-    auv[w, k, AuvColumn.velocity_y] = end[1]
+        end += p.speed_noise * shared
+        mean += p.speed_noise_mean * shared + p.speed_noise_rest * vec2(noise[2], noise[3])
+    auv.velocity_x[w, k] = end[0]
+    auv.velocity_y[w, k] = end[1]
     return mean
 
 
@@ -195,18 +192,18 @@ def renew_depth_error(worlds: ti.template(), w, k):
     stationary state from the start.
     """
     p = ti.static(worlds.p)
-    if p[Parameter.depth_noise] > 0.0:
-        memory = p[Parameter.depth_memory]
+    if p.depth_noise > 0.0:
+        memory = p.depth_memory
         if worlds.clock[w, 1] == 0:
             memory = 0.0
-        new = p[Parameter.depth_noise] * ti.sqrt(1.0 - memory * memory)
+        new = p.depth_noise * ti.sqrt(1.0 - memory * memory)
         noise = normals(worlds, w, Draw.depth, k)
         if ti.static(worlds.program.vehicle):
-            error = memory * worlds.body[w, k, BodyColumn.sensor_error] + new * noise[0]
-            worlds.body[w, k, BodyColumn.sensor_error] = error
+            error = memory * worlds.body.sensor_error[w, k] + new * noise[0]
+            worlds.body.sensor_error[w, k] = error
         else:
-            error = memory * worlds.auv[w, k, AuvColumn.depth_error] + new * noise[0]
-            worlds.auv[w, k, AuvColumn.depth_error] = error
+            error = memory * worlds.auv.depth_error[w, k] + new * noise[0]
+            worlds.auv.depth_error[w, k] = error
 
 
 @func
@@ -227,21 +224,21 @@ def arrive(worlds: ti.template(), w, k):
     p = ti.static(worlds.p)
     auv = ti.static(worlds.auv)
     body = ti.static(worlds.body)
-    here = vec2(auv[w, k, AuvColumn.x], auv[w, k, AuvColumn.y])
-    way = vec2(body[w, k, BodyColumn.way_x], body[w, k, BodyColumn.way_y])
-    water = vec2(body[w, k, BodyColumn.water_x], body[w, k, BodyColumn.water_y])
+    here = vec2(auv.x[w, k], auv.y[w, k])
+    way = vec2(body.way_x[w, k], body.way_y[w, k])
+    water = vec2(body.water_x[w, k], body.water_y[w, k])
     place = here + way
     inside = vec2(
-        ti.min(ti.max(place[0], 0.0), p[Parameter.width]),
-        ti.min(ti.max(place[1], 0.0), p[Parameter.length]),
+        ti.min(ti.max(place[0], 0.0), p.width),
+        ti.min(ti.max(place[1], 0.0), p.length),
     )
     if inside[0] != place[0] or inside[1] != place[1]:
-        auv[w, k, AuvColumn.border] = 1.0
-        water += (inside - place) / p[Parameter.step]
-    auv[w, k, AuvColumn.power] = body[w, k, BodyColumn.power]
-    auv[w, k, AuvColumn.velocity_x] = water[0]
-    auv[w, k, AuvColumn.velocity_y] = water[1]
-    auv[w, k, AuvColumn.depth_error] = body[w, k, BodyColumn.depth] - p[Parameter.cruise]
+        auv.border[w, k] = 1.0
+        water += (inside - place) / p.step
+    auv.power[w, k] = body.power[w, k]
+    auv.velocity_x[w, k] = water[0]
+    auv.velocity_y[w, k] = water[1]
+    auv.depth_error[w, k] = body.depth[w, k] - p.cruise
     move_to(worlds, w, k, inside, water)
 
 
@@ -251,15 +248,15 @@ def go(worlds: ti.template(), w, k, a0, a1):
     p = ti.static(worlds.p)
     auv = ti.static(worlds.auv)
     velocity = respond(worlds, w, k, water_velocity(p, a0, a1))
-    current = vec2(auv[w, k, AuvColumn.current_x], auv[w, k, AuvColumn.current_y])
-    place = vec2(auv[w, k, AuvColumn.x], auv[w, k, AuvColumn.y]) + p[Parameter.step] * (velocity + current)
-    inside = place[0] >= 0.0 and place[0] <= p[Parameter.width]
-    inside = inside and place[1] >= 0.0 and place[1] <= p[Parameter.length]
+    current = vec2(auv.current_x[w, k], auv.current_y[w, k])
+    place = vec2(auv.x[w, k], auv.y[w, k]) + p.step * (velocity + current)
+    inside = place[0] >= 0.0 and place[0] <= p.width
+    inside = inside and place[1] >= 0.0 and place[1] <= p.length
     if inside:
-        auv[w, k, AuvColumn.power] = travelling_power(velocity.norm())
+        auv.power[w, k] = travelling_power(velocity.norm())
         move_to(worlds, w, k, place, velocity)
     else:
-        auv[w, k, AuvColumn.border] = 1.0
+        auv.border[w, k] = 1.0
         hold(worlds, w, k, vec2(0.0))
 
 
@@ -267,19 +264,19 @@ def go(worlds: ti.template(), w, k, a0, a1):
 def clear_last_step(worlds: ti.template(), w, k):
     """Clear what AUV k did in the step before."""
     auv = ti.static(worlds.auv)
-    auv[w, k, AuvColumn.moved_x] = 0.0
-    auv[w, k, AuvColumn.moved_y] = 0.0
-    auv[w, k, AuvColumn.border] = 0.0
-    auv[w, k, AuvColumn.service_rate] = 0.0
-    auv[w, k, AuvColumn.delivered] = 0.0
-    auv[w, k, AuvColumn.packets_delivered] = 0.0
-    auv[w, k, AuvColumn.hovering] = 0.0
+    auv.moved_x[w, k] = 0.0
+    auv.moved_y[w, k] = 0.0
+    auv.border[w, k] = 0.0
+    auv.service_rate[w, k] = 0.0
+    auv.delivered[w, k] = 0.0
+    auv.packets_delivered[w, k] = 0.0
+    auv.hovering[w, k] = 0.0
 
 
 @func
 def own_position(worlds: ti.template(), w, k) -> vec2:
     """AUV k's own position estimate, m: by dead reckoning, or without it the boat's."""
-    found = vec2(worlds.estimate[w, k, EstimateColumn.x], worlds.estimate[w, k, EstimateColumn.y])
+    found = vec2(worlds.estimate.x[w, k], worlds.estimate.y[w, k])
     if ti.static(worlds.program.reckoning):
         found = vec2(worlds.own[w, k, tracker.X], worlds.own[w, k, tracker.Y])
     return found
@@ -292,9 +289,9 @@ def begin_filter(worlds: ti.template(), w, k):
     covariance = vec3(0.0)
     for c in ti.static(range(3)):
         covariance[c] = estimate[w, k, EstimateColumn.covariance_xx + c]
-    x = estimate[w, k, EstimateColumn.x]
-    y = estimate[w, k, EstimateColumn.y]
-    tracker.begin(worlds.track, w, k, x, y, covariance, worlds.p[Parameter.current_variance])
+    x = estimate.x[w, k]
+    y = estimate.y[w, k]
+    tracker.begin(worlds.track, w, k, x, y, covariance, worlds.p.current_variance)
 
 
 @func
@@ -313,14 +310,14 @@ def begin_reckoning(worlds: ti.template(), w, k):
     for c in ti.static(range(len(ExchangeColumn.names))):
         worlds.exchange[w, k, c] = 0.0
     for axis in ti.static(range(2)):
-        worlds.exchange[w, k, ExchangeColumn.bias_x + axis] = worlds.p[Parameter.velocity_bias] * noise[axis]
+        worlds.exchange[w, k, ExchangeColumn.bias_x + axis] = worlds.p.velocity_bias * noise[axis]
 
 
 @func
 def gnss_change(worlds: ti.template(), time) -> ti.f32:
     """Variance per axis (m²) of the change in some time (s) of the boat's error of its own position."""
     p = ti.static(worlds.p)
-    return 2.0 * p[Parameter.gnss_error] ** 2 * tracker.decayed(time / p[Parameter.gnss_time])[0]
+    return 2.0 * p.gnss_error**2 * tracker.decayed(time / p.gnss_time)[0]
 
 
 @func
@@ -330,10 +327,10 @@ def move_filter(worlds: ti.template(), w, k, way: vec3, time):
     It follows the positions that fixes without noise would show, which change with the error of the boat's own.
     """
     p = ti.static(worlds.p)
-    variance = p[Parameter.current_variance]
-    tau = p[Parameter.correlation_time]
+    variance = p.current_variance
+    tau = p.correlation_time
     tracker.drift(worlds.track, w, k, vec2(way[0], way[1]), way[2], variance, tau)
-    tracker.spread(worlds.track, w, k, p[Parameter.velocity_walk] * way[2] + gnss_change(worlds, time))
+    tracker.spread(worlds.track, w, k, p.velocity_walk * way[2] + gnss_change(worlds, time))
     if time != way[2]:
         tracker.renew(worlds.track, w, k, time - way[2], variance, tau)
 
@@ -344,28 +341,28 @@ def reckon(worlds: ti.template(), w, k):
     p = ti.static(worlds.p)
     auv = ti.static(worlds.auv)
     exchange = ti.static(worlds.exchange)
-    step = p[Parameter.step]
-    moved = vec2(auv[w, k, AuvColumn.moved_x], auv[w, k, AuvColumn.moved_y])
+    step = p.step
+    moved = vec2(auv.moved_x[w, k], auv.moved_y[w, k])
     moves = 1.0
     adrift = step
     if ti.static(worlds.program.sensor == Sensor.water):
         moves = drifted(worlds, w, k)
         adrift *= moves
-        moved = adrift * vec2(auv[w, k, AuvColumn.water_x], auv[w, k, AuvColumn.water_y])
+        moved = adrift * vec2(auv.water_x[w, k], auv.water_y[w, k])
     noise = normals(worlds, w, Draw.navigation, k)
-    memory = p[Parameter.bias_memory]
-    fresh = p[Parameter.velocity_bias] * ti.sqrt(1.0 - memory * memory)
-    walk = ti.sqrt(p[Parameter.velocity_walk] * adrift)
+    memory = p.bias_memory
+    fresh = p.velocity_bias * ti.sqrt(1.0 - memory * memory)
+    walk = ti.sqrt(p.velocity_walk * adrift)
     for axis in ti.static(range(2)):
         column = ti.static(ExchangeColumn.bias_x + axis)
         exchange[w, k, column] = memory * exchange[w, k, column] + fresh * noise[axis]
         moved[axis] += adrift * exchange[w, k, column] + walk * noise[2 + axis]
         exchange[w, k, ExchangeColumn.step_x + axis] = moved[axis]
         exchange[w, k, ExchangeColumn.way_x + axis] = exchange[w, k, ExchangeColumn.way_x + axis] + moved[axis]
-    exchange[w, k, ExchangeColumn.step_adrift] = adrift
-    exchange[w, k, ExchangeColumn.adrift] = exchange[w, k, ExchangeColumn.adrift] + adrift
-    exchange[w, k, ExchangeColumn.elapsed] = exchange[w, k, ExchangeColumn.elapsed] + step
-    tracker.drift_state(worlds.own, w, k, moved, p[Parameter.current_change], moves * p[Parameter.correlation_time])
+    exchange.step_adrift[w, k] = adrift
+    exchange.adrift[w, k] = exchange.adrift[w, k] + adrift
+    exchange.elapsed[w, k] = exchange.elapsed[w, k] + step
+    tracker.drift_state(worlds.own, w, k, moved, p.current_change, moves * p.correlation_time)
 
 
 @func
@@ -373,10 +370,10 @@ def receive_state(worlds: ti.template(), w, k):
     """AUV k takes the filter's state from an interrogation, and moves it on by what it has measured since."""
     exchange = ti.static(worlds.exchange)
     copy_state(worlds, w, k)
-    way = vec2(exchange[w, k, ExchangeColumn.way_x], exchange[w, k, ExchangeColumn.way_y])
-    adrift = exchange[w, k, ExchangeColumn.adrift]
-    held = exchange[w, k, ExchangeColumn.elapsed] - adrift
-    tau = worlds.p[Parameter.correlation_time]
+    way = vec2(exchange.way_x[w, k], exchange.way_y[w, k])
+    adrift = exchange.adrift[w, k]
+    held = exchange.elapsed[w, k] - adrift
+    tau = worlds.p.correlation_time
     tracker.drift_state(worlds.own, w, k, way, tracker.decayed(adrift / tau)[0], tau)
     if held != 0.0:
         rho = ti.exp(-held / tau)
@@ -388,15 +385,15 @@ def receive_state(worlds: ti.template(), w, k):
 def write_reply(worlds: ti.template(), w, k, age):
     """Contents of the reply of AUV k that has left `age` seconds before the end of this step."""
     exchange = ti.static(worlds.exchange)
-    share = age / worlds.p[Parameter.step]
+    share = age / worlds.p.step
     for c in ti.static(range(3)):  # way_x, way_y, adrift
         last = exchange[w, k, ExchangeColumn.step_x + c]
         exchange[w, k, ExchangeColumn.sent_way_x + c] = exchange[w, k, ExchangeColumn.way_x + c] - share * last
         if ti.static(c < 2):
-            exchange[w, k, ExchangeColumn.sent_velocity_x + c] = last / worlds.p[Parameter.step]
-    exchange[w, k, ExchangeColumn.sent_elapsed] = exchange[w, k, ExchangeColumn.elapsed] - age
-    exchange[w, k, ExchangeColumn.sent_heads_for] = worlds.auv[w, k, AuvColumn.target]
-    exchange[w, k, ExchangeColumn.sent_hovers] = worlds.auv[w, k, AuvColumn.hover]
+            exchange[w, k, ExchangeColumn.sent_velocity_x + c] = last / worlds.p.step
+    exchange.sent_elapsed[w, k] = exchange.elapsed[w, k] - age
+    exchange.sent_heads_for[w, k] = worlds.auv.target[w, k]
+    exchange.sent_hovers[w, k] = worlds.auv.hover[w, k]
 
 
 @func
@@ -404,21 +401,21 @@ def read_reply(worlds: ti.template(), w, k):
     """The boat moves its filter of AUV k to the time when the reply left that it now has."""
     exchange = ti.static(worlds.exchange)
     way = vec3(
-        exchange[w, k, ExchangeColumn.sent_way_x],
-        exchange[w, k, ExchangeColumn.sent_way_y],
-        exchange[w, k, ExchangeColumn.sent_adrift],
+        exchange.sent_way_x[w, k],
+        exchange.sent_way_y[w, k],
+        exchange.sent_adrift[w, k],
     )
-    move_filter(worlds, w, k, way, exchange[w, k, ExchangeColumn.sent_elapsed])
+    move_filter(worlds, w, k, way, exchange.sent_elapsed[w, k])
     rejected = worlds.track[w, k, tracker.REJECTED_AGE]
-    worlds.track[w, k, tracker.REJECTED_AGE] = rejected + exchange[w, k, ExchangeColumn.sent_elapsed]
+    worlds.track[w, k, tracker.REJECTED_AGE] = rejected + exchange.sent_elapsed[w, k]
     for c in ti.static(range(3)):
         exchange[w, k, ExchangeColumn.way_x + c] = exchange[w, k, ExchangeColumn.way_x + c] - way[c]
         if ti.static(c < 2):
             exchange[w, k, ExchangeColumn.velocity_x + c] = exchange[w, k, ExchangeColumn.sent_velocity_x + c]
-    exchange[w, k, ExchangeColumn.heads_for] = exchange[w, k, ExchangeColumn.sent_heads_for]
-    exchange[w, k, ExchangeColumn.hovers] = exchange[w, k, ExchangeColumn.sent_hovers]
-    passed = exchange[w, k, ExchangeColumn.sent_elapsed]
-    exchange[w, k, ExchangeColumn.elapsed] = exchange[w, k, ExchangeColumn.elapsed] - passed
+    exchange.heads_for[w, k] = exchange.sent_heads_for[w, k]
+    exchange.hovers[w, k] = exchange.sent_hovers[w, k]
+    passed = exchange.sent_elapsed[w, k]
+    exchange.elapsed[w, k] = exchange.elapsed[w, k] - passed
 
 
 @func
@@ -428,17 +425,17 @@ def extrapolate(worlds: ti.template(), w, k):
     estimate = ti.static(worlds.estimate)
     exchange = ti.static(worlds.exchange)
     track = ti.static(worlds.track)
-    tau = p[Parameter.velocity_memory]
-    f, spreading = tracker.decayed(exchange[w, k, ExchangeColumn.elapsed] / tau)
+    tau = p.velocity_memory
+    f, spreading = tracker.decayed(exchange.elapsed[w, k] / tau)
     reach = tau * f
     A = tracker.position_block(track, w, k)
     B = tracker.cross_block(track, w, k)
     C = tracker.current_block(track, w, k)
     A += reach * (B + B.transpose()) + reach * reach * C
-    spread = p[Parameter.velocity_variance] * tau * tau * spreading
+    spread = p.velocity_variance * tau * tau * spreading
     for axis in ti.static(range(2)):
         velocity = exchange[w, k, ExchangeColumn.velocity_x + axis] + track[w, k, tracker.CURRENT_X + axis]
         estimate[w, k, EstimateColumn.x + axis] = track[w, k, tracker.X + axis] + reach * velocity
-    estimate[w, k, EstimateColumn.covariance_xx] = A[0, 0] + spread
-    estimate[w, k, EstimateColumn.covariance_xy] = 0.5 * (A[0, 1] + A[1, 0])
-    estimate[w, k, EstimateColumn.covariance_yy] = A[1, 1] + spread
+    estimate.covariance_xx[w, k] = A[0, 0] + spread
+    estimate.covariance_xy[w, k] = 0.5 * (A[0, 1] + A[1, 0])
+    estimate.covariance_yy[w, k] = A[1, 1] + spread

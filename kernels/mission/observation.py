@@ -18,10 +18,7 @@ from usvauv.kernels.mission.boats import boat_motion
 from usvauv.kernels.mission.columns import (
     AuvColumn,
     BodyColumn,
-    EstimateColumn,
     NodeColumn,
-    Parameter,
-    TallyColumn,
 )
 from usvauv.kernels.mission.motion import distance_to_target, own_position, target_of
 from usvauv.kernels.mission.target_rules import knowledge
@@ -88,23 +85,23 @@ def target_offset(worlds: ti.template(), w, k) -> vec2:
     target = target_of(worlds, w, k)
     here = own_position(worlds, w, k)
     if ti.static(worlds.program.reckoning):
-        if distance_to_target(worlds, w, k) <= worlds.p[Parameter.homing_range]:
-            here = vec2(worlds.auv[w, k, AuvColumn.x], worlds.auv[w, k, AuvColumn.y])
-    there = vec2(worlds.node[w, target, NodeColumn.x], worlds.node[w, target, NodeColumn.y])
-    return (there - here) / worlds.p[Parameter.diagonal]
+        if distance_to_target(worlds, w, k) <= worlds.p.homing_range:
+            here = vec2(worlds.auv.x[w, k], worlds.auv.y[w, k])
+    there = vec2(worlds.node.x[w, target], worlds.node.y[w, target])
+    return (there - here) / worlds.p.diagonal
 
 
 @func
 def others(worlds: ti.template(), w, k, first):
     """Estimated positions of the other AUVs relative to the own one."""
-    scale = 1.0 / worlds.p[Parameter.diagonal]
+    scale = 1.0 / worlds.p.diagonal
     estimate = ti.static(worlds.estimate)
     here = own_position(worlds, w, k)
     slot = first
     for j in range(worlds.auv.shape[1]):
         if j != k:
-            worlds.observation[w, k, slot] = (estimate[w, j, EstimateColumn.x] - here[0]) * scale
-            worlds.observation[w, k, slot + 1] = (estimate[w, j, EstimateColumn.y] - here[1]) * scale
+            worlds.observation[w, k, slot] = (estimate.x[w, j] - here[0]) * scale
+            worlds.observation[w, k, slot + 1] = (estimate.y[w, j] - here[1]) * scale
             slot += 2
 
 
@@ -119,7 +116,7 @@ def target(worlds: ti.template(), w, k, first):
 @func
 def position(worlds: ti.template(), w, k, first):
     """The own estimated position."""
-    scale = 1.0 / worlds.p[Parameter.diagonal]
+    scale = 1.0 / worlds.p.diagonal
     here = own_position(worlds, w, k)
     worlds.observation[w, k, first] = here[0] * scale
     worlds.observation[w, k, first + 1] = here[1] * scale
@@ -128,28 +125,26 @@ def position(worlds: ti.template(), w, k, first):
 @func
 def border(worlds: ti.template(), w, k, first):
     """Whether the last move was refused at the border."""
-    worlds.observation[w, k, first] = worlds.auv[w, k, AuvColumn.border]
+    worlds.observation[w, k, first] = worlds.auv.border[w, k]
 
 
 @func
 def overflow(worlds: ti.template(), w, k, first):
     """Share of the nodes that overflow."""
-    worlds.observation[w, k, first] = worlds.tally[w, TallyColumn.overflowing] / worlds.node.shape[1]
+    worlds.observation[w, k, first] = worlds.tally.overflowing[w] / worlds.node.shape[1]
 
 
 @func
 def current_speed(worlds: ti.template(), w, k, first):
     """Speed of the current at the AUV (Eq. 4)."""
-    worlds.observation[w, k, first] = vec2(
-        worlds.auv[w, k, AuvColumn.current_x], worlds.auv[w, k, AuvColumn.current_y]
-    ).norm()
+    worlds.observation[w, k, first] = vec2(worlds.auv.current_x[w, k], worlds.auv.current_y[w, k]).norm()
 
 
 @func
 def current_vector(worlds: ti.template(), w, k, first):
     """Components of the current at the AUV."""
-    worlds.observation[w, k, first] = worlds.auv[w, k, AuvColumn.current_x]
-    worlds.observation[w, k, first + 1] = worlds.auv[w, k, AuvColumn.current_y]
+    worlds.observation[w, k, first] = worlds.auv.current_x[w, k]
+    worlds.observation[w, k, first + 1] = worlds.auv.current_y[w, k]
 
 
 @func
@@ -171,8 +166,8 @@ def profiled(worlds: ti.template(), w, k):
     if towards.norm() > 1e-9:
         bearing = towards.normalized()
     ahead, left = ti.Vector(ti.static(AHEAD)), ti.Vector(ti.static(LEFT))
-    x = worlds.auv[w, k, AuvColumn.x] + ahead * bearing[0] - left * bearing[1]
-    y = worlds.auv[w, k, AuvColumn.y] + left * bearing[0] + ahead * bearing[1]
+    x = worlds.auv.x[w, k] + ahead * bearing[0] - left * bearing[1]
+    y = worlds.auv.y[w, k] + left * bearing[0] + ahead * bearing[1]
     boat = boat_motion.boat_place(worlds, w, ti.min(k, worlds.boat.shape[1] - 1))
     x[PLACES - 1], y[PLACES - 1] = boat[0], boat[1]
     return x, y
@@ -203,12 +198,12 @@ def take_profile(worlds: ti.template(), w, k, x: places, y: places, u: places, v
 @func
 def service(worlds: ti.template(), w, k, first):
     """Whether the AUV is taking data from its node, and those that are left, or before expected, over a buffer."""
-    serving = ti.select(worlds.auv[w, k, AuvColumn.hover] > 0.0, 1.0, 0.0)
-    left = worlds.auv[w, k, AuvColumn.cargo]
+    serving = ti.select(worlds.auv.hover[w, k] > 0.0, 1.0, 0.0)
+    left = worlds.auv.cargo[w, k]
     if serving == 0.0:
         left = knowledge.backlog(worlds, w, k, target_of(worlds, w, k), 0.0)
     worlds.observation[w, k, first] = serving
-    worlds.observation[w, k, first + 1] = left / worlds.p[Parameter.buffer]
+    worlds.observation[w, k, first + 1] = left / worlds.p.buffer
 
 
 @func
@@ -216,7 +211,7 @@ def next_node(worlds: ti.template(), w, k, first):
     """The node after the target, as far as the target rule foresees it, relative to the target; else zeros."""
     target = target_of(worlds, w, k)
     after = worlds.program.target_rule.foreseen(worlds, w, target)
-    scale = 1.0 / worlds.p[Parameter.diagonal]
+    scale = 1.0 / worlds.p.diagonal
     for axis in ti.static(range(2)):
         column = ti.static(NodeColumn.x + axis)
         ahead = worlds.node[w, after, column] - worlds.node[w, target, column]
@@ -236,8 +231,8 @@ def attitude(worlds: ti.template(), w, k, first):
 @func
 def depth(worlds: ti.template(), w, k, first):
     """Depth of a vehicle by its sensor, below its cruise depth, and its height above the bed, over `DEPTH_UNIT`."""
-    read = worlds.auv[w, k, AuvColumn.depth_error] + worlds.body[w, k, BodyColumn.sensor_error]
-    above = worlds.body[w, k, BodyColumn.bed] - worlds.body[w, k, BodyColumn.depth]
+    read = worlds.auv.depth_error[w, k] + worlds.body.sensor_error[w, k]
+    above = worlds.body.bed[w, k] - worlds.body.depth[w, k]
     worlds.observation[w, k, first] = read / DEPTH_UNIT
     worlds.observation[w, k, first + 1] = above / DEPTH_UNIT
 
@@ -280,11 +275,11 @@ def add_storm_current(worlds: ti.template(), w, k):
     """Store the storm's velocity at AUV k, to which `sense_current` adds; a vehicle senses it by itself."""
     water = ti.static(worlds.water)
     if ti.static(not worlds.program.vehicle):
-        x, y = worlds.auv[w, k, AuvColumn.x], worlds.auv[w, k, AuvColumn.y]
+        x, y = worlds.auv.x[w, k], worlds.auv.y[w, k]
         sea = water.sea_index[w]
         storm = airy.motion(water.wave, water.since, sea, water.felt[sea], Level.cruise, x, y)
-        worlds.auv[w, k, AuvColumn.current_x] = storm[3]
-        worlds.auv[w, k, AuvColumn.current_y] = storm[4]
+        worlds.auv.current_x[w, k] = storm[3]
+        worlds.auv.current_y[w, k] = storm[4]
 
 
 @func
@@ -317,10 +312,10 @@ def sense_current(worlds: ti.template(), w, k):
         boat_motion.drift_along(worlds, w, b, vec2(u, v))
     if ti.static(worlds.program.vehicle):
         here = vehicles.sense(worlds, w, k)
-        worlds.auv[w, k, AuvColumn.current_x] = here[0]
-        worlds.auv[w, k, AuvColumn.current_y] = here[1]
+        worlds.auv.current_x[w, k] = here[0]
+        worlds.auv.current_y[w, k] = here[1]
     elif ti.static(not profile):
-        x, y = worlds.auv[w, k, AuvColumn.x], worlds.auv[w, k, AuvColumn.y]
+        x, y = worlds.auv.x[w, k], worlds.auv.y[w, k]
         carry_along(worlds, w, k, current.velocity(water, Level.cruise, w, x, y))
 
 
@@ -343,7 +338,7 @@ def write(worlds: ti.template(), w, k):
     for t in ti.static(range(len(terms))):
         if ti.static(terms[t] != current_profile and terms[t] not in OF_NODES):  # it is written with the AUV's own
             terms[t](worlds, w, k, worlds.observation_first[t])
-    if ti.cast(target_of(worlds, w, k), ti.f32) != worlds.auv[w, k, AuvColumn.target]:
+    if ti.cast(target_of(worlds, w, k), ti.f32) != worlds.auv.target[w, k]:
         worlds.observation[w, k, 0] = ti.math.nan
 
 

@@ -12,10 +12,7 @@ from usvauv.kernels.mission.boats import boat_motion
 from usvauv.kernels.mission.columns import (
     AuvColumn,
     BoatColumn,
-    BodyColumn,
     Draw,
-    EstimateColumn,
-    Parameter,
 )
 from usvauv.kernels.mission.replies import expected_reply
 from usvauv.kernels.mission.worlds import normals
@@ -60,17 +57,17 @@ class Fix:
 @func
 def height(worlds: ti.template(), w, b, k):
     """Height of AUV k over boat b on its wave as the boat has it, m: negative. A vehicle tells its depth by replies."""
-    depth = worlds.p[Parameter.separation_boat] + worlds.boat[w, b, BoatColumn.elevation]
+    depth = worlds.p.separation_boat + worlds.boat.elevation[w, b]
     if ti.static(worlds.program.vehicle):
-        depth += worlds.body[w, k, BodyColumn.told_depth]
+        depth += worlds.body.told_depth[w, k]
     return -depth
 
 
 @func
 def true_height(worlds: ti.template(), w, b, k):
     """Height of AUV k over boat b on its wave, m: negative."""
-    above = worlds.p[Parameter.separation_boat] + worlds.boat[w, b, BoatColumn.elevation]
-    return -above - worlds.auv[w, k, AuvColumn.depth_error]
+    above = worlds.p.separation_boat + worlds.boat.elevation[w, b]
+    return -above - worlds.auv.depth_error[w, k]
 
 
 @func
@@ -88,20 +85,20 @@ def draw_lasting_errors(worlds: ti.template(), w, b):
     lasting = normals(worlds, w, Draw.calibration, b)
     lever = normals(worlds, w, Draw.lever_arm, b)
     for axis in ti.static(range(2)):
-        boat[w, b, BoatColumn.mounting_pitch + axis] = p[Parameter.alignment_error] * lasting[axis]
-        boat[w, b, BoatColumn.arm_ahead + axis] = p[Parameter.lever_arm_error] * lever[axis]
-    boat[w, b, BoatColumn.turn] = p[Parameter.heading_error] * lasting[2]
-    boat[w, b, BoatColumn.slowness] = 1.0 / (1.0 + p[Parameter.sound_speed_error] * lasting[3])
+        boat[w, b, BoatColumn.mounting_pitch + axis] = p.alignment_error * lasting[axis]
+        boat[w, b, BoatColumn.arm_ahead + axis] = p.lever_arm_error * lever[axis]
+    boat.turn[w, b] = p.heading_error * lasting[2]
+    boat.slowness[w, b] = 1.0 / (1.0 + p.sound_speed_error * lasting[3])
 
 
 @func
 def displacement(worlds: ti.template(), w, b) -> vec2:
     """Error of the position of boat b's array, m."""
     boat = ti.static(worlds.boat)
-    arm = vec2(boat[w, b, BoatColumn.arm_ahead], boat[w, b, BoatColumn.arm_left])
+    arm = vec2(boat.arm_ahead[w, b], boat.arm_left[w, b])
     if ti.static(worlds.program.otter):
         arm = turned_by(arm, boat_motion.boat_heading(worlds, w, b))
-    return vec2(boat[w, b, BoatColumn.gnss_x], boat[w, b, BoatColumn.gnss_y]) + arm
+    return vec2(boat.gnss_x[w, b], boat.gnss_y[w, b]) + arm
 
 
 @func
@@ -113,25 +110,25 @@ def array_pose(worlds: ti.template(), w, b) -> ArrayPose:
     """
     p = ti.static(worlds.p)
     boat = ti.static(worlds.boat)
-    slope = p[Parameter.tilt] * vec2(boat[w, b, BoatColumn.slope_x], boat[w, b, BoatColumn.slope_y])
+    slope = p.tilt * vec2(boat.slope_x[w, b], boat.slope_y[w, b])
     heading = 0.0
     if ti.static(worlds.program.otter):
         heading = boat_motion.boat_heading(worlds, w, b)
         slope = turned_by(slope, -heading)
     angles = usbl.attitude(slope)
     noise = normals(worlds, w, Draw.attitude, b)
-    error = p[Parameter.attitude_error] * vec2(noise[0], noise[1])
-    error += vec2(boat[w, b, BoatColumn.mounting_pitch], boat[w, b, BoatColumn.mounting_roll])
+    error = p.attitude_error * vec2(noise[0], noise[1])
+    error += vec2(boat.mounting_pitch[w, b], boat.mounting_roll[w, b])
     axes = usbl.array_axes(angles)
     if ti.static(worlds.program.otter):
         axes = usbl.turned(axes, heading)
     return ArrayPose(
         boat=b,
         axes=axes,
-        measured=usbl.turned(usbl.array_axes(usbl.tilted(angles, error)), heading + boat[w, b, BoatColumn.turn]),
+        measured=usbl.turned(usbl.array_axes(usbl.tilted(angles, error)), heading + boat.turn[w, b]),
         displaced=displacement(worlds, w, b),
-        slowness=boat[w, b, BoatColumn.slowness],
-        effort=boat[w, b, BoatColumn.effort],
+        slowness=boat.slowness[w, b],
+        effort=boat.effort[w, b],
         heading=heading,
     )
 
@@ -241,8 +238,8 @@ def fixed_along_ray(worlds: ti.template(), pose: ArrayPose, w, k, offset: vec3, 
     slowness, noise, normal, residual_noise = error
     layers = ti.static(worlds.layers)
     link = ti.static(worlds.link)
-    c = worlds.p[Parameter.sound_speed]
-    depth = -worlds.boat[w, pose.boat, BoatColumn.elevation]
+    c = worlds.p.sound_speed
+    depth = -worlds.boat.elevation[w, pose.boat]
     ray = rays.refracted(layers, depth, depth, offset, c)
     body = slowness * (pose.axes @ ray.direction)
     sigma = acoustic_link.phase_deviation(link, k, ti.max(offset.norm(), 1e-3), offset[2], noise)
@@ -278,8 +275,8 @@ def make_fix(worlds: ti.template(), pose: ArrayPose, w, k, here: vec2, there: ve
         flags = usbl.LOST
     if ti.static(worlds.program.vehicle):
         if flags & usbl.DETECTED:
-            read = auv[w, k, AuvColumn.depth_error] + worlds.body[w, k, BodyColumn.sensor_error]
-            worlds.body[w, k, BodyColumn.told_depth] = read
+            read = auv.depth_error[w, k] + worlds.body.sensor_error[w, k]
+            worlds.body.told_depth[w, k] = read
     measured = vec3(found[0], found[1], found[2])
     own = covariance_at(worlds, pose, k, measured, deviation_at(worlds, k, measured, noise))
     common = common_covariance(worlds, pose, k, measured)
@@ -296,8 +293,8 @@ def write_fix(
     for c in ti.static(range(2)):
         auv[w, k, AuvColumn.fix_x + c] = place[c]
         auv[w, k, AuvColumn.heard_x + c] = there[c]
-    auv[w, k, AuvColumn.fix_flags] = ti.cast(flags, ti.f32)
-    auv[w, k, AuvColumn.fix_boat] = ti.cast(boat, ti.f32)
+    auv.fix_flags[w, k] = ti.cast(flags, ti.f32)
+    auv.fix_boat[w, k] = ti.cast(boat, ti.f32)
     for c in ti.static(range(3)):
         auv[w, k, AuvColumn.covariance_xx + c] = own[c] + common[c]
     covariance = own
@@ -315,8 +312,8 @@ def reply_worth(worlds: ti.template(), w, b, k) -> ti.f32:
     variance of the fix.
     """
     estimate = ti.static(worlds.estimate)
-    a = 0.5 * (estimate[w, k, EstimateColumn.covariance_xx] + estimate[w, k, EstimateColumn.covariance_yy])
-    dx = estimate[w, k, EstimateColumn.x] - worlds.boat[w, b, BoatColumn.x]
-    dy = estimate[w, k, EstimateColumn.y] - worlds.boat[w, b, BoatColumn.y]
+    a = 0.5 * (estimate.covariance_xx[w, k] + estimate.covariance_yy[w, k])
+    dx = estimate.x[w, k] - worlds.boat.x[w, b]
+    dy = estimate.y[w, k] - worlds.boat.y[w, b]
     expected = expected_reply(worlds, k, vec3(dx, dy, height(worlds, w, b, k)), 1.0, a)
     return expected[0] * a * a / (a + expected[1])

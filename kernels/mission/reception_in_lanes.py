@@ -6,7 +6,7 @@ Vectors stay in registers. An AUV's fix does not depend on the AUVs beside it, a
 import taichi as ti
 
 from usvauv.kernels.functions import LANE_BITS, LANES, func
-from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, Draw, Parameter, ReceptionColumn
+from usvauv.kernels.mission.columns import BoatColumn, Draw, ReceptionColumn
 from usvauv.kernels.mission.reception import ArrayPose, Fix, array_pose, displacement, fixed_offset, write_fix
 from usvauv.kernels.mission.worlds import WORLDS_PER_BLOCK, number_drawn, place_drawn
 from usvauv.kernels.positioning import acoustic_link, usbl
@@ -19,7 +19,7 @@ def boat_of(worlds: ti.template(), w, k):
     """The boat that fixes AUV k."""
     b = 0
     if ti.static(worlds.program.fleet):
-        b = ti.cast(worlds.auv[w, k, AuvColumn.fix_boat], ti.i32)
+        b = ti.cast(worlds.auv.fix_boat[w, k], ti.i32)
     return b
 
 
@@ -63,12 +63,12 @@ def fix_each(worlds: ti.template(), w: ti.template(), k: ti.template(), group, r
     p = ti.static(worlds.p)
     link, reception = ti.static(worlds.links, worlds.reception)
     b = [boat_of(worlds, w[lane], k[lane]) for lane in ti.static(range(LANES))]
-    slope_x = p[Parameter.tilt] * of_boats(worlds, w, b, BoatColumn.slope_x)
-    slope_y = p[Parameter.tilt] * of_boats(worlds, w, b, BoatColumn.slope_y)
+    slope_x = p.tilt * of_boats(worlds, w, b, BoatColumn.slope_x)
+    slope_y = p.tilt * of_boats(worlds, w, b, BoatColumn.slope_y)
     angles = usbl.attitude((slope_x, slope_y))
     noise = numbers_drawn(worlds, w, b, Draw.attitude, 2)
-    pitch = p[Parameter.attitude_error] * noise[0] + of_boats(worlds, w, b, BoatColumn.mounting_pitch)
-    roll = p[Parameter.attitude_error] * noise[1] + of_boats(worlds, w, b, BoatColumn.mounting_roll)
+    pitch = p.attitude_error * noise[0] + of_boats(worlds, w, b, BoatColumn.mounting_pitch)
+    roll = p.attitude_error * noise[1] + of_boats(worlds, w, b, BoatColumn.mounting_roll)
     true_axes = usbl.axis_numbers(angles)
     axes = ti.static(usbl.Axes(true_axes))
     level_axes = usbl.axis_numbers(usbl.tilted(angles, (pitch, roll)))
@@ -88,8 +88,8 @@ def fix_each(worlds: ti.template(), w: ti.template(), k: ti.template(), group, r
     sigma = acoustic_link.phase_deviation(link, row, usbl.length(found), z, own_noise)
     own = usbl.fix_covariance(link, row, found, axes, sigma)
     common = usbl.common_covariance(link, row, found, axes)
-    lost = reception[group, ReceptionColumn.lost]
-    reception[group, ReceptionColumn.flags] = select(lost > 0.5, ti.static(float(usbl.LOST)), flags)
+    lost = reception.lost[group]
+    reception.flags[group] = select(lost > 0.5, ti.static(float(usbl.LOST)), flags)
     for c in ti.static(range(3)):
         reception[group, ReceptionColumn.offset_x + c] = found[c]
         reception[group, ReceptionColumn.own_xx + c] = own[c]
@@ -117,7 +117,7 @@ def read_fix(worlds: ti.template(), w, k, boat, here: vec2) -> Fix:
     """The fix of AUV k by a boat, `here` (m), that `fix_side_by_side` has made, written as others are."""
     first = ti.static(ReceptionColumn.offset_x)
     numbers = [load_reply(worlds, w, k, first + c) for c in ti.static(range(ReceptionColumn.flags + 1 - first))]
-    there = vec2(worlds.auv[w, k, AuvColumn.heard_x], worlds.auv[w, k, AuvColumn.heard_y])
+    there = vec2(worlds.auv.heard_x[w, k], worlds.auv.heard_y[w, k])
     place = here + displacement(worlds, w, boat) + vec2(numbers[0], numbers[1])
     own, common = vec3(numbers[3], numbers[4], numbers[5]), vec3(numbers[6], numbers[7], numbers[8])
     return write_fix(worlds, w, k, boat, there, place, own, common, ti.cast(numbers[9], ti.i32))

@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission.columns import Parameter
 from usvauv.kernels.positioning import acoustic_link
 from usvauv.kernels.positioning.sonar import LN10, LN_TYPICAL, exponential, logarithm_of_range
 from usvauv.kernels.types import vec2, vec3
@@ -122,7 +121,7 @@ def expected_reply(worlds: ti.template(), k, offset: vec3, effort, spread) -> ve
     signal = ti.static(Signal(*parts))
     above, slope, variance = expected_signal(signal, offset.xy.norm_sqr(), left_by_noise(signal, effort))
     excess = above / ti.sqrt(1.0 + slope * spread)
-    kept = 1.0 - worlds.p[Parameter.packet_loss]
+    kept = 1.0 - worlds.p.packet_loss
     return vec2(kept * kept / (1.0 + ti.exp(-LOGISTIC * excess)), variance)
 
 
@@ -131,7 +130,7 @@ def excess_for(worlds: ti.template(), probability) -> ti.f32:
     """Excess of an amplitude over the threshold in its standard deviations from which on a reply is received with a
     probability; NEVER where it never is.
     """
-    kept = 1.0 - worlds.p[Parameter.packet_loss]
+    kept = 1.0 - worlds.p.packet_loss
     odds = kept * kept / probability - 1.0
     excess = NEVER
     if odds > 0.0:

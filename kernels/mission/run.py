@@ -5,7 +5,8 @@ a world's history does not depend on the number of other worlds or on threads.
 """
 
 import linecache
-from collections.abc import Callable
+from collections.abc import Callable, Set
+from itertools import groupby
 from typing import Any, NamedTuple
 
 import taichi as ti
@@ -18,11 +19,12 @@ from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.mission import fixes, motion, observation, reception, reception_in_lanes, vehicles
 from usvauv.kernels.mission.boats import boat_motion, foresight
 from usvauv.kernels.mission.boats.belief_planner import OTHER_GOALS
-from usvauv.kernels.mission.columns import AuvColumn, Draw, EstimateColumn, Parameter, Phase, Schedule
+from usvauv.kernels.mission.columns import Draw, KeyColumn, Parameter, Schedule
 from usvauv.kernels.mission.tasks import rewards
 from usvauv.kernels.mission.worlds import (
     ARRAYS,
     WORLDS_PER_BLOCK,
+    Numbers,
     Program,
     Rows,
     Worlds,
@@ -58,22 +60,22 @@ def place_vortices(worlds: ti.template(), vortex: ti.template(), w):
     Centres are uniform over the area, or over the square of a periodic pattern round its middle.
     """
     p = ti.static(worlds.p)
-    width, length = p[Parameter.width], p[Parameter.length]
-    if p[Parameter.period] > 0.0:
-        width = p[Parameter.period]
+    width, length = p.width, p.length
+    if p.period > 0.0:
+        width = p.period
         length = width
-    west, south = 0.5 * (p[Parameter.width] - width), 0.5 * (p[Parameter.length] - length)
+    west, south = 0.5 * (p.width - width), 0.5 * (p.length - length)
     for v in range(vortex.shape[1]):
-        if p[Parameter.random_vortices] > 0.5:
+        if p.random_vortices > 0.5:
             u = random.uniforms(address(worlds, w, worlds.clock[w, 1], Draw.vortex, v), key(worlds, w))
             vortex[w, v, Vortex.x] = west + u[0] * width
             vortex[w, v, Vortex.y] = south + u[1] * length
-            vortex[w, v, Vortex.Gamma] = between(p[Parameter.circulation_min], p[Parameter.circulation_max], u[2])
-            vortex[w, v, Vortex.delta] = between(p[Parameter.core_radius_min], p[Parameter.core_radius_max], u[3])
+            vortex[w, v, Vortex.Gamma] = between(p.circulation_min, p.circulation_max, u[2])
+            vortex[w, v, Vortex.delta] = between(p.core_radius_min, p.core_radius_max, u[3])
         else:
             for c in range(4):
                 vortex[w, v, c] = worlds.fixed_vortex[v, c]
-        if p[Parameter.alternate] > 0.5:
+        if p.alternate > 0.5:
             u = random.uniforms(address(worlds, w, worlds.clock[w, 1], Draw.vortex_sign, v), key(worlds, w))
             if u[0] < 0.5:
                 vortex[w, v, Vortex.Gamma] = -vortex[w, v, Vortex.Gamma]
@@ -83,7 +85,9 @@ def place_vortices(worlds: ti.template(), vortex: ti.template(), w):
 def draw_vortices(p: array1, fixed_vortex: array2, key: index2, clock: index2, vortex: array3):
     """The vortices with which the present episode of each world begins, into `vortex` (W, V, 4)."""
     for w in range(vortex.shape[0]):
-        place_vortices(ti.static(VortexDraw(p, fixed_vortex, key, clock)), vortex, w)
+        place_vortices(
+            ti.static(VortexDraw(Numbers.of(p, Parameter), fixed_vortex, Rows.of(key, KeyColumn), clock)), vortex, w
+        )
 
 
 @func
@@ -93,19 +97,19 @@ def place_auv(worlds: ti.template(), w, k):
     auv = ti.static(worlds.auv)
     for c in range(auv.shape[2]):
         auv[w, k, c] = 0.0
-    auv[w, k, AuvColumn.target] = -1.0
+    auv.target[w, k] = -1.0
     searching = True
     attempt = 0
     while searching:
         u = random.uniforms(address(worlds, w, attempt, Draw.auv, k), key(worlds, w))
-        margin = p[Parameter.start_margin]
-        x = margin + u[0] * (p[Parameter.width] - 2 * margin)
-        y = margin + u[1] * (p[Parameter.length] - 2 * margin)
-        auv[w, k, AuvColumn.x] = x
-        auv[w, k, AuvColumn.y] = y
+        margin = p.start_margin
+        x = margin + u[0] * (p.width - 2 * margin)
+        y = margin + u[1] * (p.length - 2 * margin)
+        auv.x[w, k] = x
+        auv.y[w, k] = y
         searching = False
         for j in range(k):
-            if motion.distance_between(worlds, w, j, k) < p[Parameter.start_separation]:
+            if motion.distance_between(worlds, w, j, k) < p.start_separation:
                 searching = True
         attempt += 1
         if attempt == START_ATTEMPTS:
@@ -118,13 +122,13 @@ def begin_estimate(worlds: ti.template(), w, k):
     estimate = ti.static(worlds.estimate)
     for c in range(estimate.shape[2]):
         estimate[w, k, c] = 0.0
-    estimate[w, k, EstimateColumn.x] = worlds.auv[w, k, AuvColumn.x]
-    estimate[w, k, EstimateColumn.y] = worlds.auv[w, k, AuvColumn.y]
-    estimate[w, k, EstimateColumn.separation] = worlds.p[Parameter.separation_boat]
+    estimate.x[w, k] = worlds.auv.x[w, k]
+    estimate.y[w, k] = worlds.auv.y[w, k]
+    estimate.separation[w, k] = worlds.p.separation_boat
 
 
 @func
-def observe_round(worlds: ti.template(), w, k):
+def observe_auv(worlds: ti.template(), w, k):
     """What AUV k observes."""
     observation.write(worlds, w, k)
     if ti.static(worlds.program.tracker):
@@ -132,11 +136,17 @@ def observe_round(worlds: ti.template(), w, k):
 
 
 @func
-def observe_auv(worlds: ti.template(), w, k):
-    """What AUV k meets and observes at the beginning of an episode and at the end of a step."""
+def sense_auv(worlds: ti.template(), w, k):
+    """The current at AUV k, and at the boats of its number."""
     observation.add_storm_current(worlds, w, k)
     observation.sense_current(worlds, w, k)
-    observe_round(worlds, w, k)
+
+
+@func
+def sense_and_observe_auv(worlds: ti.template(), w, k):
+    """What AUV k meets and observes at the beginning of an episode and at the end of a step."""
+    sense_auv(worlds, w, k)
+    observe_auv(worlds, w, k)
 
 
 @func
@@ -159,7 +169,7 @@ def sense(worlds: ti.template(), w):
 def observe(worlds: ti.template(), w):
     """Observations of the AUVs of world w."""
     for k in range(worlds.auv.shape[1]):
-        observe_round(worlds, w, k)
+        observe_auv(worlds, w, k)
 
 
 @func
@@ -227,9 +237,9 @@ def move_vortices(worlds: ti.template(), n):
     """The vortices of the worlds of iteration n move and spread; find out where their motion is then to be renewed."""
     if ti.static(worlds.program.vortices_move):
         p = ti.static(worlds.p)
-        middle = vec2(0.5 * p[Parameter.width], 0.5 * p[Parameter.length])
-        scale, period = p[Parameter.eddy_scale], p[Parameter.period]
-        step = ti.static(vortex_motion.Moving(p[Parameter.step], p[Parameter.viscosity], scale, period, middle))
+        middle = vec2(0.5 * p.width, 0.5 * p.length)
+        scale, period = p.eddy_scale, p.period
+        step = ti.static(vortex_motion.Moving(p.step, p.viscosity, scale, period, middle))
         repeats = ti.static(worlds.program.repeats)
         count = ti.static(worlds_per_block(worlds.program))
         first, last = count * n, ti.min(count * (n + 1), worlds.clock.shape[0])
@@ -241,7 +251,7 @@ def move_vortices(worlds: ti.template(), n):
         else:
             for v in range(worlds.vortex.shape[1]):
                 vortex_motion.move(worlds.vortex, worlds.drift, first, v, step, repeats)
-        renewal = ti.cast(p[Parameter.renewal], ti.i32)
+        renewal = ti.cast(p.renewal, ti.i32)
         for w in range(first, last):
             if worlds.due[0] == 0 and (worlds.clock[w, 1] + 1) % renewal == 0:
                 worlds.due[0] = 1
@@ -255,7 +265,7 @@ def begin_step(worlds: ti.template(), w):
     """
     worlds.clock[w, 1] = worlds.clock[w, 1] + 1
     for k in range(worlds.auv.shape[1]):
-        worlds.auv[w, k, AuvColumn.distance] = motion.distance_to_target(worlds, w, k)
+        worlds.auv.distance[w, k] = motion.distance_to_target(worlds, w, k)
 
 
 @func
@@ -364,29 +374,52 @@ def begin_chosen(worlds: ti.template(), w):
         begin_episode(worlds, w)
 
 
-BEGIN, END = (begin_step, move_auvs, prepare), (plan, move_boats, ride, locate, end_step)
-STAGES = {
-    Phase.reset: (begin_chosen, check),
-    Phase.step: (
-        *(move_vortices, draw, *BEGIN, plan, move_boats, ride, add_storm_currents, exchange, fix_side_by_side),
-        *(locate, end_step, sense, observe, check),
-    ),
-    Phase.begin: BEGIN,
-    Phase.weigh: (weigh,),
-    Phase.end: END,
-    Phase.begin_and_end: (*BEGIN, *END),
-    Phase.observe_auv: (observe_auv,),
+OF_AUVS = sense_and_observe_auv, sense_auv, observe_auv
+Stage = Callable[..., None]
+Stages = tuple[Stage, ...]
+
+RESET: Stages = begin_chosen, check
+BEGIN: Stages = begin_step, move_auvs, prepare
+END: Stages = plan, move_boats, ride, locate, end_step
+STEP: Stages = (
+    *(move_vortices, draw, *BEGIN, plan, move_boats, ride, exchange, fix_side_by_side),
+    *(locate, end_step, add_storm_currents, sense, observe, check),
+)
+# Stages that call the functions of what plugins can add, by the kind of their registry.
+CALLING: dict[str, Stages] = {
+    "task": (begin_chosen, move_auvs, end_step),
+    "usv": (begin_chosen, weigh, plan),
+    "target rule": (begin_chosen, prepare, end_step),
+    "observation term": (begin_chosen, observe, observe_auv),
 }
 
 
-def launches(program: Program) -> tuple[int, ...]:
-    """Phases that make a mission step."""
-    phases: tuple[int, ...] = (Phase.step,)
-    if program.weighs_apart:
-        phases = Phase.begin, Phase.weigh, Phase.end, Phase.observe_auv
-    elif program.in_threads:
-        phases = Phase.begin_and_end, Phase.observe_auv
-    return phases
+class Part(NamedTuple):
+    """Stages of a launch of the mission's kernel; `plain`: they call functions of plugins, which may not compile with
+    whole vectors.
+    """
+
+    stages: Stages
+    plain: bool
+
+
+def parts(stages: Stages, plugins: Set[str]) -> list[Part]:
+    """Launches that run some stages one after another, with plugins of some kinds."""
+    calling = {stage for kind in plugins for stage in CALLING.get(kind, ())}
+    return [Part(tuple(group), plain) for plain, group in groupby(stages, calling.__contains__)]
+
+
+def launches(program: Program, plugins: Set[str]) -> list[Part]:
+    """Launches that make a mission step, with plugins of some kinds.
+
+    On a GPU the last part of a step has a thread for each AUV, and a boat's plan by rollouts one for each goal.
+    """
+    if not program.in_threads:
+        return parts(STEP, plugins)
+    plans = (BEGIN, (weigh,), END) if program.weighs_apart else ((*BEGIN, *END),)
+    # A term of a plugin can read what another AUV senses.
+    looks = ((sense_auv,), (observe_auv,)) if "observation term" in plugins else ((sense_and_observe_auv,),)
+    return [Part(stages, False) for stages in (*plans, *looks)]
 
 
 BLOCK = 32  # threads of a block on a GPU: few, so that some thousand worlds keep all its multiprocessors busy
@@ -406,7 +439,7 @@ def block(program: Program) -> int | None:
 def run_stage(worlds: ti.template(), stage: ti.template(), n, threads):
     """A stage of all worlds, or of a member of one, of iteration n."""
     count = ti.static(worlds_per_block(worlds.program))
-    if ti.static(stage in (observe_auv, weigh)):
+    if ti.static(stage in (*OF_AUVS, weigh)):
         stage(worlds, n // threads, n % threads)
     elif ti.static(stage in (move_vortices, fix_side_by_side, check)):
         stage(worlds, n)
@@ -434,21 +467,31 @@ WATER = {
     "felt": index1,
 }
 PARAMETERS = {
-    "phase": ti.template(),
+    "stages": ti.template(),
     "program": ti.template(),
     **WATER,
     **{name: array.type for name, array in ARRAYS.items()},
 }
-PASSED = [
-    f"Rows.of({name}, ARRAYS[{name!r}])" if array.axes[:1] in ("W", "G") else name for name, array in ARRAYS.items()
-]
+
+
+def passed(name: str, argument: Any) -> Any:
+    """An argument of the kernel as the mission's functions take it."""
+    array = ARRAYS[name]
+    if name == "p":
+        return Numbers.of(argument, Parameter)
+    if array.axes[:1] in ("W", "G"):
+        return Rows.of(argument, array.columns, len(array.names))
+    return argument
+
+
+PASSED = [f"passed({name!r}, {name})" for name in ARRAYS]
 SOURCE = f"""
 def run({", ".join(f"{name}: PARAMETERS[{name!r}]" for name in PARAMETERS)}):
     count = ti.static(worlds_per_block(program))
     threads = 1  # of a world: one, or one for each AUV or each goal of each boat
-    if ti.static(phase == Phase.observe_auv):
+    if ti.static(stages[0] in OF_AUVS):
         threads = auv.shape[1]
-    elif ti.static(phase == Phase.weigh):
+    elif ti.static(stages[0] == weigh):
         threads = boat.shape[1] * (auv.shape[1] + OTHER_GOALS)
     ti.loop_config(serialize=program.serial, block_dim=ti.static(block(program)))
     for n in range((clock.shape[0] * threads + count - 1) // count):
@@ -458,7 +501,7 @@ def run({", ".join(f"{name}: PARAMETERS[{name!r}]" for name in PARAMETERS)}):
                                 Rows.of(eta), Rows.of(U), Rows.of(V), unit_x, unit_y, nx, ny, sea_index, Rows.of(wave),
                                 since, felt, pattern))
         worlds = ti.static(Worlds(program, water, {", ".join(PASSED)}))
-        for stage in ti.static(STAGES[phase]):
+        for stage in ti.static(stages):
             run_stage(worlds, stage, n, threads)
 """
 
@@ -481,13 +524,13 @@ run = kernel_of(
     ti=ti,
     PARAMETERS=PARAMETERS,
     Parameter=Parameter,
-    Phase=Phase,
     Pattern=Pattern,
     Water=Water,
     Worlds=Worlds,
     Rows=Rows,
-    ARRAYS=ARRAYS,
-    STAGES=STAGES,
+    passed=passed,
+    OF_AUVS=OF_AUVS,
+    weigh=weigh,
     worlds_per_block=worlds_per_block,
     block=block,
     OTHER_GOALS=OTHER_GOALS,

@@ -19,7 +19,8 @@ from usvauv.kernels.flow import at_depth
 from usvauv.kernels.flow.current import grid_sample
 from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.mission import motion
-from usvauv.kernels.mission.columns import Action, AuvColumn, BodyColumn, Draw, KeyColumn, Parameter, Phase
+from usvauv.kernels.mission.columns import Action, AuvColumn, BodyColumn, Draw, KeyColumn, Parameter
+from usvauv.kernels.mission.worlds import Numbers
 from usvauv.kernels.trigonometry import TWO_PI
 from usvauv.kernels.types import array1, array2, array3, index2, mask1, mat3, vec2, vec3, vec4
 from usvauv.kernels.vehicles.kinematics import axes
@@ -125,14 +126,14 @@ def commanded(
         course = inwards(p, here, velocity / speed, radius / speed * current, radius)
         asked[0] = turned_angle(ti.atan2(course[1], course[0]))
         asked[1] = speed
-        asked[2] = p[Parameter.cruise]
-        asked[3] = ti.max(p[Parameter.altitude], LEAST_ALTITUDE)
+        asked[2] = p.cruise
+        asked[3] = ti.max(p.altitude, LEAST_ALTITUDE)
         if ti.static(motion_of.action == Action.vector_depth):
             share = ti.math.clamp(0.5 * (action[w, k, 2] + 1.0), 0.0, 1.0)
-            asked[2] = p[Parameter.depth_min] + share * (p[Parameter.depth_max] - p[Parameter.depth_min])
-        elif p[Parameter.altitude] > 0.0:
+            asked[2] = p.depth_min + share * (p.depth_max - p.depth_min)
+        elif p.altitude > 0.0:
             asked[2] = body[n, BodyColumn.bed]
-            asked[3] = p[Parameter.altitude]
+            asked[3] = p.altitude
     return asked
 
 
@@ -140,34 +141,34 @@ def commanded(
 def cruise_depth(worlds: ti.template(), x, y):
     """Depth at which a vehicle is deployed at (x, y), m."""
     p = ti.static(worlds.p)
-    bed = grid_sample(worlds.water.bed, 0, 0, x, y, p[Parameter.width], p[Parameter.length])
-    depth = ti.min(p[Parameter.cruise], bed - LEAST_ALTITUDE)
-    if p[Parameter.altitude] > 0.0:
-        depth = bed - p[Parameter.altitude]
+    bed = grid_sample(worlds.water.bed, 0, 0, x, y, p.width, p.length)
+    depth = ti.min(p.cruise, bed - LEAST_ALTITUDE)
+    if p.altitude > 0.0:
+        depth = bed - p.altitude
     return ti.max(depth, 0.0)
 
 
 @func
 def place(worlds: ti.template(), w, k):
     """Put the vehicle of AUV k at its depth where it has been deployed, which the boat knows."""
-    depth = cruise_depth(worlds, worlds.auv[w, k, AuvColumn.x], worlds.auv[w, k, AuvColumn.y])
-    below = depth - worlds.p[Parameter.cruise]
-    worlds.body[w, k, BodyColumn.depth] = depth
-    worlds.auv[w, k, AuvColumn.depth_error] = below
-    worlds.body[w, k, BodyColumn.told_depth] = below
+    depth = cruise_depth(worlds, worlds.auv.x[w, k], worlds.auv.y[w, k])
+    below = depth - worlds.p.cruise
+    worlds.body.depth[w, k] = depth
+    worlds.auv.depth_error[w, k] = below
+    worlds.body.told_depth[w, k] = below
 
 
 @func
 def depths(worlds: ti.template(), w, k):
     """Depth of the vehicle of AUV k, and what `at_depth.around` asks besides, m."""
-    return worlds.body[w, k, BodyColumn.depth], worlds.p[Parameter.cruise], worlds.p[Parameter.decay_depth]
+    return worlds.body.depth[w, k], worlds.p.cruise, worlds.p.decay_depth
 
 
 @func
 def attitude(body: ti.template(), w, k) -> vec3:
     """Heading (anticlockwise from east), pitch (nose up) and roll (starboard down) of the vehicle of AUV k, rad."""
-    q0, q1 = body[w, k, BodyColumn.q0], body[w, k, BodyColumn.q1]
-    q2, q3 = body[w, k, BodyColumn.q2], body[w, k, BodyColumn.q3]
+    q0, q1 = body.q0[w, k], body.q1[w, k]
+    q2, q3 = body.q2[w, k], body.q3[w, k]
     heading = ti.atan2(2.0 * (q1 * q2 + q0 * q3), 1.0 - 2.0 * (q2 * q2 + q3 * q3))
     pitch = ti.asin(ti.math.clamp(2.0 * (q0 * q2 - q3 * q1), -1.0, 1.0))
     roll = ti.atan2(2.0 * (q2 * q3 + q0 * q1), 1.0 - 2.0 * (q1 * q1 + q2 * q2))
@@ -179,8 +180,8 @@ def sense(worlds: ti.template(), w, k) -> vec2:
     """Write the water and the bed at the vehicle of AUV k; returns the water's horizontal velocity there, m/s."""
     body = ti.static(worlds.body)
     water = ti.static(worlds.water)
-    x = worlds.auv[w, k, AuvColumn.x]
-    y = worlds.auv[w, k, AuvColumn.y]
+    x = worlds.auv.x[w, k]
+    y = worlds.auv.y[w, k]
     found = at_depth.around(water, w, x, y, *depths(worlds, w, k))
     velocity = turned(found.velocity)
     rate = turned(found.rate)
@@ -191,7 +192,7 @@ def sense(worlds: ti.template(), w, k) -> vec2:
         for j in ti.static(range(3)):
             body[w, k, BodyColumn.nn + 3 * i + j] = gradient[i, j]
     reach = at_depth.REACH
-    body[w, k, BodyColumn.bed] = grid_sample(water.bed, 0, 0, x, y, water.width, water.length)
+    body.bed[w, k] = grid_sample(water.bed, 0, 0, x, y, water.width, water.length)
     for axis in ti.static(range(2)):
         dx = ti.static(at_depth.REACH * (1 - axis))
         dy = ti.static(at_depth.REACH * axis)
@@ -263,14 +264,14 @@ def draw(p: ti.template(), key: ti.template(), clock: ti.template(), state: ti.t
     seed = random.uint2(ti.cast(key[w, KeyColumn.low], ti.u32), ti.cast(key[w, KeyColumn.high], ti.u32))
     u = random.uniforms(place_of_draw, seed)
     for c in ti.static(range(3)):
-        state[n, BodyColumn.mass + c] = 1.0 + p[Parameter.variation] * (2.0 * u[1 + c] - 1.0)
-    speed = 0.5 * (p[Parameter.speed_min] + p[Parameter.speed_max])
-    return vec4(TWO_PI * u[0], speed, p[Parameter.cruise], 0.0)
+        state[n, BodyColumn.mass + c] = 1.0 + p.variation * (2.0 * u[1 + c] - 1.0)
+    speed = 0.5 * (p.speed_min + p.speed_max)
+    return vec4(TWO_PI * u[0], speed, p.cruise, 0.0)
 
 
 @kernel
 def move(
-    phase: ti.template(),
+    deploys: ti.template(),
     serial: ti.template(),
     motion_of: ti.template(),
     substeps: ti.i32,
@@ -285,33 +286,34 @@ def move(
     numbers: array3,
     block: blocks,
 ):
-    """Deploy the vehicles of the worlds that are chosen (`Phase.reset`), or move all through a mission step.
+    """Deploy the vehicles of the worlds that are chosen (`deploys`), or move all through a mission step.
 
     Args:
         substeps: in a mission step. table: of the vehicle. state: (W·K, Y) the array `body` of the worlds.
         numbers, block: workspace of zeros (blocks, `ROWS`, LANES), LANES vehicles a block, as numbers and as lanes.
     """
+    scenario = ti.static(Numbers.of(p, Parameter))
     ti.loop_config(serialize=serial)
     for n in range(state.shape[0]):
         w, k = n // auv.shape[1], n % auv.shape[1]
         asked = vec4(0.0)
-        if ti.static(phase == Phase.step):
-            asked = commanded(motion_of, p, auv, state, action, w, k, n)
+        if ti.static(not deploys):
+            asked = commanded(motion_of, scenario, auv, state, action, w, k, n)
         elif chosen[w] != 0:
-            asked = draw(p, key, clock, state, w, k, n)
+            asked = draw(scenario, key, clock, state, w, k, n)
         for c in range(COLUMNS):
             numbers[n // LANES, c, n % LANES] = state[n, c]
         for c in ti.static(range(4)):
             numbers[n // LANES, COMMAND + c, n % LANES] = asked[c]
     ti.loop_config(serialize=serial, block_dim=1)
     for g in range(block.shape[0]):
-        if ti.static(phase == Phase.step):
-            integrate(motion_of, table, p[Parameter.step], substeps, block, g)
+        if ti.static(not deploys):
+            integrate(motion_of, table, scenario.step, substeps, block, g)
         else:
             asked = load(block, g, Command, ti.static(range(COMMAND, COMMAND + 4)))
             store(block, g, motion_of.trim(table, asked.speed, asked.depth, asked.heading), BODY)
     ti.loop_config(serialize=serial)
     for n in range(state.shape[0]):
-        if ti.static(phase == Phase.step) or chosen[n // auv.shape[1]] != 0:
+        if ti.static(not deploys) or chosen[n // auv.shape[1]] != 0:
             for c in range(COLUMNS):
                 state[n, c] = numbers[n // LANES, c, n % LANES]

@@ -4,6 +4,7 @@ The kernel's parameters (`usvauv.kernels.mission.run`), the memory of `World`, t
 ranges follow from `ARRAYS`.
 """
 
+import functools
 from collections import namedtuple
 from collections.abc import Callable
 from typing import Annotated, Any, NamedTuple
@@ -116,6 +117,12 @@ class Program(NamedTuple):
     def in_lanes(self) -> bool:
         """Whether worlds take a step side by side."""
         return self.division in (Division.lanes, Division.one_block)
+
+    @property
+    def world_by_world(self) -> "Program":
+        """The program in which worlds do not take a step side by side."""
+        division = Division.calling_thread if self.serial else Division.worlds
+        return self._replace(division=division) if self.in_lanes else self
 
     @property
     def in_threads(self) -> bool:
@@ -283,21 +290,19 @@ def draw_numbers(num_auvs: int, num_boats: int, num_nodes: int) -> np.ndarray:
 
 
 class Rows(tuple[Any, ...]):
-    """An array of all worlds in a kernel, with its sizes except the first, and indexed as usual.
+    """An array of all worlds in a kernel: `array[w, k, c]` as usual, and `array.x[w, k]` for the column named x.
 
-    Taichi by default reads all sizes again at each access, since a preceding store might have changed them, which takes
-    a tenth of a mission step. Here they are read once per iteration.
+    Its sizes except the first are read once per iteration. Taichi by default reads all sizes again at each access,
+    since a preceding store might have changed them, which takes a tenth of a mission step.
     """
 
-    __slots__ = ()
-
     @classmethod
-    def of(cls, argument: Any, array: Array | None = None) -> "Rows":
-        """An argument of the kernel; `array` if it is one of `ARRAYS`."""
+    def of(cls, argument: Any, columns: type[Columns] | None = None, count: int = 0) -> "Rows":
+        """An argument of the kernel, whose last axis has named columns, or a fixed number of them."""
         sizes = [impl.expr_init(size) for size in argument.shape[1:]]
-        if array and array.names:
-            sizes[-1] = len(array.names)
-        return cls((argument, *sizes))
+        if columns or count:
+            sizes[-1] = count or len(columns.names)
+        return named_columns(columns)((argument, *sizes))
 
     @property
     def shape(self) -> tuple[Any, ...]:
@@ -317,6 +322,44 @@ class Rows(tuple[Any, ...]):
         return impl.subscript(None, argument, *indices)
 
 
+class Column(tuple[Any, ...]):
+    """A column of `Rows`."""
+
+    __slots__ = ()
+
+    def __getitem__(self, indices: Any) -> Any:
+        """Taichi calls it for `array.x[w, k]`."""
+        rows, column = self
+        return rows[(*indices, column) if isinstance(indices, tuple) else (indices, column)]
+
+
+class Numbers(tuple[Any, ...]):
+    """A row of named numbers in a kernel: `p.step`, or `p[Parameter.width + axis]`."""
+
+    @classmethod
+    def of(cls, argument: Any, columns: type[Columns]) -> "Numbers":
+        """An argument of the kernel."""
+        return named_numbers(columns)((argument,))
+
+    def __getitem__(self, index: Any) -> Any:
+        """Taichi calls it for `p[n]`."""
+        (argument,) = self
+        return impl.subscript(None, argument, index)
+
+
+@functools.cache
+def named_columns(columns: type[Columns] | None) -> type[Rows]:
+    """`Rows` with an attribute for each column."""
+    names = columns.names if columns else ()
+    return type("Rows", (Rows,), {n: property(lambda rows, c=c: Column((rows, c))) for c, n in enumerate(names)})
+
+
+@functools.cache
+def named_numbers(columns: type[Columns]) -> type[Numbers]:
+    """`Numbers` with an attribute for each."""
+    return type("Numbers", (Numbers,), {n: property(lambda p, c=c: p[c]) for c, n in enumerate(columns.names)})
+
+
 class Worlds(namedtuple("Worlds", ("program", "water", *ARRAYS))):
     """All worlds, as the functions of a mission take them: the arrays of `ARRAYS` by name, and besides
 
@@ -332,7 +375,7 @@ class Worlds(namedtuple("Worlds", ("program", "water", *ARRAYS))):
 def address(worlds: ti.template(), w, step, draw, index):
     """Counter of a random draw: the world's index in its seed, its episode, a step, what the draw is for (`Draw`)."""
     return random.uint4(
-        ti.cast(worlds.key[w, KeyColumn.world], ti.u32),
+        ti.cast(worlds.key.world[w], ti.u32),
         ti.cast(worlds.clock[w, 0], ti.u32),
         ti.cast(step, ti.u32),
         ti.cast(draw * PURPOSE + index, ti.u32),
@@ -343,8 +386,8 @@ def address(worlds: ti.template(), w, step, draw, index):
 def key(worlds: ti.template(), w):
     """Key of all random draws of a world: its seed."""
     return random.uint2(
-        ti.cast(worlds.key[w, KeyColumn.low], ti.u32),
-        ti.cast(worlds.key[w, KeyColumn.high], ti.u32),
+        ti.cast(worlds.key.low[w], ti.u32),
+        ti.cast(worlds.key.high[w], ti.u32),
     )
 
 

@@ -23,9 +23,9 @@ from usvauv.kernels.functions import LANES, DeviceFlag, Launch, copy_finite
 from usvauv.kernels.mission.boats.belief_planner import OTHER_GOALS
 from usvauv.kernels.mission.boats.boat_strategies import boat_strategies
 from usvauv.kernels.mission.boats.rollouts import STEPS, WAY
-from usvauv.kernels.mission.columns import Division, Phase, ReceptionColumn
+from usvauv.kernels.mission.columns import Division, ReceptionColumn
 from usvauv.kernels.mission.observation import observation_terms
-from usvauv.kernels.mission.run import PARAMETERS, launches, run
+from usvauv.kernels.mission.run import PARAMETERS, RESET, Part, launches, parts, run
 from usvauv.kernels.mission.target_rules import target_rules
 from usvauv.kernels.mission.tasks.task import tasks
 from usvauv.kernels.mission.vehicles import ROWS, move
@@ -101,16 +101,15 @@ class MissionKernels:
         program = mission_parameters.program(site, self._strategy.strategy, uploaded["link"])
         worlds, auvs = self.action.shape[:2]
         few = runtime.too_few_for_threads(AUV_STEP * worlds * auvs)
-        known = not self.plugins()  # plugins' functions may read anything, and may not compile with whole vectors
-        division = Division.calling_thread if few else Division.worlds
-        if known and self._on_cpu and not few:
-            division = Division.one_block if worlds <= WORLDS_PER_BLOCK else Division.lanes
-        elif known and not self._on_cpu:
+        division = Division.one_block if worlds <= WORLDS_PER_BLOCK else Division.lanes
+        if few:
+            division = Division.calling_thread
+        elif not self._on_cpu:
             division = Division.threads
         program = program._replace(
             division=division,
             vortices_move=self._on_cpu and self._vortices_move,
-            checks=known and self._on_cpu and self._on_host,
+            checks=self._on_cpu and self._on_host,
         )
         losses = scenario.boat.count * (auvs + OTHER_GOALS) if program.weighs_apart else 0
         ways = (1, 1)
@@ -181,24 +180,26 @@ class MissionKernels:
         for registry, name in self._parts():
             registry.check_fields(name)
         plugins = self.plugins()  # whose Taichi functions may not compile
+        kinds = {registry.kind for registry, name in self._parts() if registry.file(name)}
+        program = arguments["program"]
         with blaming(plugins, ScenarioError) if plugins else nullcontext():
-            self._reset = self._mission(arguments, Phase.reset)
-            self._step = tuple(self._mission(arguments, phase) for phase in launches(arguments["program"]))
+            alone = {**arguments, "program": program.world_by_world}  # a reset draws for itself
+            self._reset = tuple(self._mission(alone, part) for part in parts(RESET, kinds))
+            self._step = tuple(self._mission(arguments, part) for part in launches(program, kinds))
             self._deploy, self._sail = (
-                self._moving(phase, arguments) if self._site.scenario.auv.dynamic else None
-                for phase in (Phase.reset, Phase.step)
+                self._moving(deploys, arguments) if self._site.scenario.auv.dynamic else None
+                for deploys in (True, False)
             )
 
-    def _mission(self, arguments: Mapping[str, Any], phase: int) -> Launch:
-        """A phase of the mission's kernel."""
-        program = arguments["program"]
-        if phase == Phase.reset and program.in_lanes:  # a reset draws for itself
-            program = program._replace(division=Division.calling_thread if program.serial else Division.worlds)
-        settings = runtime.NONE if self.plugins() else runtime.vectors_in_registers()
-        given = ({**arguments, "phase": phase, "program": program}[name] for name in PARAMETERS)
+    def _mission(self, arguments: Mapping[str, Any], part: Part) -> Launch:
+        """A launch of the mission's kernel."""
+        program, settings = arguments["program"], runtime.vectors_in_registers()
+        if part.plain:
+            program, settings = program.world_by_world, runtime.NONE
+        given = ({**arguments, "stages": part.stages, "program": program}[name] for name in PARAMETERS)
         return Launch(run, *given, settings={**runtime.fast_compilation(), **settings})
 
-    def _moving(self, phase: int, arguments: Mapping[str, Any]) -> Launch:
+    def _moving(self, deploys: bool, arguments: Mapping[str, Any]) -> Launch:
         """The kernel that deploys the vehicles with dynamics, or moves them through a mission step."""
         scenario = self._site.scenario
         table = torch.from_numpy(mission_parameters.vehicle_table(scenario)).to(self._device)
@@ -206,7 +207,7 @@ class MissionKernels:
         body = arguments["body"].view(-1, arguments["body"].shape[-1])
         return Launch(
             move,
-            phase,
+            deploys,
             runtime.too_few_for_threads(self._blocks.shape[0]),
             mission_parameters.vehicle_motion(scenario),
             mission_parameters.vehicle_substeps(scenario),
@@ -228,7 +229,8 @@ class MissionKernels:
         """Begin the next episode of the worlds in `chosen`."""
         if self._deploy:
             self._deploy()
-        self._reset()
+        for part in self._reset:
+            part()
         self._due.fill_(1)
 
     def take(self, action: torch.Tensor) -> bool:

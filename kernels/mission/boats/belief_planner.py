@@ -18,7 +18,6 @@ from usvauv.kernels.functions import func
 from usvauv.kernels.mission.boats import boat_motion, rollouts
 from usvauv.kernels.mission.boats.foresight import foreseen_place, own_uncertainty
 from usvauv.kernels.mission.boats.rollouts import INTERVAL, NO_AUV
-from usvauv.kernels.mission.columns import BoatColumn, ExchangeColumn, Parameter
 from usvauv.kernels.types import vec2
 
 PATIENCE = 150.0  # s that the boat looks for an AUV before it plans anew
@@ -71,7 +70,7 @@ def least_certain(worlds: ti.template(), w, b) -> ti.i32:
 @func
 def aim(worlds: ti.template(), w, b) -> vec2:
     """Goal of boat b from its last plan, m: the predicted position of the AUV that it visits, or the planned place."""
-    visited = ti.cast(worlds.boat[w, b, BoatColumn.visits], ti.i32)
+    visited = ti.cast(worlds.boat.visits[w, b], ti.i32)
     goal = boat_motion.goal_place(worlds, w, b)
     if visited != NO_AUV:
         goal = foreseen_place(worlds, w, visited)
@@ -81,7 +80,7 @@ def aim(worlds: ti.template(), w, b) -> vec2:
 @func
 def just_heard(worlds: ti.template(), w, k):
     """Whether a reply of AUV k was received in the last step."""
-    return worlds.exchange[w, k, ExchangeColumn.elapsed] < 2.0 * worlds.p[Parameter.step]
+    return worlds.exchange.elapsed[w, k] < 2.0 * worlds.p.step
 
 
 @func
@@ -90,13 +89,13 @@ def is_due(worlds: ti.template(), w, b):
 
     Or it gives up. Two plans are from `INTERVAL` to `PATIENCE` apart.
     """
-    visited = ti.cast(worlds.boat[w, b, BoatColumn.visits], ti.i32)
-    over = ti.cast(worlds.clock[w, 1], ti.f32) * worlds.p[Parameter.step] - worlds.boat[w, b, BoatColumn.planned]
+    visited = ti.cast(worlds.boat.visits[w, b], ti.i32)
+    over = ti.cast(worlds.clock[w, 1], ti.f32) * worlds.p.step - worlds.boat.planned[w, b]
     due = over >= PATIENCE or (over >= GIVE_UP and not boat_motion.can_approach(worlds, w, b, aim(worlds, w, b)))
     if visited != NO_AUV:
         due = due or just_heard(worlds, w, visited) or not boat_motion.serves(worlds, w, b, visited)
     away = aim(worlds, w, b) - boat_motion.boat_place(worlds, w, b)
-    near = worlds.p[Parameter.top_speed] * INTERVAL + worlds.p[Parameter.dead_band]
+    near = worlds.p.top_speed * INTERVAL + worlds.p.dead_band
     due = due or away.norm() < near
     return worlds.clock[w, 1] == 1 or (due and over >= INTERVAL)
 
@@ -147,8 +146,8 @@ def plan(worlds: ti.template(), w, b) -> vec2:
             if loss < least:
                 least = loss
                 best = n
-    worlds.boat[w, b, BoatColumn.visits] = ti.cast(auv_of(worlds, best), ti.f32)
-    worlds.boat[w, b, BoatColumn.planned] = ti.cast(worlds.clock[w, 1], ti.f32) * worlds.p[Parameter.step]
+    worlds.boat.visits[w, b] = ti.cast(auv_of(worlds, best), ti.f32)
+    worlds.boat.planned[w, b] = ti.cast(worlds.clock[w, 1], ti.f32) * worlds.p.step
     return goal_of(worlds, w, b, best)
 
 

@@ -13,7 +13,7 @@ from taichi.lang.expr import Expr
 
 from usvauv.kernels.flow import airy, current
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission.columns import BoatColumn, Draw, EstimateColumn, Parameter
+from usvauv.kernels.mission.columns import BoatColumn, Draw, Parameter
 from usvauv.kernels.mission.vehicles import turned_angle
 from usvauv.kernels.mission.worlds import normals
 from usvauv.kernels.types import Level, vec2, vec3
@@ -29,7 +29,7 @@ def serving_boat(worlds: ti.template(), w, k) -> ti.i32:
     """Index of the boat that serves AUV k."""
     b = 0
     if ti.static(worlds.program.fleet):
-        b = ti.cast(worlds.estimate[w, k, EstimateColumn.served_by], ti.i32)
+        b = ti.cast(worlds.estimate.served_by[w, k], ti.i32)
     return b
 
 
@@ -56,19 +56,19 @@ def num_served(worlds: ti.template(), w, b) -> ti.i32:
 @func
 def boat_place(worlds: ti.template(), w, b) -> vec2:
     """Where boat b is, m."""
-    return vec2(worlds.boat[w, b, BoatColumn.x], worlds.boat[w, b, BoatColumn.y])
+    return vec2(worlds.boat.x[w, b], worlds.boat.y[w, b])
 
 
 @func
 def goal_place(worlds: ti.template(), w, b) -> vec2:
     """Where boat b is under way to, m."""
-    return vec2(worlds.boat[w, b, BoatColumn.goal_x], worlds.boat[w, b, BoatColumn.goal_y])
+    return vec2(worlds.boat.goal_x[w, b], worlds.boat.goal_y[w, b])
 
 
 @func
 def estimated_place(worlds: ti.template(), w, k) -> vec2:
     """Where AUV k is estimated, m."""
-    return vec2(worlds.estimate[w, k, EstimateColumn.x], worlds.estimate[w, k, EstimateColumn.y])
+    return vec2(worlds.estimate.x[w, k], worlds.estimate.y[w, k])
 
 
 @func
@@ -97,14 +97,14 @@ def assign_boats(worlds: ti.template(), w, hysteresis):
                 if distance < least:
                     best = b
                     least = distance
-            worlds.estimate[w, k, EstimateColumn.served_by] = ti.cast(best, ti.f32)
+            worlds.estimate.served_by[w, k] = ti.cast(best, ti.f32)
 
 
 @func
 def put_boat(worlds: ti.template(), w, b, place: vec2):
     """Put boat b at a place, m."""
-    worlds.boat[w, b, BoatColumn.x] = place[0]
-    worlds.boat[w, b, BoatColumn.y] = place[1]
+    worlds.boat.x[w, b] = place[0]
+    worlds.boat.y[w, b] = place[1]
 
 
 @func
@@ -167,8 +167,8 @@ def place_boats(worlds: ti.template(), w):
     partition(worlds, w)
     for b in range(boat.shape[1]):
         set_goal(worlds, w, b, worlds.program.strategy.start(worlds, w, b))
-        boat[w, b, BoatColumn.x] = ti.min(ti.max(boat[w, b, BoatColumn.goal_x], 0.0), worlds.p[Parameter.width])
-        boat[w, b, BoatColumn.y] = ti.min(ti.max(boat[w, b, BoatColumn.goal_y], 0.0), worlds.p[Parameter.length])
+        boat.x[w, b] = ti.min(ti.max(boat.goal_x[w, b], 0.0), worlds.p.width)
+        boat.y[w, b] = ti.min(ti.max(boat.goal_y[w, b], 0.0), worlds.p.length)
         if ti.static(worlds.program.otter):
             for c in ti.static(range(len(HullColumn.names))):
                 worlds.hull[w, b, c] = 0.0
@@ -189,20 +189,20 @@ def command_to(worlds: ti.template(), w, b, way: vec2) -> vec2:
     p = ti.static(worlds.p)
     boat = ti.static(worlds.boat)
     learned = learned_drift(worlds, w, b)
-    velocity = vec2(boat[w, b, BoatColumn.water_x], boat[w, b, BoatColumn.water_y])
-    ahead = way - p[Parameter.response_time] * (velocity + learned)
-    asked = ti.max(1.0 - p[Parameter.dead_band] / ti.max(ahead.norm(), 1e-6), 0.0) / p[Parameter.control_time]
+    velocity = vec2(boat.water_x[w, b], boat.water_y[w, b])
+    ahead = way - p.response_time * (velocity + learned)
+    asked = ti.max(1.0 - p.dead_band / ti.max(ahead.norm(), 1e-6), 0.0) / p.control_time
     command = asked * ahead - learned
     speed = command.norm()
-    if speed > p[Parameter.top_speed]:
-        command *= p[Parameter.top_speed] / speed
+    if speed > p.top_speed:
+        command *= p.top_speed / speed
     return command
 
 
 @func
 def learned_drift(worlds: ti.template(), w, b) -> vec2:
     """Velocity with which water and wind have carried boat b in the mean of the last `DRIFT_TIME`, m/s."""
-    return vec2(worlds.boat[w, b, BoatColumn.drift_x], worlds.boat[w, b, BoatColumn.drift_y])
+    return vec2(worlds.boat.drift_x[w, b], worlds.boat.drift_y[w, b])
 
 
 @func
@@ -211,7 +211,7 @@ def expected_drift(worlds: ti.template(), w, b, time) -> vec2:
 
     The leeway lasts; the remainder of the learned drift is of eddies, which the boat leaves in `DRIFT_TIME`.
     """
-    leeway = vec2(worlds.p[Parameter.leeway_x], worlds.p[Parameter.leeway_y])
+    leeway = vec2(worlds.p.leeway_x, worlds.p.leeway_y)
     return leeway + ti.exp(-time / DRIFT_TIME) * (learned_drift(worlds, w, b) - leeway)
 
 
@@ -221,7 +221,7 @@ def can_approach(worlds: ti.template(), w, b, place: vec2) -> bool:
     drift = learned_drift(worlds, w, b)
     way = place - boat_place(worlds, w, b)
     ahead = way / ti.max(way.norm(), 1e-6)
-    top = worlds.p[Parameter.top_speed]
+    top = worlds.p.top_speed
     along = ahead.dot(drift)
     across = drift.norm_sqr() - along * along
     return across < top * top and along + ti.sqrt(ti.max(top * top - across, 0.0)) >= LEAST_HEADWAY * top
@@ -233,7 +233,7 @@ def has_moved(worlds: ti.template(), w, b, velocity: vec2, drift: vec2):
     boat = ti.static(worlds.boat)
     for axis in ti.static(range(2)):
         learned = boat[w, b, BoatColumn.drift_x + axis]
-        learned = drift[axis] + worlds.p[Parameter.drift_memory] * (learned - drift[axis])
+        learned = drift[axis] + worlds.p.drift_memory * (learned - drift[axis])
         boat[w, b, BoatColumn.water_x + axis] = velocity[axis]
         boat[w, b, BoatColumn.drift_x + axis] = learned
 
@@ -252,10 +252,10 @@ def way_through_water(worlds: ti.template(), w, b, way: vec2, drift: vec2) -> ve
     """
     p = ti.static(worlds.p)
     command = command_to(worlds, w, b, way)
-    lacking = vec2(worlds.boat[w, b, BoatColumn.water_x], worlds.boat[w, b, BoatColumn.water_y]) - command
-    memory = p[Parameter.response_memory]
+    lacking = vec2(worlds.boat.water_x[w, b], worlds.boat.water_y[w, b]) - command
+    memory = p.response_memory
     has_moved(worlds, w, b, command + memory * lacking, drift)
-    return p[Parameter.step] * command + p[Parameter.response_time] * (1.0 - memory) * lacking
+    return p.step * command + p.response_time * (1.0 - memory) * lacking
 
 
 @func
@@ -277,7 +277,7 @@ ASTERN = 0.5  # m/s, of a command up to which it goes astern rather than turn
 @func
 def boat_heading(worlds: ti.template(), w, b) -> ti.f32:
     """Heading of an Otter, rad anticlockwise from east."""
-    return turned_angle(worlds.hull[w, b, HullColumn.heading])
+    return turned_angle(worlds.hull.heading[w, b])
 
 
 @func
@@ -289,11 +289,11 @@ def reach(worlds: ti.template(), w, b) -> vec3:
     (π − θ) V/ω. So half the greatest of these is what the middle lies ahead of it and the radius is longer.
     """
     p = ti.static(worlds.p)
-    middle = boat_place(worlds, w, b) + p[Parameter.control_time] * learned_drift(worlds, w, b)
-    radius = p[Parameter.top_speed] * p[Parameter.control_time] + p[Parameter.dead_band]
+    middle = boat_place(worlds, w, b) + p.control_time * learned_drift(worlds, w, b)
+    radius = p.top_speed * p.control_time + p.dead_band
     if ti.static(worlds.program.otter):
         heading = boat_heading(worlds, w, b)
-        ahead = 0.5 * math.pi * p[Parameter.top_speed] / worlds.otter[otter.Number.turn_rate]
+        ahead = 0.5 * math.pi * p.top_speed / worlds.otter[otter.Number.turn_rate]
         middle += ahead * vec2(ti.cos(heading), ti.sin(heading))
         radius += ahead
     for axis in ti.static(range(2)):
@@ -316,9 +316,9 @@ def integrate_hull(worlds: ti.template(), w, b, way: vec2, current: vec2) -> vec
     table = ti.static(worlds.otter)
     command = command_to(worlds, w, b, way)
     speed = command.norm()
-    air = vec2(p[Parameter.wind_y], p[Parameter.wind_x]) - vec2(current[1], current[0])
-    count = ti.ceil(p[Parameter.step] / table[otter.Number.substep] - 1e-3)
-    dt = p[Parameter.step] / count
+    air = vec2(p.wind_y, p.wind_x) - vec2(current[1], current[0])
+    count = ti.ceil(p.step / table[otter.Number.substep] - 1e-3)
+    dt = p.step / count
     hull = otter.boat8(0.0)
     for c in ti.static(range(len(HullColumn.names))):
         hull[c] = worlds.hull[w, b, c]
@@ -343,7 +343,7 @@ def integrate_hull(worlds: ti.template(), w, b, way: vec2, current: vec2) -> vec
         worlds.hull[w, b, c] = hull[c]
     c, s = ti.cos(hull[HullColumn.heading]), ti.sin(hull[HullColumn.heading])
     velocity = hull[HullColumn.u] * vec2(s, c) + hull[HullColumn.v] * vec2(c, -s)
-    has_moved(worlds, w, b, velocity, current + sideways / p[Parameter.step])
+    has_moved(worlds, w, b, velocity, current + sideways / p.step)
     return moved
 
 
@@ -355,18 +355,18 @@ def move_boat(worlds: ti.template(), w, b):
     """
     p = ti.static(worlds.p)
     boat = ti.static(worlds.boat)
-    dt = p[Parameter.step]
-    x = boat[w, b, BoatColumn.x]
-    y = boat[w, b, BoatColumn.y]
-    drift = p[Parameter.drifts] * dt * vec2(boat[w, b, BoatColumn.current_x], boat[w, b, BoatColumn.current_y])
-    wanted = vec2(boat[w, b, BoatColumn.goal_x] - x, boat[w, b, BoatColumn.goal_y] - y)
-    farthest = p[Parameter.top_speed] * dt
+    dt = p.step
+    x = boat.x[w, b]
+    y = boat.y[w, b]
+    drift = p.drifts * dt * vec2(boat.current_x[w, b], boat.current_y[w, b])
+    wanted = vec2(boat.goal_x[w, b] - x, boat.goal_y[w, b] - y)
+    farthest = p.top_speed * dt
     distance = 0.0
     if ti.static(worlds.program.otter):
         wanted = integrate_hull(worlds, w, b, wanted, drift / dt)
         distance = wanted.norm()
-    elif p[Parameter.response_time] > 0.0:
-        drift += dt * vec2(p[Parameter.leeway_x], p[Parameter.leeway_y])
+    elif p.response_time > 0.0:
+        drift += dt * vec2(p.leeway_x, p.leeway_y)
         wanted = way_through_water(worlds, w, b, wanted, drift / dt)
         distance = wanted.norm()
     else:
@@ -375,11 +375,11 @@ def move_boat(worlds: ti.template(), w, b):
         if distance > farthest:
             wanted *= farthest / distance
         has_moved(worlds, w, b, wanted / dt, drift / dt)
-    boat[w, b, BoatColumn.effort] = ti.min(distance / farthest, 1.0)
-    boat[w, b, BoatColumn.x] = ti.min(ti.max(x + drift[0] + wanted[0], 0.0), p[Parameter.width])
-    boat[w, b, BoatColumn.y] = ti.min(ti.max(y + drift[1] + wanted[1], 0.0), p[Parameter.length])
-    boat[w, b, BoatColumn.moved_x] = boat[w, b, BoatColumn.x] - x
-    boat[w, b, BoatColumn.moved_y] = boat[w, b, BoatColumn.y] - y
+    boat.effort[w, b] = ti.min(distance / farthest, 1.0)
+    boat.x[w, b] = ti.min(ti.max(x + drift[0] + wanted[0], 0.0), p.width)
+    boat.y[w, b] = ti.min(ti.max(y + drift[1] + wanted[1], 0.0), p.length)
+    boat.moved_x[w, b] = boat.x[w, b] - x
+    boat.moved_y[w, b] = boat.y[w, b] - y
 
 
 @func
@@ -390,18 +390,18 @@ def ride_waves(worlds: ti.template(), w, b):
     """
     boat = ti.static(worlds.boat)
     water = ti.static(worlds.water)
-    x = boat[w, b, BoatColumn.x]
-    y = boat[w, b, BoatColumn.y]
+    x = boat.x[w, b]
+    y = boat.y[w, b]
     dx = water.width / water.nx
     dy = water.length / water.ny
     surface = current.long_wave_surface(water.eta, water.sea_index[w], x, y, dx, dy, water.nx, water.ny)
     groups = water.wave.shape[1]
     storm = airy.motion(water.wave, water.since, water.sea_index[w], groups, Level.surface, x, y)
-    boat[w, b, BoatColumn.elevation] = surface[0] + storm[0]
-    boat[w, b, BoatColumn.slope_x] = surface[1] + storm[1]
-    boat[w, b, BoatColumn.slope_y] = surface[2] + storm[2]
-    boat[w, b, BoatColumn.current_x] = storm[3] + storm[0] * storm[6]
-    boat[w, b, BoatColumn.current_y] = storm[4] + storm[0] * storm[7]
+    boat.elevation[w, b] = surface[0] + storm[0]
+    boat.slope_x[w, b] = surface[1] + storm[1]
+    boat.slope_y[w, b] = surface[2] + storm[2]
+    boat.current_x[w, b] = storm[3] + storm[0] * storm[6]
+    boat.current_y[w, b] = storm[4] + storm[0] * storm[7]
 
 
 @func
@@ -412,19 +412,19 @@ def drift_along(worlds: ti.template(), w, b, vortices: vec2):
     place = boat_place(worlds, w, b)
     velocity = vortices + current.real_current(water, place[0], place[1], 0.0)
     velocity += current.long_wave_velocity(water, water.sea_index[w], place[0], place[1])
-    boat[w, b, BoatColumn.current_x] = boat[w, b, BoatColumn.current_x] + velocity[0]
-    boat[w, b, BoatColumn.current_y] = boat[w, b, BoatColumn.current_y] + velocity[1]
+    boat.current_x[w, b] = boat.current_x[w, b] + velocity[0]
+    boat.current_y[w, b] = boat.current_y[w, b] + velocity[1]
 
 
 @func
 def renew_gnss_error(worlds: ti.template(), w, b):
     """The error of the boat's own position: a Gauss–Markov process, in its stationary state from the start."""
     p = ti.static(worlds.p)
-    memory = p[Parameter.gnss_memory]
+    memory = p.gnss_memory
     if worlds.clock[w, 1] == 0:
         memory = 0.0
     noise = normals(worlds, w, Draw.gnss, b)
-    new = p[Parameter.gnss_error] * ti.sqrt(1.0 - memory * memory)
+    new = p.gnss_error * ti.sqrt(1.0 - memory * memory)
     for axis in ti.static(range(2)):
         column = ti.static(BoatColumn.gnss_x + axis)
         worlds.boat[w, b, column] = memory * worlds.boat[w, b, column] + new * noise[axis]

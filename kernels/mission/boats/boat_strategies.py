@@ -12,7 +12,6 @@ import taichi as ti
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission.boats import belief_planner, boat_motion, foresight
 from usvauv.kernels.mission.boats.rollouts import NO_AUV
-from usvauv.kernels.mission.columns import Parameter
 from usvauv.kernels.mission.worlds import Strategy
 from usvauv.kernels.planning import search
 from usvauv.kernels.planning.information import Team, indices
@@ -120,7 +119,7 @@ def best_place(worlds: ti.template(), w, b, start: vec2, everywhere, reach, limi
     count = boat_motion.num_served(worlds, w, b)
     chosen = members(worlds, w, b)
     team = ti.static(team_of(worlds, w, count, chosen))
-    size = vec2(worlds.p[Parameter.width], worlds.p[Parameter.length])
+    size = vec2(worlds.p.width, worlds.p.length)
     goal = boat_motion.boat_place(worlds, w, b)
     if count > 0:
         region = ti.static(search.Region(size, start, reach, limited))
@@ -135,7 +134,7 @@ def fim(worlds: ti.template(), w, b) -> vec2:
 
     It searches everywhere once in `SEARCH_INTERVAL`, and follows the maximum of its goal in between.
     """
-    interval = ti.max(ti.cast(SEARCH_INTERVAL / worlds.p[Parameter.step] + 0.5, ti.i32), 1)
+    interval = ti.max(ti.cast(SEARCH_INTERVAL / worlds.p.step + 0.5, ti.i32), 1)
     everywhere = worlds.clock[w, 1] % interval == 0
     return best_place(worlds, w, b, boat_motion.goal_place(worlds, w, b), everywhere, search.ANYWHERE, False)
 

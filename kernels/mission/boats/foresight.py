@@ -9,7 +9,6 @@ import taichi as ti
 
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission.boats import boat_motion
-from usvauv.kernels.mission.columns import AuvColumn, ExchangeColumn, ForesightColumn, NodeColumn, Parameter
 from usvauv.kernels.positioning import tracker
 from usvauv.kernels.types import vec2, vec3
 
@@ -38,9 +37,7 @@ class PredictedAuv:
 def drift_over(worlds: ti.template(), time) -> tracker.Drift:
     """The drift of AUVs over a time, s."""
     p = ti.static(worlds.p)
-    return tracker.drift_over(
-        time, p[Parameter.current_variance], p[Parameter.correlation_time], p[Parameter.velocity_walk]
-    )
+    return tracker.drift_over(time, p.current_variance, p.correlation_time, p.velocity_walk)
 
 
 @func
@@ -50,20 +47,20 @@ def own_uncertainty(worlds: ti.template(), w, k) -> vec3:
     a = 0.5 * (track[w, k, tracker.XX] + track[w, k, tracker.YY])
     b = 0.5 * (track[w, k, tracker.XU] + track[w, k, tracker.YV])
     c = 0.5 * (track[w, k, tracker.UU] + track[w, k, tracker.VV])
-    return vec3(tracker.drifted(a, b, c, drift_over(worlds, worlds.exchange[w, k, ExchangeColumn.elapsed])))
+    return vec3(tracker.drifted(a, b, c, drift_over(worlds, worlds.exchange.elapsed[w, k])))
 
 
 @func
 def works_within(worlds: ti.template()) -> ti.f32:
     """Largest error (m) of its own position with which an AUV still finds its node."""
-    return ti.max(worlds.p[Parameter.hover_radius], worlds.p[Parameter.homing_range])
+    return ti.max(worlds.p.hover_radius, worlds.p.homing_range)
 
 
 @func
 def approached(worlds: ti.template(), w, way: PredictedAuv, time) -> vec2:
     """Position of an AUV that has gone straight towards its node for some time (s), at most to it, m."""
     node = ti.static(worlds.node)
-    ahead = vec2(node[w, way.node, NodeColumn.x], node[w, way.node, NodeColumn.y]) - way.place
+    ahead = vec2(node.x[w, way.node], node.y[w, way.node]) - way.place
     distance = ahead.norm()
     return way.place + ti.min(way.speed * time / ti.max(distance, 1e-6), 1.0) * ahead
 
@@ -86,12 +83,12 @@ def advanced(worlds: ti.template(), w, way: PredictedAuv, time, lost: ti.i32) ->
             if way.hovers <= 0.0:
                 way.node = worlds.program.target_rule.foreseen(worlds, w, way.node)
         else:
-            there = vec2(node[w, way.node, NodeColumn.x], node[w, way.node, NodeColumn.y])
+            there = vec2(node.x[w, way.node], node.y[w, way.node])
             ahead = there - way.place
             distance = ahead.norm()
             to_go = distance
             if ti.static(worlds.program.passing):
-                to_go = ti.max(distance - p[Parameter.hover_radius], 0.0)
+                to_go = ti.max(distance - p.hover_radius, 0.0)
             speed = ti.max(way.speed, SLOWEST)
             if to_go > speed * left:
                 way.place += speed * left / distance * ahead
@@ -105,7 +102,7 @@ def advanced(worlds: ti.template(), w, way: PredictedAuv, time, lost: ti.i32) ->
                 if lost:
                     left = 0.0
                 else:
-                    way.hovers = p[Parameter.service_time]
+                    way.hovers = p.service_time
     return way
 
 
@@ -113,8 +110,8 @@ def advanced(worlds: ti.template(), w, way: PredictedAuv, time, lost: ti.i32) ->
 def may_arrive(worlds: ti.template(), w, way: PredictedAuv, time):
     """Whether an AUV may come to a node within some time, s; at most by one in a hundred farther than it gets."""
     node = ti.static(worlds.node)
-    away = vec2(node[w, way.node, NodeColumn.x], node[w, way.node, NodeColumn.y]) - way.place
-    farthest = worlds.p[Parameter.hover_radius] + 1.01 * ti.max(way.speed, SLOWEST) * time
+    away = vec2(node.x[w, way.node], node.y[w, way.node]) - way.place
+    farthest = worlds.p.hover_radius + 1.01 * ti.max(way.speed, SLOWEST) * time
     return way.hovers <= time and away.norm_sqr() <= farthest * farthest
 
 
@@ -123,10 +120,10 @@ def remembered(worlds: ti.template(), w, k) -> PredictedAuv:
     """The boat's present prediction of AUV k."""
     foresight = ti.static(worlds.foresight)
     return PredictedAuv(
-        place=vec2(foresight[w, k, ForesightColumn.x], foresight[w, k, ForesightColumn.y]),
-        node=ti.cast(foresight[w, k, ForesightColumn.heads_for], ti.i32),
-        hovers=foresight[w, k, ForesightColumn.hovers],
-        speed=foresight[w, k, ForesightColumn.speed],
+        place=vec2(foresight.x[w, k], foresight.y[w, k]),
+        node=ti.cast(foresight.heads_for[w, k], ti.i32),
+        hovers=foresight.hovers[w, k],
+        speed=foresight.speed[w, k],
     )
 
 
@@ -136,19 +133,19 @@ def foresee(worlds: ti.template(), w, k):
     foresight = ti.static(worlds.foresight)
     exchange = ti.static(worlds.exchange)
     way = remembered(worlds, w, k)
-    elapsed = exchange[w, k, ExchangeColumn.elapsed]
-    time = elapsed - foresight[w, k, ForesightColumn.elapsed]
-    news = time < 0.999 * worlds.p[Parameter.step]  # a reply was received in the step before
+    elapsed = exchange.elapsed[w, k]
+    time = elapsed - foresight.elapsed[w, k]
+    news = time < 0.999 * worlds.p.step  # a reply was received in the step before
     if worlds.clock[w, 1] == 1:  # the first node is given at deployment
-        exchange[w, k, ExchangeColumn.heads_for] = worlds.auv[w, k, AuvColumn.target]
+        exchange.heads_for[w, k] = worlds.auv.target[w, k]
         news = True
     if news:
         way.place = vec2(worlds.track[w, k, tracker.X], worlds.track[w, k, tracker.Y])
-        way.node = ti.cast(exchange[w, k, ExchangeColumn.heads_for], ti.i32)
-        way.hovers = exchange[w, k, ExchangeColumn.hovers]
+        way.node = ti.cast(exchange.heads_for[w, k], ti.i32)
+        way.hovers = exchange.hovers[w, k]
         if way.hovers == 0.0:
-            speed = vec2(exchange[w, k, ExchangeColumn.velocity_x], exchange[w, k, ExchangeColumn.velocity_y]).norm()
-            if speed > 0.5 * worlds.p[Parameter.speed_min]:
+            speed = vec2(exchange.velocity_x[w, k], exchange.velocity_y[w, k]).norm()
+            if speed > 0.5 * worlds.p.speed_min:
                 way.speed += LEARNED * (speed - way.speed)
         time = elapsed
     lost = 0
@@ -156,12 +153,12 @@ def foresee(worlds: ti.template(), w, k):
         works = works_within(worlds)
         lost = ti.cast(own_uncertainty(worlds, w, k)[0] > works * works, ti.i32)
     way = advanced(worlds, w, way, time, lost)
-    foresight[w, k, ForesightColumn.x] = way.place[0]
-    foresight[w, k, ForesightColumn.y] = way.place[1]
-    foresight[w, k, ForesightColumn.heads_for] = ti.cast(way.node, ti.f32)
-    foresight[w, k, ForesightColumn.hovers] = way.hovers
-    foresight[w, k, ForesightColumn.speed] = way.speed
-    foresight[w, k, ForesightColumn.elapsed] = elapsed
+    foresight.x[w, k] = way.place[0]
+    foresight.y[w, k] = way.place[1]
+    foresight.heads_for[w, k] = ti.cast(way.node, ti.f32)
+    foresight.hovers[w, k] = way.hovers
+    foresight.speed[w, k] = way.speed
+    foresight.elapsed[w, k] = elapsed
 
 
 @func
@@ -176,15 +173,15 @@ def foresee_served(worlds: ti.template(), w, b):
 def begin(worlds: ti.template(), w, k):
     """AUV k is where it is deployed, on its way to a node that is not chosen yet."""
     foresight = ti.static(worlds.foresight)
-    foresight[w, k, ForesightColumn.x] = worlds.auv[w, k, AuvColumn.x]
-    foresight[w, k, ForesightColumn.y] = worlds.auv[w, k, AuvColumn.y]
-    foresight[w, k, ForesightColumn.heads_for] = 0.0
-    foresight[w, k, ForesightColumn.hovers] = 0.0
-    foresight[w, k, ForesightColumn.speed] = worlds.p[Parameter.reference_speed]
-    foresight[w, k, ForesightColumn.elapsed] = 0.0
+    foresight.x[w, k] = worlds.auv.x[w, k]
+    foresight.y[w, k] = worlds.auv.y[w, k]
+    foresight.heads_for[w, k] = 0.0
+    foresight.hovers[w, k] = 0.0
+    foresight.speed[w, k] = worlds.p.reference_speed
+    foresight.elapsed[w, k] = 0.0
 
 
 @func
 def foreseen_place(worlds: ti.template(), w, k) -> vec2:
     """Present predicted position of AUV k, m."""
-    return vec2(worlds.foresight[w, k, ForesightColumn.x], worlds.foresight[w, k, ForesightColumn.y])
+    return vec2(worlds.foresight.x[w, k], worlds.foresight.y[w, k])

@@ -21,7 +21,6 @@ from usvauv.kernels.functions import func
 from usvauv.kernels.mission import reception, replies
 from usvauv.kernels.mission.boats import boat_motion, foresight
 from usvauv.kernels.mission.boats.foresight import PredictedAuv, drift_over, own_uncertainty
-from usvauv.kernels.mission.columns import ExchangeColumn, ForesightColumn, Parameter
 from usvauv.kernels.mission.replies import SIGNAL, Signal
 from usvauv.kernels.mission.worlds import WORLDS_PER_BLOCK
 from usvauv.kernels.positioning import tracker
@@ -72,8 +71,8 @@ class Team(NamedTuple):
 def straying_over(worlds: ti.template(), time) -> tracker.Drift:
     """How an AUV's own estimate of its position strays from the predicted one over a time, s."""
     p = ti.static(worlds.p)
-    speed = STRAYING * p[Parameter.reference_speed]
-    return tracker.drift_over(time, speed * speed, p[Parameter.velocity_memory], 0.0)
+    speed = STRAYING * p.reference_speed
+    return tracker.drift_over(time, speed * speed, p.velocity_memory, 0.0)
 
 
 @func
@@ -89,7 +88,7 @@ def team_numbers(worlds: ti.template(), w, boat):
     for k in range(worlds.estimate.shape[1]):
         if boat_motion.serves(worlds, w, boat, k):
             s = own_uncertainty(worlds, w, k)
-            strayed = straying_over(worlds, worlds.exchange[w, k, ExchangeColumn.elapsed])
+            strayed = straying_over(worlds, worlds.exchange.elapsed[w, k])
             way = numbers_of(foresight.remembered(worlds, w, k))
             own = [1.0, s[0], s[1], s[2], strayed.position, strayed.cross, strayed.current]
             signal = replies.signal_of(worlds, k, reception.height(worlds, w, boat, k))
@@ -146,7 +145,7 @@ def expected_loss(worlds: ti.template(), w, boat, goal: vec2, first: ti.i32, tea
     shared = ti.static(worlds.program.in_lanes)
     count = worlds.estimate.shape[1]
     here = boat_motion.boat_place(worlds, w, boat)
-    speed = worlds.p[Parameter.top_speed]
+    speed = worlds.p.top_speed
     reach = speed * INTERVAL
     drift = drift_over(worlds, INTERVAL)
     straying = straying_over(worlds, INTERVAL)
@@ -204,7 +203,7 @@ def expected_loss(worlds: ti.template(), w, boat, goal: vec2, first: ti.i32, tea
                         place=vec2(x[k], y[k]),
                         node=ti.cast(node[k], ti.i32),
                         hovers=hovers[k],
-                        speed=worlds.foresight[w, k, ForesightColumn.speed],
+                        speed=worlds.foresight.speed[w, k],
                     )
                     after = foresight.advanced(worlds, w, after, INTERVAL, ti.cast(lost, ti.i32))
                     x[k] = after.place[0]

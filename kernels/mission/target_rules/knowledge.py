@@ -11,7 +11,7 @@ distribution is the Gamma distribution with the mean and variance of the previou
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission.columns import AuvColumn, BeliefColumn, Information, NodeColumn, Parameter
+from usvauv.kernels.mission.columns import Information
 from usvauv.kernels.types import vec2
 
 SURE = 1e6  # s; of exposure, where all rates are equal
@@ -25,7 +25,7 @@ DEVIATIONS = 8.0  # beyond these of the mean a distribution is cut off
 @func
 def time(worlds: ti.template(), w):
     """Time of the mission, s."""
-    return worlds.p[Parameter.step] * ti.cast(worlds.clock[w, 1], ti.f32)
+    return worlds.p.step * ti.cast(worlds.clock[w, 1], ti.f32)
 
 
 @func
@@ -41,8 +41,8 @@ def holder(worlds: ti.template(), k):
 def start_exposure(p: ti.template()):
     """Exposure with which the Gamma distribution of a rate has the mean and variance of all, s."""
     exposure = SURE
-    if p[Parameter.rate_variance] > p[Parameter.rate_mean] / SURE:
-        exposure = p[Parameter.rate_mean] / p[Parameter.rate_variance]
+    if p.rate_variance > p.rate_mean / SURE:
+        exposure = p.rate_mean / p.rate_variance
     return exposure
 
 
@@ -54,19 +54,19 @@ def begin(worlds: ti.template(), w):
     for b in range(belief.shape[1]):
         for i in range(belief.shape[2]):
             exposure = start_exposure(p)
-            belief[w, b, i, BeliefColumn.count] = p[Parameter.rate_mean] * exposure
-            belief[w, b, i, BeliefColumn.exposure] = exposure
-            belief[w, b, i, BeliefColumn.since] = 0.0
-            belief[w, b, i, BeliefColumn.left] = 0.5 * p[Parameter.start_backlog]
+            belief.count[w, b, i] = p.rate_mean * exposure
+            belief.exposure[w, b, i] = exposure
+            belief.since[w, b, i] = 0.0
+            belief.left[w, b, i] = 0.5 * p.start_backlog
 
 
 @func
 def rate(worlds: ti.template(), w, k, i):
     """Rate of arrivals at node i, true or as AUV k estimates it, packets/s."""
     b = holder(worlds, k)
-    known = worlds.belief[w, b, i, BeliefColumn.count] / worlds.belief[w, b, i, BeliefColumn.exposure]
+    known = worlds.belief.count[w, b, i] / worlds.belief.exposure[w, b, i]
     if ti.static(worlds.program.information <= Information.rates):
-        known = worlds.node[w, i, NodeColumn.rate]
+        known = worlds.node.rate[w, i]
     return known
 
 
@@ -75,12 +75,12 @@ def backlog(worlds: ti.template(), w, k, i, ahead):
     """Packets at node i some time `ahead` (s) of now, as AUV k expects them if nobody takes any."""
     there = 0.0
     if ti.static(worlds.program.information == Information.full):
-        there = worlds.node[w, i, NodeColumn.backlog] + rate(worlds, w, k, i) * ahead
+        there = worlds.node.backlog[w, i] + rate(worlds, w, k, i) * ahead
     else:
         b = holder(worlds, k)
-        waited = time(worlds, w) - worlds.belief[w, b, i, BeliefColumn.since] + ahead
-        there = worlds.belief[w, b, i, BeliefColumn.left] + rate(worlds, w, k, i) * waited
-    return ti.min(there, worlds.p[Parameter.buffer])
+        waited = time(worlds, w) - worlds.belief.since[w, b, i] + ahead
+        there = worlds.belief.left[w, b, i] + rate(worlds, w, k, i) * waited
+    return ti.min(there, worlds.p.buffer)
 
 
 @func
@@ -123,47 +123,47 @@ def learn_rate(worlds: ti.template(), w, b, i, found, now):
     """What a visit to node i that finds some packets at a time (s) tells belief b of its rate."""
     p = ti.static(worlds.p)
     belief = ti.static(worlds.belief)
-    waited = now - belief[w, b, i, BeliefColumn.since]
+    waited = now - belief.since[w, b, i]
     start = 0.0
-    if belief[w, b, i, BeliefColumn.since] == 0.0:
-        start = p[Parameter.start_backlog]
+    if belief.since[w, b, i] == 0.0:
+        start = p.start_backlog
     if waited > 0.0:
-        if start > 0.0 or found >= p[Parameter.buffer]:
+        if start > 0.0 or found >= p.buffer:
             middle = found - 0.5 * start  # packets that came
             width = ti.sqrt(start * start + 12.0 * found + 1.0)  # with the variance of start and Poisson arrivals
             low = ti.max(middle - 0.5 * width, 0.0) / waited
             high = (middle + 0.5 * width) / waited
             ramp = 0.0
-            if found >= p[Parameter.buffer]:
+            if found >= p.buffer:
                 low = (found - start) / waited
                 high = ti.math.inf
                 ramp = start / waited
-            both = vec2(belief[w, b, i, BeliefColumn.count], belief[w, b, i, BeliefColumn.exposure])
+            both = vec2(belief.count[w, b, i], belief.exposure[w, b, i])
             if both[0] < SHARP:
                 both = cut(both[0], both[1], low, high, ramp)
-            belief[w, b, i, BeliefColumn.count] = both[0]
-            belief[w, b, i, BeliefColumn.exposure] = both[1]
+            belief.count[w, b, i] = both[0]
+            belief.exposure[w, b, i] = both[1]
         else:
-            belief[w, b, i, BeliefColumn.count] += found
-            belief[w, b, i, BeliefColumn.exposure] += waited
+            belief.count[w, b, i] += found
+            belief.exposure[w, b, i] += waited
 
 
 @func
 def learn(worlds: ti.template(), w, k, i, found):
     """AUV k begins to serve node i, and finds some packets there; of a rate that is known it learns nothing."""
     b = holder(worlds, k)
-    now = time(worlds, w) - worlds.p[Parameter.step]  # arrivals come at the end of a step
+    now = time(worlds, w) - worlds.p.step  # arrivals come at the end of a step
     if ti.static(worlds.program.information > Information.rates):
         learn_rate(worlds, w, b, i, found, now)
-    worlds.belief[w, b, i, BeliefColumn.since] = now
-    worlds.belief[w, b, i, BeliefColumn.left] = 0.0
+    worlds.belief.since[w, b, i] = now
+    worlds.belief.left[w, b, i] = 0.0
 
 
 @func
 def leave(worlds: ti.template(), w, k, i, packets):
     """AUV k leaves node i with some of the packets that it found there."""
     b = holder(worlds, k)
-    worlds.belief[w, b, i, BeliefColumn.left] = worlds.belief[w, b, i, BeliefColumn.left] + packets
+    worlds.belief.left[w, b, i] = worlds.belief.left[w, b, i] + packets
 
 
 @func
@@ -178,7 +178,7 @@ def is_free(worlds: ti.template(), w, k, i):
         known = True
         if ti.static(worlds.program.information == Information.own_visits):
             known = j == k
-        if known and ti.cast(worlds.auv[w, j, AuvColumn.target], ti.i32) == i:
+        if known and ti.cast(worlds.auv.target[w, j], ti.i32) == i:
             free = False
     return free
 
@@ -188,7 +188,7 @@ def in_sector(worlds: ti.template(), w, k, i):
     """Whether node i is in the sector of AUV k: without communication AUVs have shared the nodes before they dive."""
     inside = True
     if ti.static(worlds.program.information == Information.own_visits):
-        inside = ti.cast(worlds.node[w, i, NodeColumn.owner], ti.i32) == k
+        inside = ti.cast(worlds.node.owner[w, i], ti.i32) == k
     return inside
 
 

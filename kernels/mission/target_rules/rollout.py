@@ -8,7 +8,7 @@ by exp(−t/T), up to t = 3 T: with a sharp end the choice would depend on which
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission.columns import AuvColumn, EstimateColumn, Information, NodeColumn, Parameter
+from usvauv.kernels.mission.columns import Information
 from usvauv.kernels.mission.target_rules import knowledge
 from usvauv.kernels.mission.target_rules.rule import TargetRule, data_per_time, travel_time
 from usvauv.kernels.types import vec2
@@ -29,8 +29,8 @@ def memory(worlds: ti.template(), j, column):
 def travel(worlds: ti.template(), w, j, i):
     """Time that the simulated AUV j needs to node i, s."""
     apart = vec2(
-        worlds.node[w, i, NodeColumn.x] - worlds.workspace[w, memory(worlds, j, X)],
-        worlds.node[w, i, NodeColumn.y] - worlds.workspace[w, memory(worlds, j, Y)],
+        worlds.node.x[w, i] - worlds.workspace[w, memory(worlds, j, X)],
+        worlds.node.y[w, i] - worlds.workspace[w, memory(worlds, j, Y)],
     ).norm()
     return travel_time(worlds.p, apart)
 
@@ -43,7 +43,7 @@ def packets(worlds: ti.template(), w, k, i, t):
     if emptied < 0.0:
         there = knowledge.backlog(worlds, w, k, i, t)
     elif emptied <= t:
-        there = ti.min(knowledge.rate(worlds, w, k, i) * (t - emptied), worlds.p[Parameter.buffer])
+        there = ti.min(knowledge.rate(worlds, w, k, i) * (t - emptied), worlds.p.buffer)
     return there
 
 
@@ -53,12 +53,10 @@ def serve(worlds: ti.template(), w, k, j, i):
     p = ti.static(worlds.p)
     arrival = worlds.workspace[w, memory(worlds, j, READY)] + travel(worlds, w, j, i)
     taken = packets(worlds, w, k, i, arrival)
-    hover = ti.max(
-        taken * p[Parameter.payload] / (p[Parameter.buffer] * p[Parameter.reference_rate]), p[Parameter.step]
-    )
+    hover = ti.max(taken * p.payload / (p.buffer * p.reference_rate), p.step)
     worlds.workspace[w, i] = arrival
-    worlds.workspace[w, memory(worlds, j, X)] = worlds.node[w, i, NodeColumn.x]
-    worlds.workspace[w, memory(worlds, j, Y)] = worlds.node[w, i, NodeColumn.y]
+    worlds.workspace[w, memory(worlds, j, X)] = worlds.node.x[w, i]
+    worlds.workspace[w, memory(worlds, j, Y)] = worlds.node.y[w, i]
     worlds.workspace[w, memory(worlds, j, READY)] = arrival + hover
     return taken * ti.exp(-(arrival + hover) / worlds.rule_numbers[0])
 
@@ -70,17 +68,17 @@ def begin(worlds: ti.template(), w, k, end):
         worlds.workspace[w, i] = -1.0
     total = 0.0
     for j in range(worlds.auv.shape[1]):
-        worlds.workspace[w, memory(worlds, j, X)] = worlds.estimate[w, j, EstimateColumn.x]
-        worlds.workspace[w, memory(worlds, j, Y)] = worlds.estimate[w, j, EstimateColumn.y]
+        worlds.workspace[w, memory(worlds, j, X)] = worlds.estimate.x[w, j]
+        worlds.workspace[w, memory(worlds, j, Y)] = worlds.estimate.y[w, j]
         worlds.workspace[w, memory(worlds, j, READY)] = 0.0
-        target = ti.cast(worlds.auv[w, j, AuvColumn.target], ti.i32)
+        target = ti.cast(worlds.auv.target[w, j], ti.i32)
         if ti.static(worlds.program.information == Information.own_visits):
             if j != k:
                 worlds.workspace[w, memory(worlds, j, READY)] = end
         elif j != k and target >= 0:
-            if worlds.auv[w, j, AuvColumn.hover] > 0.0:
+            if worlds.auv.hover[w, j] > 0.0:
                 worlds.workspace[w, target] = 0.0
-                worlds.workspace[w, memory(worlds, j, READY)] = worlds.auv[w, j, AuvColumn.hover]
+                worlds.workspace[w, memory(worlds, j, READY)] = worlds.auv.hover[w, j]
             else:
                 total += serve(worlds, w, k, j, target)
     return total

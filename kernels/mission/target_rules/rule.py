@@ -9,7 +9,7 @@ import taichi as ti
 
 from usvauv.kernels.errors import choices
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission.columns import AuvColumn, EstimateColumn, NodeColumn, Parameter
+from usvauv.kernels.mission.columns import Parameter
 from usvauv.kernels.mission.target_rules import knowledge
 from usvauv.kernels.registry import Registry
 from usvauv.kernels.types import vec2, vec3
@@ -99,8 +99,8 @@ BEYOND = 1e5  # above every distance in an area, m
 def offset(worlds: ti.template(), w, k, i):
     """From the estimated position of AUV k to node i, m."""
     return vec2(
-        worlds.node[w, i, NodeColumn.x] - worlds.estimate[w, k, EstimateColumn.x],
-        worlds.node[w, i, NodeColumn.y] - worlds.estimate[w, k, EstimateColumn.y],
+        worlds.node.x[w, i] - worlds.estimate.x[w, k],
+        worlds.node.y[w, i] - worlds.estimate.y[w, k],
     )
 
 
@@ -135,7 +135,7 @@ def best_free(worlds: ti.template(), value: ti.template(), w, k):
 @func
 def urgency(worlds: ti.template(), w, k, i):
     """λ b/C, packets/s."""
-    filling = knowledge.backlog(worlds, w, k, i, 0.0) / worlds.p[Parameter.buffer]
+    filling = knowledge.backlog(worlds, w, k, i, 0.0) / worlds.p.buffer
     return knowledge.rate(worlds, w, k, i) * filling
 
 
@@ -199,7 +199,7 @@ RATE = TargetRule(rate, arguments=(("SECONDS", 10.0),), units=("s",))
 def slant_worth(worlds: ti.template(), w, k, i, alpha):
     """λ b/C − α d of node i for AUV k, d from its estimated position with the vertical separation of the boat."""
     across = offset(worlds, w, k, i)
-    slant = vec3(across[0], across[1], worlds.p[Parameter.separation_boat]).norm()
+    slant = vec3(across[0], across[1], worlds.p.separation_boat).norm()
     return urgency(worlds, w, k, i) - alpha * slant
 
 
@@ -214,7 +214,7 @@ def demonstration(worlds: ti.template(), w, k):
     node = ti.static(worlds.node)
     count = worlds.auv.shape[1]
     alpha = worlds.rule_numbers[0]
-    first = worlds.auv[w, k, AuvColumn.target] < 0
+    first = worlds.auv.target[w, k] < 0
     if first:
         alpha = 0.0
     chosen = -1

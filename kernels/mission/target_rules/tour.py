@@ -7,7 +7,6 @@ Operations Research 6(6), doi 10.1287/opre.6.6.791). It depends only on the posi
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission.columns import AuvColumn, NodeColumn
 from usvauv.kernels.mission.target_rules import knowledge
 from usvauv.kernels.mission.target_rules.rule import TargetRule, distance
 from usvauv.kernels.types import vec2
@@ -18,22 +17,20 @@ LEAST_GAIN = 1e-3  # m, of an exchange; below it rounding could undo and redo on
 @func
 def stop(worlds: ti.template(), w, place):
     """The node at a place of the tour, counted around."""
-    return ti.cast(worlds.node[w, place % worlds.node.shape[1], NodeColumn.tour], ti.i32)
+    return ti.cast(worlds.node.tour[w, place % worlds.node.shape[1]], ti.i32)
 
 
 @func
 def put(worlds: ti.template(), w, place, i):
     """Put node i at a place of the tour, counted around."""
-    worlds.node[w, place % worlds.node.shape[1], NodeColumn.tour] = ti.cast(i, ti.f32)
+    worlds.node.tour[w, place % worlds.node.shape[1]] = ti.cast(i, ti.f32)
 
 
 @func
 def apart(worlds: ti.template(), w, i, j):
     """Distance between two nodes, m."""
     node = ti.static(worlds.node)
-    return vec2(
-        node[w, i, NodeColumn.x] - node[w, j, NodeColumn.x], node[w, i, NodeColumn.y] - node[w, j, NodeColumn.y]
-    ).norm()
+    return vec2(node.x[w, i] - node.x[w, j], node.y[w, i] - node.y[w, j]).norm()
 
 
 @func
@@ -77,7 +74,7 @@ def close(worlds: ti.template(), w, first, count):
     for a in range(count):
         i = stop(worlds, w, first + a)
         following = stop(worlds, w, first + (a + 1) % count)
-        worlds.node[w, i, NodeColumn.successor] = ti.cast(following, ti.f32)
+        worlds.node.successor[w, i] = ti.cast(following, ti.f32)
 
 
 @func
@@ -111,7 +108,7 @@ def enter(worlds: ti.template(), w, first, length):
     auv = ti.static(worlds.auv)
     num_auvs = auv.shape[1]
     for k in range(num_auvs):
-        auv[w, k, AuvColumn.target] = -1.0
+        auv.target[w, k] = -1.0
     total = 0.0
     travelled = 0.0
     entered = 0
@@ -121,12 +118,12 @@ def enter(worlds: ti.template(), w, first, length):
         if entered < num_auvs and due:
             nearest = -1
             for k in range(num_auvs):
-                if auv[w, k, AuvColumn.target] < 0.0:
+                if auv.target[w, k] < 0.0:
                     if nearest < 0:
                         nearest = k
                     elif distance(worlds, w, k, i) < distance(worlds, w, nearest, i):
                         nearest = k
-            auv[w, nearest, AuvColumn.target] = ti.cast(i, ti.f32)
+            auv.target[w, nearest] = ti.cast(i, ti.f32)
             total += distance(worlds, w, nearest, i)
             entered += 1
         travelled += apart(worlds, w, i, stop(worlds, w, first + place + 1))
@@ -163,7 +160,7 @@ def prepare_sectors(worlds: ti.template(), w):
     for place in range(1, count + 1):
         entered = place == count
         for k in range(worlds.auv.shape[1]):
-            if ti.cast(worlds.auv[w, k, AuvColumn.target], ti.i32) == stop(worlds, w, first + place):
+            if ti.cast(worlds.auv.target[w, k], ti.i32) == stop(worlds, w, first + place):
                 entered = True
         if entered:
             shorten(worlds, w, first + start, place - start)
@@ -176,23 +173,23 @@ def share_nodes(worlds: ti.template(), w):
     """Give each node to the AUV in whose sector it lies; no AUV has a target yet."""
     prepare_sectors(worlds, w)
     for k in range(worlds.auv.shape[1]):
-        i = ti.cast(worlds.auv[w, k, AuvColumn.target], ti.i32)
-        worlds.auv[w, k, AuvColumn.target] = -1.0
+        i = ti.cast(worlds.auv.target[w, k], ti.i32)
+        worlds.auv.target[w, k] = -1.0
         for _ in range(worlds.node.shape[1]):
             if i >= 0:
-                worlds.node[w, i, NodeColumn.owner] = ti.cast(k, ti.f32)
-                i = ti.cast(worlds.node[w, i, NodeColumn.successor], ti.i32)
+                worlds.node.owner[w, i] = ti.cast(k, ti.f32)
+                i = ti.cast(worlds.node.successor[w, i], ti.i32)
 
 
 @func
 def follow(worlds: ti.template(), w, k):
     """The next free stop of the tour; at first the stop at which AUV k enters it."""
-    target = ti.cast(worlds.auv[w, k, AuvColumn.target], ti.i32)
+    target = ti.cast(worlds.auv.target[w, k], ti.i32)
     if worlds.clock[w, 1] > 0:
         searching = True
         for _ in range(worlds.node.shape[1]):
             if searching:
-                target = ti.cast(worlds.node[w, target, NodeColumn.successor], ti.i32)
+                target = ti.cast(worlds.node.successor[w, target], ti.i32)
                 searching = not knowledge.is_free(worlds, w, k, target)
     if target < 0:  # more AUVs than nodes
         target = k % worlds.node.shape[1]
@@ -202,7 +199,7 @@ def follow(worlds: ti.template(), w, k):
 @func
 def successor(worlds: ti.template(), w, i):
     """The node after node i on its tour."""
-    return ti.cast(worlds.node[w, i, NodeColumn.successor], ti.i32)
+    return ti.cast(worlds.node.successor[w, i], ti.i32)
 
 
 TOUR = TargetRule(

@@ -16,7 +16,7 @@ import taichi as ti
 
 from usvauv.kernels.flow.current import grid_sample
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission.columns import AuvColumn, Draw, Information, NodeColumn, Parameter, TallyColumn
+from usvauv.kernels.mission.columns import Draw, Information
 from usvauv.kernels.mission.motion import distance_to_target, hold, offset_to_target, target_of, travel
 from usvauv.kernels.mission.target_rules import knowledge, share_nodes
 from usvauv.kernels.mission.tasks import rewards
@@ -81,24 +81,24 @@ def place_nodes(worlds: ti.template(), w):
     num_kinds = worlds.arrivals.shape[0]
     for i in range(node.shape[1]):
         u = uniforms(worlds, w, Draw.node, i)
-        margin = p[Parameter.node_margin]
-        node[w, i, NodeColumn.x] = margin + u[0] * (p[Parameter.width] - 2 * margin)
-        node[w, i, NodeColumn.y] = margin + u[1] * (p[Parameter.length] - 2 * margin)
+        margin = p.node_margin
+        node.x[w, i] = margin + u[0] * (p.width - 2 * margin)
+        node.y[w, i] = margin + u[1] * (p.length - 2 * margin)
         kind = ti.min(ti.cast(u[2] * num_kinds, ti.i32), num_kinds - 1)
-        node[w, i, NodeColumn.kind] = ti.cast(kind, ti.f32)
-        node[w, i, NodeColumn.rate] = worlds.arrivals[kind, RATE]
-        backlog = ti.floor(u[3] * (p[Parameter.start_backlog] + 1.0))
-        node[w, i, NodeColumn.backlog] = ti.min(backlog, p[Parameter.start_backlog])  # the product may be rounded up
-        node[w, i, NodeColumn.tour] = 0.0
-        node[w, i, NodeColumn.successor] = 0.0
-        node[w, i, NodeColumn.owner] = 0.0
+        node.kind[w, i] = ti.cast(kind, ti.f32)
+        node.rate[w, i] = worlds.arrivals[kind, RATE]
+        backlog = ti.floor(u[3] * (p.start_backlog + 1.0))
+        node.backlog[w, i] = ti.min(backlog, p.start_backlog)  # the product may be rounded up
+        node.tour[w, i] = 0.0
+        node.successor[w, i] = 0.0
+        node.owner[w, i] = 0.0
     knowledge.begin(worlds, w)
 
 
 @func
 def choose_target(worlds: ti.template(), w, k):
     """Send AUV k to the node that the target rule chooses."""
-    worlds.auv[w, k, AuvColumn.target] = ti.cast(worlds.program.target_rule.choose(worlds, w, k), ti.f32)
+    worlds.auv.target[w, k] = ti.cast(worlds.program.target_rule.choose(worlds, w, k), ti.f32)
 
 
 @func
@@ -114,17 +114,17 @@ def assign(worlds: ti.template(), w, k):
 @func
 def unclaimed(worlds: ti.template(), w, i):
     """Packets of node i that no service under way will take; two AUVs may serve one node."""
-    packets = worlds.node[w, i, NodeColumn.backlog]
+    packets = worlds.node.backlog[w, i]
     for j in range(worlds.auv.shape[1]):
-        if ti.cast(worlds.auv[w, j, AuvColumn.target], ti.i32) == i:
-            packets -= ti.ceil(worlds.auv[w, j, AuvColumn.cargo])
+        if ti.cast(worlds.auv.target[w, j], ti.i32) == i:
+            packets -= ti.ceil(worlds.auv.cargo[w, j])
     return packets
 
 
 @func
 def megabits(p: ti.template(), packets):
     """Data in some packets, Mbit."""
-    return p[Parameter.payload] * packets / p[Parameter.buffer]
+    return p.payload * packets / p.buffer
 
 
 @func
@@ -132,12 +132,12 @@ def slant_range(worlds: ti.template(), w, k, distance):
     """From AUV k to its node on the bed, at a horizontal distance, m."""
     p = ti.static(worlds.p)
     target = target_of(worlds, w, k)
-    x = worlds.node[w, target, NodeColumn.x]
-    y = worlds.node[w, target, NodeColumn.y]
-    separation = p[Parameter.separation_node]
+    x = worlds.node.x[w, target]
+    y = worlds.node.y[w, target]
+    separation = p.separation_node
     if separation == 0.0:
-        depth = grid_sample(worlds.water.bed, 0, 0, x, y, p[Parameter.width], p[Parameter.length])
-        separation = depth - p[Parameter.cruise] - worlds.auv[w, k, AuvColumn.depth_error]
+        depth = grid_sample(worlds.water.bed, 0, 0, x, y, p.width, p.length)
+        separation = depth - p.cruise - worlds.auv.depth_error[w, k]
     return ti.sqrt(distance * distance + separation * separation)
 
 
@@ -145,9 +145,9 @@ def slant_range(worlds: ti.template(), w, k, distance):
 def link_rate(worlds: ti.template(), slant):
     """Rate of the data link at a slant range (m), Mbit/s; at least `LEAST_RATE`."""
     p = ti.static(worlds.p)
-    loss = sonar.path_loss(slant, p[Parameter.data_spreading], p[Parameter.data_absorption])
-    snr = p[Parameter.data_level] - loss
-    bits = worlds.program.rate_law(p[Parameter.data_bandwidth], p[Parameter.rate_max], snr)
+    loss = sonar.path_loss(slant, p.data_spreading, p.data_absorption)
+    snr = p.data_level - loss
+    bits = worlds.program.rate_law(p.data_bandwidth, p.rate_max, snr)
     return ti.max(1e-6 * bits, LEAST_RATE)
 
 
@@ -160,19 +160,19 @@ def begin_service(worlds: ti.template(), w, k, slant):
     rate = link_rate(worlds, slant)
     cargo = unclaimed(worlds, w, target)
     knowledge.learn(worlds, w, k, target, cargo)
-    auv[w, k, AuvColumn.rate] = rate
-    auv[w, k, AuvColumn.cargo] = cargo
-    auv[w, k, AuvColumn.hover] = ti.max(megabits(p, cargo) / rate, 1e-3 * p[Parameter.step])
+    auv.rate[w, k] = rate
+    auv.cargo[w, k] = cargo
+    auv.hover[w, k] = ti.max(megabits(p, cargo) / rate, 1e-3 * p.step)
 
 
 @func
 def write_progress(worlds: ti.template(), w, k, before, after):
     """The reward's quantity of distance, by the distances to the target before and after a step, m."""
     auv = ti.static(worlds.auv)
-    if worlds.p[Parameter.progress] > 0.5:
-        auv[w, k, AuvColumn.closed] = before - after
+    if worlds.p.progress > 0.5:
+        auv.closed[w, k] = before - after
     else:
-        auv[w, k, AuvColumn.closed] = -after
+        auv.closed[w, k] = -after
 
 
 @func
@@ -184,25 +184,25 @@ def move_and_hover(worlds: ti.template(), w, k, a0, a1):
     """
     p = ti.static(worlds.p)
     auv = ti.static(worlds.auv)
-    before = auv[w, k, AuvColumn.distance]
+    before = auv.distance[w, k]
     after = before
-    if auv[w, k, AuvColumn.hover] > 0.0:
+    if auv.hover[w, k] > 0.0:
         wanted = vec2(0.0)
-        if before > p[Parameter.hover_radius]:
-            wanted = offset_to_target(worlds, w, k) / p[Parameter.step]
+        if before > p.hover_radius:
+            wanted = offset_to_target(worlds, w, k) / p.step
         else:
-            auv[w, k, AuvColumn.hover] = ti.max(auv[w, k, AuvColumn.hover] - p[Parameter.step], 0.0)
+            auv.hover[w, k] = ti.max(auv.hover[w, k] - p.step, 0.0)
         hold(worlds, w, k, wanted)
         after = distance_to_target(worlds, w, k)
-        auv[w, k, AuvColumn.hovering] = 1.0
-        if auv[w, k, AuvColumn.hover] == 0.0:
-            auv[w, k, AuvColumn.service_rate] = auv[w, k, AuvColumn.rate]
-            auv[w, k, AuvColumn.packets_delivered] = auv[w, k, AuvColumn.cargo]
-            auv[w, k, AuvColumn.delivered] = megabits(p, auv[w, k, AuvColumn.cargo])
+        auv.hovering[w, k] = 1.0
+        if auv.hover[w, k] == 0.0:
+            auv.service_rate[w, k] = auv.rate[w, k]
+            auv.packets_delivered[w, k] = auv.cargo[w, k]
+            auv.delivered[w, k] = megabits(p, auv.cargo[w, k])
     else:
         travel(worlds, w, k, a0, a1)
         after = distance_to_target(worlds, w, k)
-        if after <= p[Parameter.hover_radius]:
+        if after <= p.hover_radius:
             begin_service(worlds, w, k, slant_range(worlds, w, k, after))
     write_progress(worlds, w, k, before, after)
 
@@ -210,7 +210,7 @@ def move_and_hover(worlds: ti.template(), w, k, a0, a1):
 @func
 def is_within_range(worlds: ti.template(), slant) -> bool:
     """Whether a node at a slant range (m) is served in passing: within `nodes.service_range`, by a link that works."""
-    return slant <= worlds.p[Parameter.service_range] and link_rate(worlds, slant) > LEAST_RATE
+    return slant <= worlds.p.service_range and link_rate(worlds, slant) > LEAST_RATE
 
 
 @func
@@ -226,27 +226,27 @@ def collect_in_passing(worlds: ti.template(), w, k, distance):
     auv = ti.static(worlds.auv)
     slant = slant_range(worlds, w, k, distance)
     within = is_within_range(worlds, slant)
-    if auv[w, k, AuvColumn.hover] > 0.0:
-        half = 0.5 * vec2(auv[w, k, AuvColumn.moved_x], auv[w, k, AuvColumn.moved_y])
+    if auv.hover[w, k] > 0.0:
+        half = 0.5 * vec2(auv.moved_x[w, k], auv.moved_y[w, k])
         middle = (offset_to_target(worlds, w, k) + half).norm()
         rate = link_rate(worlds, slant_range(worlds, w, k, middle))
-        before = auv[w, k, AuvColumn.cargo]
-        left = ti.max(before - rate * p[Parameter.step] * p[Parameter.buffer] / p[Parameter.payload], 0.0)
+        before = auv.cargo[w, k]
+        left = ti.max(before - rate * p.step * p.buffer / p.payload, 0.0)
         packets = ti.ceil(before) - ti.ceil(left)
         target = target_of(worlds, w, k)
-        worlds.node[w, target, NodeColumn.backlog] = worlds.node[w, target, NodeColumn.backlog] - packets
-        auv[w, k, AuvColumn.hovering] = 1.0
-        auv[w, k, AuvColumn.rate] = rate
-        auv[w, k, AuvColumn.cargo] = left
-        auv[w, k, AuvColumn.packets_delivered] = packets
-        auv[w, k, AuvColumn.delivered] = megabits(p, packets)
-        auv[w, k, AuvColumn.hover] = ti.max(megabits(p, left) / rate, 1e-3 * p[Parameter.step])
+        worlds.node.backlog[w, target] = worlds.node.backlog[w, target] - packets
+        auv.hovering[w, k] = 1.0
+        auv.rate[w, k] = rate
+        auv.cargo[w, k] = left
+        auv.packets_delivered[w, k] = packets
+        auv.delivered[w, k] = megabits(p, packets)
+        auv.hover[w, k] = ti.max(megabits(p, left) / rate, 1e-3 * p.step)
         if left == 0.0:
-            auv[w, k, AuvColumn.service_rate] = rate
-            auv[w, k, AuvColumn.hover] = 0.0
+            auv.service_rate[w, k] = rate
+            auv.hover[w, k] = 0.0
         elif not within:
             knowledge.leave(worlds, w, k, target, ti.ceil(left))
-            auv[w, k, AuvColumn.hover] = 0.0
+            auv.hover[w, k] = 0.0
     elif within:
         begin_service(worlds, w, k, slant)
 
@@ -259,9 +259,9 @@ def move_in_passing(worlds: ti.template(), w, k, a0, a1):
     """
     p = ti.static(worlds.p)
     edge = 0.0
-    if p[Parameter.progress] > 0.5:
-        edge = p[Parameter.hover_radius]
-    before = ti.max(worlds.auv[w, k, AuvColumn.distance] - edge, 0.0)
+    if p.progress > 0.5:
+        edge = p.hover_radius
+    before = ti.max(worlds.auv.distance[w, k] - edge, 0.0)
     travel(worlds, w, k, a0, a1)
     distance = distance_to_target(worlds, w, k)
     collect_in_passing(worlds, w, k, distance)
@@ -281,7 +281,7 @@ def move(worlds: ti.template(), w, k, a0, a1):
 def fill_nodes(worlds: ti.template(), w):
     """Poisson arrivals at every node; what a full buffer cannot hold is lost. Both are counted."""
     node = ti.static(worlds.node)
-    buffer = worlds.p[Parameter.buffer]
+    buffer = worlds.p.buffer
     overflowing = 0.0
     created = 0.0
     lost = 0.0
@@ -290,16 +290,16 @@ def fill_nodes(worlds: ti.template(), w):
         for part in ti.static(range(4)):
             i = 4 * group + part
             if i < node.shape[1]:
-                kind = ti.cast(node[w, i, NodeColumn.kind], ti.i32)
+                kind = ti.cast(node.kind[w, i], ti.i32)
                 arrivals = draw_arrivals(worlds.arrivals, kind, u[part])
-                backlog = node[w, i, NodeColumn.backlog] + arrivals
+                backlog = node.backlog[w, i] + arrivals
                 created += arrivals
                 lost += ti.max(backlog - buffer, 0.0)
                 overflowing += ti.select(backlog > buffer, 1.0, 0.0)
-                node[w, i, NodeColumn.backlog] = ti.min(backlog, buffer)
-    worlds.tally[w, TallyColumn.overflowing] = overflowing
-    worlds.tally[w, TallyColumn.packets_created] = created
-    worlds.tally[w, TallyColumn.packets_lost] = lost
+                node.backlog[w, i] = ti.min(backlog, buffer)
+    worlds.tally.overflowing[w] = overflowing
+    worlds.tally.packets_created[w] = created
+    worlds.tally.packets_lost[w] = lost
 
 
 @func
@@ -310,16 +310,14 @@ def complete_services(worlds: ti.template(), w):
     that breaks off sends its AUV on too.
     """
     for k in range(worlds.auv.shape[1]):
-        ended = worlds.auv[w, k, AuvColumn.service_rate] > 0.0
+        ended = worlds.auv.service_rate[w, k] > 0.0
         if ti.static(worlds.program.passing):
-            ended = worlds.auv[w, k, AuvColumn.hovering] > 0.5 and worlds.auv[w, k, AuvColumn.hover] == 0.0
+            ended = worlds.auv.hovering[w, k] > 0.5 and worlds.auv.hover[w, k] == 0.0
         elif ended:
             target = target_of(worlds, w, k)
-            worlds.node[w, target, NodeColumn.backlog] = (
-                worlds.node[w, target, NodeColumn.backlog] - worlds.auv[w, k, AuvColumn.packets_delivered]
-            )
+            worlds.node.backlog[w, target] = worlds.node.backlog[w, target] - worlds.auv.packets_delivered[w, k]
         if ended:
-            worlds.auv[w, k, AuvColumn.cargo] = 0.0
+            worlds.auv.cargo[w, k] = 0.0
             choose_target(worlds, w, k)
 
 

@@ -5,7 +5,6 @@ import taichi as ti
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission import motion
 from usvauv.kernels.mission.boats import boat_motion
-from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, Parameter, TallyColumn
 from usvauv.kernels.mission.tasks.task import RewardTerm
 from usvauv.kernels.types import vec3
 
@@ -13,19 +12,19 @@ from usvauv.kernels.types import vec3
 @func
 def distance(worlds: ti.template(), w, k, weight):
     """Metres closed on the target in the step, or minus the distance to it."""
-    return weight * worlds.auv[w, k, AuvColumn.closed]
+    return weight * worlds.auv.closed[w, k]
 
 
 @func
 def border(worlds: ti.template(), w, k, weight):
     """1 where the move was refused at the border."""
-    return weight * worlds.auv[w, k, AuvColumn.border]
+    return weight * worlds.auv.border[w, k]
 
 
 @func
 def overflow(worlds: ti.template(), w, k, weight):
     """Number of nodes that lost packets in the step."""
-    return weight * worlds.tally[w, TallyColumn.overflowing]
+    return weight * worlds.tally.overflowing[w]
 
 
 @func
@@ -33,9 +32,9 @@ def proximity(worlds: ti.template(), w, k, weight):
     """Metres below the safe distance, summed over the other AUVs, or over those of a higher index: a pair once."""
     total = 0.0
     for j in range(worlds.auv.shape[1]):
-        if j > k or (j < k and worlds.p[Parameter.proximity_once] < 0.5):
+        if j > k or (j < k and worlds.p.proximity_once < 0.5):
             apart = motion.distance_between(worlds, w, j, k)
-            total += ti.max(0.0, worlds.p[Parameter.safe_distance] - apart)
+            total += ti.max(0.0, worlds.p.safe_distance - apart)
     return weight * total
 
 
@@ -43,10 +42,10 @@ def proximity(worlds: ti.template(), w, k, weight):
 def service(worlds: ti.template(), w, k, weight):
     """1 where a service was completed in the step; or in every step of a service, from arrival to completion."""
     served = 0.0
-    if worlds.p[Parameter.service_hovering] > 0.5:
-        if worlds.auv[w, k, AuvColumn.hovering] > 0.5 or worlds.auv[w, k, AuvColumn.hover] > 0.0:
+    if worlds.p.service_hovering > 0.5:
+        if worlds.auv.hovering[w, k] > 0.5 or worlds.auv.hover[w, k] > 0.0:
             served = 1.0
-    elif worlds.auv[w, k, AuvColumn.service_rate] > 0.0:
+    elif worlds.auv.service_rate[w, k] > 0.0:
         served = 1.0
     return weight * served
 
@@ -54,17 +53,17 @@ def service(worlds: ti.template(), w, k, weight):
 @func
 def power(worlds: ti.template(), w, k, weight):
     """Electrical power, W."""
-    return weight * worlds.auv[w, k, AuvColumn.power]
+    return weight * worlds.auv.power[w, k]
 
 
 @func
 def collaboration(worlds: ti.template(), w, k, weight):
     """l_max / l with the slant distance l to the boat that serves it (Eq. 5)."""
     b = boat_motion.serving_boat(worlds, w, k)
-    dx = worlds.auv[w, k, AuvColumn.x] - worlds.boat[w, b, BoatColumn.x]
-    dy = worlds.auv[w, k, AuvColumn.y] - worlds.boat[w, b, BoatColumn.y]
-    slant = vec3(dx, dy, worlds.estimate[w, k, EstimateColumn.separation]).norm()
-    return weight * worlds.p[Parameter.farthest] / slant
+    dx = worlds.auv.x[w, k] - worlds.boat.x[w, b]
+    dy = worlds.auv.y[w, k] - worlds.boat.y[w, b]
+    slant = vec3(dx, dy, worlds.estimate.separation[w, k]).norm()
+    return weight * worlds.p.farthest / slant
 
 
 @func
@@ -82,9 +81,9 @@ def write(worlds: ti.template(), w, k):
 @func
 def write_ends(worlds: ti.template(), w, k):
     """Write whether AUV k's value horizon has ended, and whether its episode has."""
-    served = worlds.auv[w, k, AuvColumn.service_rate] > 0.0
-    worlds.horizon_ended[w, k] = ti.cast(served and worlds.p[Parameter.service_terminates] > 0.5, ti.u8)
-    worlds.truncated[w, k] = ti.cast(worlds.clock[w, 1] >= worlds.p[Parameter.steps], ti.u8)
+    served = worlds.auv.service_rate[w, k] > 0.0
+    worlds.horizon_ended[w, k] = ti.cast(served and worlds.p.service_terminates > 0.5, ti.u8)
+    worlds.truncated[w, k] = ti.cast(worlds.clock[w, 1] >= worlds.p.steps, ti.u8)
 
 
 @func
@@ -94,22 +93,22 @@ def count_collisions(worlds: ti.template(), w):
     for k in range(worlds.auv.shape[1]):
         for j in range(k):
             apart = motion.distance_between(worlds, w, j, k)
-            if apart < worlds.p[Parameter.collision_distance]:
+            if apart < worlds.p.collision_distance:
                 count += 1.0
-    worlds.tally[w, TallyColumn.collisions] = count
+    worlds.tally.collisions[w] = count
 
 
 @func
 def data(worlds: ti.template(), w, k, weight):
     """Data that the AUV brought in, Mbit."""
-    return weight * worlds.auv[w, k, AuvColumn.delivered]
+    return weight * worlds.auv.delivered[w, k]
 
 
 @func
 def lost(worlds: ti.template(), w, k, weight):
     """The AUV's equal share of the data that full buffers lost, Mbit."""
     p = ti.static(worlds.p)
-    megabits = p[Parameter.payload] * worlds.tally[w, TallyColumn.packets_lost] / p[Parameter.buffer]
+    megabits = p.payload * worlds.tally.packets_lost[w] / p.buffer
     return weight * megabits / worlds.auv.shape[1]
 
 

@@ -3,7 +3,7 @@
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission.columns import AuvColumn, Draw, NodeColumn, Parameter
+from usvauv.kernels.mission.columns import Draw
 from usvauv.kernels.mission.motion import distance_to_target, travel
 from usvauv.kernels.mission.tasks import rewards
 from usvauv.kernels.mission.tasks.task import Task, tasks
@@ -20,26 +20,26 @@ def place_stations(worlds: ti.template(), w):
     count = node.shape[1]
     for i in range(count):
         angle = TWO_PI * (u[0] + i / count)
-        node[w, i, NodeColumn.x] = 0.5 * p[Parameter.width] + p[Parameter.formation_radius] * ti.cos(angle)
-        node[w, i, NodeColumn.y] = 0.5 * p[Parameter.length] + p[Parameter.formation_radius] * ti.sin(angle)
-        node[w, i, NodeColumn.kind] = 0.0
-        node[w, i, NodeColumn.rate] = 0.0
-        node[w, i, NodeColumn.backlog] = 0.0
-        node[w, i, NodeColumn.tour] = 0.0
-        node[w, i, NodeColumn.successor] = 0.0
+        node.x[w, i] = 0.5 * p.width + p.formation_radius * ti.cos(angle)
+        node.y[w, i] = 0.5 * p.length + p.formation_radius * ti.sin(angle)
+        node.kind[w, i] = 0.0
+        node.rate[w, i] = 0.0
+        node.backlog[w, i] = 0.0
+        node.tour[w, i] = 0.0
+        node.successor[w, i] = 0.0
 
 
 @func
 def assign_station(worlds: ti.template(), w, k):
     """AUV k holds station k."""
-    worlds.auv[w, k, AuvColumn.target] = ti.cast(k, ti.f32)
+    worlds.auv.target[w, k] = ti.cast(k, ti.f32)
 
 
 @func
 def move(worlds: ti.template(), w, k, a0, a1):
     """One step of AUV k."""
     travel(worlds, w, k, a0, a1)
-    worlds.auv[w, k, AuvColumn.closed] = -distance_to_target(worlds, w, k)
+    worlds.auv.closed[w, k] = -distance_to_target(worlds, w, k)
 
 
 @func
