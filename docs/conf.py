@@ -9,6 +9,10 @@ from pathlib import Path
 HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE), str(HERE.parent)]
 
+from usvauv import extend  # noqa: E402
+
+del extend.__getattr__  # the gallery asks a package for its modules' names, and expects an AttributeError
+
 project = "usvauv"
 copyright = "2026 the usvauv authors, MIT licence"  # in the footer of each page
 extensions = [
