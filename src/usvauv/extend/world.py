@@ -4,8 +4,9 @@
     `observation_terms`   `ObservationTerm`  numbers in an AUV's observation: `ObservationLayout`
     `ambient_noise_laws`  a function         ambient noise (frequency, shipping, wind) → dB re 1 µPa²/Hz
 
-`Worlds` has the arrays of all worlds; `AuvColumn`, `NodeColumn` and so on name their columns, `Parameter` the numbers
-of `worlds.p`. `uniforms` and `normals` draw random numbers, of which `Draw` names the purposes.
+`Worlds` has the arrays of all worlds: `worlds.auv.x[w, k]` is a column, `worlds.p.speed_max` a number of the scenario.
+`AuvColumn`, `NodeColumn` and so on declare the columns, `Parameter` the numbers. `uniforms` and `normals` draw random
+numbers, of which `Draw` names the purposes.
 """
 
 from usvauv.env.world.observation_layout import ObservationLayout
