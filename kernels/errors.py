@@ -79,7 +79,7 @@ def in_words(error: BaseException) -> str:
 
 
 def with_place(error: BaseException, item: str = "") -> str:
-    """The same, with the last line of foreign code that the exception went through, and how to see all of them.
+    """The message with the last line of foreign code that the exception went through, and how to see all of them.
 
     Args:
         error: that code from outside the packages raised.

@@ -178,7 +178,7 @@ class DeviceArray:
     owner: "DeviceArrays"
 
     def view(self, *shape: int) -> "DeviceArray":
-        """The same numbers in another shape."""
+        """View of the same numbers in another shape."""
         return replace(self, tensor=self.tensor.view(*shape))
 
 

@@ -62,7 +62,7 @@ def exponential(x):
 
 @func
 def hyperbolic_tangent(x):
-    """Of a vector in registers, within 2e-7."""
+    """Hyperbolic tangent of a vector in registers, within 2e-7."""
     return 1.0 - 2.0 / (1.0 + exponential(2.0 * select(x > 20.0, lanes(20.0), x)))
 
 

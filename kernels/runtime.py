@@ -189,7 +189,7 @@ def _keep_memory() -> None:
 
 
 def _name(arch: Any) -> str:
-    """Of an architecture, as in `ARCHITECTURES` where it is one of them."""
+    """Name of an architecture, as in `ARCHITECTURES` where it is one of them."""
     return "cpu" if arch in (ti.x64, ti.arm64) else core.arch_name(arch)
 
 

@@ -431,7 +431,7 @@ def worlds_per_block(program: Program) -> int:
 
 
 def block(program: Program) -> int | None:
-    """Of `ti.loop_config`."""
+    """`block_dim` of `ti.loop_config`."""
     return 1 if program.in_lanes else BLOCK if program.in_threads else None
 
 

@@ -48,7 +48,7 @@ class Motion(NamedTuple):
 
     @classmethod
     def of(cls, vehicle: Vehicle, action: int) -> "Motion":
-        """Of a vehicle, for an action of `Action`."""
+        """The motion of a vehicle, for an action of `Action`."""
         return cls(vehicle.advance, vehicle.control, vehicle.trim, vehicle.drive, action, float(vehicle.turning))
 
 

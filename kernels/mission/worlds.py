@@ -174,7 +174,7 @@ class Array(NamedTuple):
 
     @property
     def type(self) -> Any:
-        """Of a kernel's parameter."""
+        """Taichi's type of the kernel's parameter."""
         return ti.types.ndarray(dtype=self.dtype, ndim=len(self.axes) + bool(self.columns or self.column_ranges))
 
     @property
@@ -185,7 +185,7 @@ class Array(NamedTuple):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the columns."""
+        """Names of the columns."""
         return self.columns.names if self.columns else tuple(f"column {n}" for n in range(len(self.column_ranges)))
 
 

@@ -168,7 +168,7 @@ def francois_garrison(frequency: float, water: SeaWater) -> float:
 
 
 def ainslie_mccolm(frequency: float, water: SeaWater) -> float:
-    """The same three terms with fewer constants: within 10 % of Francois and Garrison.
+    """Absorption by the same three terms with fewer constants: within 10 % of Francois and Garrison.
 
     Args:
         frequency: 100 Hz to 1 MHz.

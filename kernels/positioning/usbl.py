@@ -160,7 +160,7 @@ def wrap(phase):
 
 @func
 def length(v):
-    """Of a vector of three numbers."""
+    """Length of a vector of three numbers."""
     return ti.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
 
 

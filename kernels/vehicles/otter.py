@@ -227,7 +227,7 @@ def wrap(angle: ti.f32) -> ti.f32:
 
 @func
 def thrusts(table: ti.template(), n: vec2) -> vec2:
-    """Of the propellers at n rad/s, left and right, N."""
+    """Thrusts of the propellers at n rad/s, left and right, N."""
     return n * n * ti.select(n > 0.0, table[Number.ahead], -table[Number.astern])
 
 

@@ -141,7 +141,7 @@ def fim(worlds: ti.template(), w, b) -> vec2:
 
 @func
 def fim_greedy(worlds: ti.template(), w, b) -> vec2:
-    """As `fim`, but only among places so near that the boat slows down towards them."""
+    """The goal of `fim`, but only among places so near that the boat slows down towards them."""
     disc = boat_motion.reach(worlds, w, b)
     return best_place(worlds, w, b, vec2(disc[0], disc[1]), True, disc[2], True)
 

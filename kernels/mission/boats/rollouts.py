@@ -77,7 +77,7 @@ def straying_over(worlds: ti.template(), time) -> tracker.Drift:
 
 @func
 def numbers_of(way: PredictedAuv):
-    """Those that change."""
+    """Numbers that change in a rollout."""
     return ti.Vector([way.place[0], way.place[1], ti.cast(way.node, ti.f32), way.hovers])
 
 

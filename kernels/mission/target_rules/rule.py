@@ -205,8 +205,8 @@ def slant_worth(worlds: ti.template(), w, k, i, alpha):
 
 @func
 def demonstration(worlds: ti.template(), w, k):
-    """Of the K nodes with the largest λ b/C − α d, K the number of AUVs and d the slant distance, the free one of the
-    lowest index; where none of them is free, the free one with the largest value. At first the K nodes with the largest
+    """The free node of the lowest index among the K with the largest λ b/C − α d, K the number of AUVs and d the slant
+    distance; where none of them is free, the free one with the largest value. At first the K nodes with the largest
     λ b/C, the best to the last AUV.
 
     The targets of all AUVs are among the nodes compared: one that has just been emptied takes the place of another.
