@@ -18,15 +18,12 @@ SMALLEST: dict[str, tuple[str, dict[str, object]]] = {  # options, and constants
     "benchmarks.studies.eddies": ("--draws 1 --points 16", {"TIMES": (1,)}),
     "benchmarks.studies.front": ("--episodes 2", {}),
     "benchmarks.usbl": ("--seconds 0", {}),
-    "benchmarks.vehicles": (
-        "--vehicles 16 --seconds 0",
-        {"WORLDS": 1, "ROUNDS": 1, "STAGES": (2,), "STEP_LENGTHS": (0.1,), "WAY": 0.5, "RUDDER": {}, "FIN_STEPS": (1,)},
-    ),
     # In slow tests: half a minute to minutes, most of it for compiling.
     "benchmarks.curves": ("--worlds 1 --seconds 0", {"SIZE": 8, "TRIAD": 1 << 10}),
     "benchmarks.learning": ("--updates 50 --largest 128", {}),
     "benchmarks.scale": ("--jobs 1", {"TASKS": 4}),
     "benchmarks.seeds": ("--seeds 2 --pairs 1 --updates 200 --learn batch=8 --learn hidden=8", {}),
+    "benchmarks.plugins": ("--worlds 1 --seconds 0", {"LEAD": 1, "CYCLE": 1, "TURNS": 1}),
     "benchmarks.start": ("--rounds 1", {"COMMANDS": ("policies",)}),
     "benchmarks.step_profile": ("ideal", {"BATCHES": (1,), "ROUNDS": 1, "LEAD": 1}),
     "benchmarks.studies.autopilot": ("", {}),
@@ -38,6 +35,10 @@ SMALLEST: dict[str, tuple[str, dict[str, object]]] = {  # options, and constants
     "benchmarks.studies.hindsight": ("--episodes 2 --tuning-episodes 2 --moves 10", {}),
     "benchmarks.studies.refraction": ("--seconds 0", {}),
     "benchmarks.train": ("--seeds 1 --limit 0", {}),
+    "benchmarks.vehicles": (
+        "--vehicles 16 --seconds 0",
+        {"WORLDS": 1, "ROUNDS": 1, "STAGES": (2,), "STEP_LENGTHS": (0.1,), "WAY": 0.5, "RUDDER": {}, "FIN_STEPS": (1,)},
+    ),
     "benchmarks.video": ("--frames 2", {}),
     "benchmarks.worlds": ("--largest 1 --seconds 0", {}),
     "tests.cases": ("", {}),

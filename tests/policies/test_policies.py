@@ -45,9 +45,14 @@ ACTING = [
     *(("wide-torpedo", name, ()) for name in ("pass", "loiter", "random")),
     ("wide", "crab", ()),
 ]
+LONG = ("paper-ideal", ""), ("paper-extreme", ""), ("extreme-torpedo", ""), ("ideal", "sac-ideal")
+LONG += ("wide-torpedo", "loiter"), ("wide", "crab")
 
 
-@pytest.mark.parametrize(("name", "policy", "changes"), ACTING)
+@pytest.mark.parametrize(
+    ("name", "policy", "changes"),
+    [pytest.param(*each, marks=[pytest.mark.slow] * (each[:2] in LONG)) for each in ACTING],
+)
 def test_an_episode_is_the_same_in_any_batch(name, policy, changes):
     """Bit for bit: actions of `policy` or the default one, and what comes of them."""
     chosen = Scenario.load(name, [*changes, "sea.realisations=1"])

@@ -67,7 +67,7 @@ def test_south_and_west_are_negative():
 @pytest.mark.parametrize(
     ("text", "parts"),
     [
-        ("22.5101N,114.0203S,100", ["'114.0203S' is no longitude"]),
+        ("22.5101N,114.0203S,100", ["'114.0203S' is not a longitude"]),
         ("22°60'N,114.0203E,100", ["minutes and seconds below 60"]),
         ("22.5101N,114.0203E", ["expected 22.5101N,114.0203E,Z", "metres"]),
     ],
@@ -140,7 +140,7 @@ def test_centres_of_vortices(text, tmp_path):
     ("centre", "placed", "said"),
     [
         ("22.51N,114.03E", False, "current.centres '22.51N,114.03E': the scenario has no place on Earth"),
-        ("22.51,114.03", True, "current.centres '22.51,114.03': '22.51' is no latitude"),
+        ("22.51,114.03", True, "current.centres '22.51,114.03': '22.51' is not a latitude"),
         ("24.51N,114.03E", True, "current.centres '24.51N,114.03E': is 221 km from the area's corner; at most 100 km"),
     ],
 )

@@ -69,7 +69,7 @@ def test_wide_tables_have_every_figure_of_the_task(capsys):
     tables_of(episodes(LONG, ["fim"], ["tour"]), "extreme-torpedo", wide=True)
     text = capsys.readouterr().out
     assert max(map(len, text.splitlines())) > 80
-    means, _, differences = text.partition("\nless ")
+    means, _, differences = text.partition("\ndifference from ")
     assert means.count(LONG[0]) == 3
     assert differences.count(f"\n{LONG[1]} ") == 3
     shown = (re.split("  +", line.strip())[1:] for line in means.splitlines() if line.startswith("policy "))

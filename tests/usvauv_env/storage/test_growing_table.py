@@ -94,7 +94,7 @@ def test_what_is_there_is_never_overwritten(tmp_path, kind):
 
 def test_only_what_is_there_is_resumed(tmp_path):
     out = tmp_path / "m.csv"
-    with pytest.raises(UserError, match=r"m\.csv\.partial: is not there"), growing_table(out, True):
+    with pytest.raises(UserError, match=r"m\.csv\.partial: does not exist"), growing_table(out, True):
         pass
     with growing_table(out, False) as table:
         table.begin(ABOUT)

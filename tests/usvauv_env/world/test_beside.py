@@ -73,7 +73,7 @@ print(extended.reset()[0, :, -1].tolist())
 begin()
 try:
     extended.step(torch.zeros(1, 2, 2))
-except usvauv.env.ScenarioError as error:
+except usvauv.UserError as error:
     print(error)
 """
 

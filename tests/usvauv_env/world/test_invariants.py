@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from tests.links import EVERY_STEP
+from tests.slowly import slowly
 from usvauv.env import Scenario, World, plugins
 from usvauv.kernels import runtime
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn
@@ -163,7 +164,7 @@ MANY = {
 
 
 @pytest.mark.cpu("many worlds side by side")
-@pytest.mark.parametrize("case", MANY)
+@pytest.mark.parametrize("case", slowly(MANY, "greedy", "two boats"))
 def test_alone_as_among_many(case, monkeypatch):
     """So many worlds that several are side by side in vectors: the first, one between and the last have equal bits."""
     name, changes, usv = MANY[case]

@@ -27,8 +27,8 @@ def elsewhere(monkeypatch, device):
     [
         ("extreme", []),
         ("extreme", [*EVERY_STEP, "tracker.enabled=true", "boat.strategy=centroid"]),
-        ("paper-extreme", []),
-        ("station-keeping", []),
+        pytest.param("paper-extreme", [], marks=pytest.mark.slow),
+        pytest.param("station-keeping", [], marks=pytest.mark.slow),
     ],
 )
 def test_a_step_waits_for_nothing(elsewhere, name, settings):
