@@ -160,14 +160,18 @@ MANY = {
     "Otter and torpedoes": ("wide-torpedo", ["boat.model=otter"], None),
     "paper": ("paper-extreme", [], None),
     "greedy": ("extreme", ["planner.objective=a"], "fim-greedy"),
+    "plugins": ("extreme", ["observation.extra=['backlog']", "nodes.target_rule=oldest"], "above:1"),
 }
 
 
 @pytest.mark.cpu("many worlds side by side")
-@pytest.mark.parametrize("case", slowly(MANY, "greedy", "two boats"))
+@pytest.mark.parametrize("case", slowly(MANY, "greedy", "two boats", "paper"))
+@pytest.mark.usefixtures("own_registries")
 def test_alone_as_among_many(case, monkeypatch):
     """So many worlds that several are side by side in vectors: the first, one between and the last have equal bits."""
     name, changes, usv = MANY[case]
+    for part in ("observation_term", "target_rule", "boat_strategy") if case == "plugins" else ():
+        plugins.load(PLUGIN.with_stem(part))
     scenario = Scenario.load(name, [*changes, "sea.realisations=8"])
     with monkeypatch.context() as patch:
         patch.setattr(runtime, "FEW_TASKS", 0)
