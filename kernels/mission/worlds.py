@@ -300,8 +300,9 @@ class Rows(tuple[Any, ...]):
     def of(cls, argument: Any, columns: type[Columns] | None = None, count: int = 0) -> "Rows":
         """An argument of the kernel, whose last axis has named columns, or a fixed number of them."""
         sizes = [impl.expr_init(size) for size in argument.shape[1:]]
-        if columns or count:
-            sizes[-1] = count or len(columns.names)
+        count = count or (len(columns.names) if columns else 0)
+        if count:
+            sizes[-1] = count
         return named_columns(columns)((argument, *sizes))
 
     @property
