@@ -375,6 +375,7 @@ def begin_chosen(worlds: ti.template(), w):
 
 
 OF_AUVS = sense_and_observe_auv, sense_auv, observe_auv
+OF_MEMBERS = *OF_AUVS, weigh
 Stage = Callable[..., None]
 Stages = tuple[Stage, ...]
 
@@ -439,7 +440,7 @@ def block(program: Program) -> int | None:
 def run_stage(worlds: ti.template(), stage: ti.template(), n, threads):
     """A stage of all worlds, or of a member of one, of iteration n."""
     count = ti.static(worlds_per_block(worlds.program))
-    if ti.static(stage in (*OF_AUVS, weigh)):
+    if ti.static(stage in OF_MEMBERS):
         stage(worlds, n // threads, n % threads)
     elif ti.static(stage in (move_vortices, fix_side_by_side, check)):
         stage(worlds, n)
