@@ -10,6 +10,7 @@ from scipy import stats
 
 from usvauv.kernels.mission.columns import Parameter
 from usvauv.kernels.mission.replies import expected_reply
+from usvauv.kernels.mission.worlds import Numbers
 from usvauv.kernels.positioning import acoustic_link
 from usvauv.kernels.positioning.acoustic_link import Accuracy, Sonar, link_table
 from usvauv.kernels.types import array1, array2, vec3
@@ -38,7 +39,8 @@ class Stub(NamedTuple):
 @ti.kernel
 def _replies(p: array1, link: array2, away: array1, spread: array1, out: array2):
     for n in range(away.shape[0]):
-        found = expected_reply(ti.static(Stub(p, link)), 0, vec3(away[n], 0.0, -DEPTH), 0.0, spread[n])
+        stub = ti.static(Stub(Numbers.of(p, Parameter), link))
+        found = expected_reply(stub, 0, vec3(away[n], 0.0, -DEPTH), 0.0, spread[n])
         out[n, 0] = found[0]
         out[n, 1] = found[1]
 
