@@ -174,7 +174,7 @@ def observe(worlds: ti.template(), w):
 
 @func
 def look(worlds: ti.template(), w):
-    """`observe_auv` of all AUVs of world w."""
+    """`sense_and_observe_auv` of all AUVs of world w."""
     add_storm_currents(worlds, w)
     sense(worlds, w)
     observe(worlds, w)
