@@ -40,7 +40,8 @@ def ratio(part: str, num_worlds: int, seconds: float) -> float:
     for step in steps:
         for _ in range(LEAD):
             step()
-    plugin, own = (min(best_time(step, seconds / TURNS, least=CYCLE) for _ in range(TURNS)) for step in steps)
+    turns = [[best_time(step, seconds / TURNS, least=CYCLE) for step in steps] for _ in range(TURNS)]
+    plugin, own = map(min, zip(*turns, strict=True))
     return own / plugin
 
 
