@@ -1,7 +1,8 @@
 """Where a boat goes.
 
-registry           item            adds
-`boat_strategies`  `BoatStrategy`  a boat's goal: `Strategy`, its functions; `serves`, whether it serves an AUV
+Registries, and the class of their items:
+
+- `boat_strategies`, `BoatStrategy`: a boat's goal: `Strategy`, its functions; `serves`, whether it serves an AUV
 """
 
 from usvauv.kernels.mission.boats.boat_motion import serves

@@ -1,9 +1,10 @@
 """How AUVs are steered: heuristics, algorithms that learn, and what a network reads and commands.
 
-registry      item         adds
-`heuristics`  `Heuristic`  a policy without learning: `command`, `crab`, `unit`, `rotate`, `SpeedToFly` …
-`algorithms`  `Learner`    an update of actor and critics: `DeterministicLearner`, `Batch`, `Rollout`, `Sizes` …
-`frames`      `Frame`      features and actions of a network
+Registries, and the class of their items:
+
+- `heuristics`, `Heuristic`: a policy without learning: `command`, `crab`, `unit`, `rotate`, `SpeedToFly` …
+- `algorithms`, `Learner`: an update of actor and critics: `DeterministicLearner`, `Batch`, `Rollout`, `Sizes` …
+- `frames`, `Frame`: features and actions of a network
 """
 
 from usvauv.policies.algorithms import Batch, DeterministicLearner, Learner, Rollout, Settings, Sizes, algorithms

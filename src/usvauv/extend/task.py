@@ -1,9 +1,10 @@
 """What AUVs do: tasks, their figures of merit, and the rules by which an AUV chooses its next node.
 
-registry        item          adds
-`tasks`         `Task`        a task: `RewardTerm`, `rewards`, `travel`, `distance_to_target`
-`task_metrics`  `Metric`      a task's figure of merit, a column of the metrics CSV: `position_error`, …
-`target_rules`  `TargetRule`  which node an AUV heads for: `best_free`, `knowledge`
+Registries, and the class of their items:
+
+- `tasks`, `Task`: a task: `RewardTerm`, `rewards`, `travel`, `distance_to_target`
+- `task_metrics`, `Metric`: a task's figure of merit, a column of the metrics CSV: `position_error`, …
+- `target_rules`, `TargetRule`: which node an AUV heads for: `best_free`, `knowledge`
 """
 
 from usvauv.env.record.metrics import Metric, mean_figures, position_error, task_metrics

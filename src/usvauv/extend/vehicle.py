@@ -1,9 +1,10 @@
 """Models of an AUV.
 
-registry    item       adds
-`vehicles`  `Vehicle`  a model: `Quantity`, a number of it; `Body`, `Surroundings`, `Command`, `Memory` and
-                       `Actuators`, which its functions take and return, `LANES` vehicles at a time in vectors
-                       `lanes`; `positive`, `velocity_of_water`
+Registries, and the class of their items:
+
+- `vehicles`, `Vehicle`: a model: `Quantity`, a number of it; `Body`, `Surroundings`, `Command`, `Memory` and
+  `Actuators`, which its functions take and return, `LANES` vehicles at a time in vectors `lanes`; `positive`,
+  `velocity_of_water`
 """
 
 from usvauv.kernels.vehicles.kinematics import velocity_of_water

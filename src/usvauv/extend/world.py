@@ -1,8 +1,9 @@
 """What surrounds AUVs and boats and what they observe; the arrays that every function with `@ti.func` reads.
 
-    registry              item               adds
-    `observation_terms`   `ObservationTerm`  numbers in an AUV's observation: `ObservationLayout`
-    `ambient_noise_laws`  a function         ambient noise (frequency, shipping, wind) → dB re 1 µPa²/Hz
+Registries, and the class of their items:
+
+- `observation_terms`, `ObservationTerm`: numbers in an AUV's observation: `ObservationLayout`
+- `ambient_noise_laws`, a function: ambient noise (frequency, shipping, wind) → dB re 1 µPa²/Hz
 
 `Worlds` has the arrays of all worlds: `worlds.auv.x[w, k]` is a column, `worlds.p.speed_max` a number of the scenario.
 `AuvColumn`, `NodeColumn` and so on declare the columns, `Parameter` the numbers. `uniforms` and `normals` draw random
