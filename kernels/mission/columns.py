@@ -335,18 +335,20 @@ class ExchangeColumn(StateColumns):
 
 
 class ReceptionColumn(Columns):
-    """A reply that arrives in a step and its fix, (W K / 16, R, 16), where all of a step are fixed side by side.
+    """A signal of an AUV in a step and its fix, (W, K, R), of which no step needs that of the one before.
 
     Ages count from the end of the step, s; −1 where there is none.
     """
 
-    left: int  # age when a reply left, before one arrived
+    left: int  # age when a signal left, before one arrived
     left_next: int  # the same, after one arrived
     arrived: int  # age when one arrived
     lost: int  # 1 where it did not
-    offset_x: int  # of the AUV from its boat, m; after the fix that measured
-    offset_y: int
-    height: int
+    x: int  # offset of the AUV from its boat when the signal left, m
+    y: int
+    z: int
+    measured_x: int  # the same as measured
+    measured_y: int
     own_xx: int  # covariance of the errors that are new in the fix, m²
     own_xy: int
     own_yy: int
@@ -354,10 +356,6 @@ class ReceptionColumn(Columns):
     common_xy: int
     common_yy: int
     flags: int  # as of `AuvColumn.fix_flags`
-    pitch_cosine: int  # of the array on its boat
-    pitch_sine: int
-    roll_cosine: int
-    roll_sine: int
 
 
 class ForesightColumn(StateColumns):

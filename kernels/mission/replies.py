@@ -50,6 +50,22 @@ SIGNAL = len(Signal._fields)
 
 
 @func
+def height(worlds: ti.template(), w, b, k):
+    """Height of AUV k over boat b on its wave as the boat has it, m: negative. A vehicle tells its depth by replies."""
+    depth = worlds.p.separation_boat + worlds.boat.elevation[w, b]
+    if ti.static(worlds.program.vehicle):
+        depth += worlds.body.told_depth[w, k]
+    return -depth
+
+
+@func
+def true_height(worlds: ti.template(), w, b, k):
+    """Height of AUV k over boat b on its wave, m: negative."""
+    above = worlds.p.separation_boat + worlds.boat.elevation[w, b]
+    return -above - worlds.auv.depth_error[w, k]
+
+
+@func
 def signal_of(worlds: ti.template(), k, height):
     """The numbers of `Signal` of AUV k, which is at a height over the boat, m."""
     link = ti.static(worlds.link)
@@ -136,3 +152,18 @@ def excess_for(worlds: ti.template(), probability) -> ti.f32:
     if odds > 0.0:
         excess = -ti.log(odds) / LOGISTIC
     return excess
+
+
+@func
+def reply_worth(worlds: ti.template(), w, b, k) -> ti.f32:
+    """Variance per axis (m²) by which a reply of AUV k is expected to improve its estimate by boat b: P a²/(a + r).
+
+    P is the probability that it is heard from where the boat takes the AUV to be, a the variance of that place, r the
+    variance of the fix.
+    """
+    estimate = ti.static(worlds.estimate)
+    a = 0.5 * (estimate.covariance_xx[w, k] + estimate.covariance_yy[w, k])
+    dx = estimate.x[w, k] - worlds.boat.x[w, b]
+    dy = estimate.y[w, k] - worlds.boat.y[w, b]
+    expected = expected_reply(worlds, k, vec3(dx, dy, height(worlds, w, b, k)), 1.0, a)
+    return expected[0] * a * a / (a + expected[1])

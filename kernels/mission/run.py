@@ -16,7 +16,7 @@ from usvauv.kernels.flow import airy, vortex_motion
 from usvauv.kernels.flow.current import Water
 from usvauv.kernels.flow.vortex import Pattern, Vortex
 from usvauv.kernels.functions import func, kernel
-from usvauv.kernels.mission import fixes, motion, observation, reception, reception_in_lanes, vehicles
+from usvauv.kernels.mission import channel, estimates, fixes, motion, observation, vehicles
 from usvauv.kernels.mission.boats import boat_motion, foresight
 from usvauv.kernels.mission.boats.belief_planner import OTHER_GOALS
 from usvauv.kernels.mission.columns import Draw, KeyColumn, Parameter, Schedule
@@ -132,7 +132,7 @@ def observe_auv(worlds: ti.template(), w, k):
     """What AUV k observes."""
     observation.write(worlds, w, k)
     if ti.static(worlds.program.tracker):
-        fixes.prepare_next_step(worlds, w, k)
+        estimates.prepare_next_step(worlds, w, k)
 
 
 @func
@@ -201,23 +201,13 @@ def begin_episode(worlds: ti.template(), w):
         worlds.tally[w, c] = 0.0
     boat_motion.place_boats(worlds, w)
     if ti.static(worlds.program.schedule != Schedule.every_step):
-        fixes.open_channel(worlds, w)
+        channel.open_channel(worlds, w)
     for b in range(worlds.boat.shape[1]):
         boat_motion.ride_waves(worlds, w, b)
         boat_motion.renew_gnss_error(worlds, w, b)
-        reception.draw_lasting_errors(worlds, w, b)
-        pose = reception.array_pose(worlds, w, b)
-        for k in range(num_auvs):
-            if boat_motion.serves(worlds, w, b, k):
-                fixes.begin_estimate(worlds, pose, w, k)
-                if ti.static(worlds.program.tracker):
-                    motion.begin_filter(worlds, w, k)
-                if ti.static(worlds.program.reckoning):
-                    motion.begin_reckoning(worlds, w, k)
-                if ti.static(worlds.program.schedule == Schedule.every_step):
-                    fixes.take_fix(worlds, pose, w, k)
-                else:
-                    fixes.begin_exchanges(worlds, pose, w, k)
+        fixes.draw_lasting_errors(worlds, w, b)
+    for k in range(num_auvs):
+        estimates.begin_estimate(worlds, w, k)
     for k in range(num_auvs):
         worlds.program.task.assign(worlds, w, k)
     for k in range(num_auvs):
@@ -276,7 +266,7 @@ def move_auvs(worlds: ti.template(), w):
         motion.renew_depth_error(worlds, w, k)
         worlds.program.task.move(worlds, w, k, worlds.action[w, k, 0], worlds.action[w, k, 1])
         if ti.static(worlds.program.tracker):
-            fixes.predict(worlds, w, k)
+            estimates.predict(worlds, w, k)
         if ti.static(worlds.program.reckoning):
             motion.reckon(worlds, w, k)
 
@@ -320,32 +310,6 @@ def ride(worlds: ti.template(), w):
 
 
 @func
-def exchange(worlds: ti.template(), w):
-    """The exchanges of the step, where its replies are then fixed side by side."""
-    if ti.static(worlds.program.fixes_in_lanes):
-        fixes.exchange(worlds, w)
-
-
-@func
-def fix_side_by_side(worlds: ti.template(), n):
-    """Fixes of the worlds of iteration n."""
-    if ti.static(worlds.program.fixes_in_lanes):
-        reception_in_lanes.fix_side_by_side(worlds, n)
-
-
-@func
-def locate(worlds: ti.template(), w):
-    """The boats locate the AUVs."""
-    if ti.static(worlds.program.fixes_in_lanes):
-        fixes.use_replies(worlds, w)
-    elif ti.static(worlds.program.schedule == Schedule.every_step):
-        for b in range(worlds.boat.shape[1]):
-            fixes.take_fixes(worlds, w, b)
-    else:
-        fixes.exchange(worlds, w)
-
-
-@func
 def check(worlds: ti.template(), n):
     """Look at all numbers of the worlds of iteration n."""
     if ti.static(worlds.program.checks):
@@ -381,10 +345,11 @@ Stages = tuple[Stage, ...]
 
 RESET: Stages = begin_chosen, check
 BEGIN: Stages = begin_step, move_auvs, prepare
-END: Stages = plan, move_boats, ride, locate, end_step
+LOCATE: Stages = channel.hear, fixes.fix, estimates.estimate, estimates.add_common_errors
+END: Stages = (plan, move_boats, ride, *LOCATE, end_step)
 STEP: Stages = (
-    *(move_vortices, draw, *BEGIN, plan, move_boats, ride, exchange, fix_side_by_side),
-    *(locate, end_step, add_storm_currents, sense, observe, check),
+    *(move_vortices, draw, *BEGIN, plan, move_boats, ride, *LOCATE),
+    *(end_step, add_storm_currents, sense, observe, check),
 )
 # Stages that call the functions of what plugins can add, by the kind of their registry.
 CALLING: dict[str, Stages] = {
@@ -442,7 +407,7 @@ def run_stage(worlds: ti.template(), stage: ti.template(), n, threads):
     count = ti.static(worlds_per_block(worlds.program))
     if ti.static(stage in OF_MEMBERS):
         stage(worlds, n // threads, n % threads)
-    elif ti.static(stage in (move_vortices, fix_side_by_side, check)):
+    elif ti.static(stage in (move_vortices, fixes.fix, estimates.add_common_errors, check)):
         stage(worlds, n)
     elif ti.static(count == 1):
         stage(worlds, n)

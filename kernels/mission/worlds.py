@@ -33,7 +33,6 @@ from usvauv.kernels.mission.columns import (
     Parameter,
     Range,
     ReceptionColumn,
-    Schedule,
     Sensor,
     StateColumns,
     TallyColumn,
@@ -138,12 +137,6 @@ class Program(NamedTuple):
     def reckoning(self) -> bool:
         """Whether AUVs reckon their positions by a sensor of velocity."""
         return self.sensor in (Sensor.ground, Sensor.water)
-
-    @property
-    def fixes_in_lanes(self) -> bool:
-        """Whether all replies of a step are fixed side by side, `usvauv.kernels.mission.reception_in_lanes`."""
-        ahead = self.schedule in (Schedule.all, Schedule.round_robin)  # who is asked does not depend on fixes
-        return self.in_lanes and ahead and not (self.refraction or self.vehicle or self.otter)
 
     @property
     def weighs_apart(self) -> bool:
@@ -269,7 +262,7 @@ ARRAYS = {
     "bounds": Array("..", "likewise", dtype=lanes),
     "outside": Array(".", "set to 1 if one is not finite or out of its range", dtype=ti.i32),
     "ways": Array("W.", "where AUVs are foreseen, for `WORLDS_PER_BLOCK` worlds", dtype=random.lanes),
-    "reception": Array("G", "replies of a step that are fixed side by side", ReceptionColumn, side_by_side),
+    "reception": Array("WK", "signals of a step and their fixes", ReceptionColumn),
 }
 
 

@@ -100,12 +100,8 @@ class MissionKernels:
         self._site = site
         program = mission_parameters.program(site, self._strategy.strategy, uploaded["link"])
         worlds, auvs = self.action.shape[:2]
-        few = runtime.too_few_for_threads(AUV_STEP * worlds * auvs)
-        division = Division.one_block if worlds <= WORLDS_PER_BLOCK else Division.lanes
-        if few:
-            division = Division.calling_thread
-        elif not self._on_cpu:
-            division = Division.threads
+        few = worlds <= WORLDS_PER_BLOCK or runtime.too_few_for_threads(AUV_STEP * worlds * auvs)
+        division = Division.threads if not self._on_cpu else Division.one_block if few else Division.lanes
         program = program._replace(
             division=division,
             vortices_move=self._on_cpu and self._vortices_move,
@@ -117,14 +113,13 @@ class MissionKernels:
             ways = -(-worlds // WORLDS_PER_BLOCK), WAY * STEPS * program.abreast // random.LANES
         draws = draw_numbers(auvs, scenario.boat.count, scenario.targets)
         drawn = (worlds, 4 * len(draws)) if program.in_lanes else (1, 1)
-        groups = -(-worlds * auvs // LANES) if program.fixes_in_lanes else 1
         arrays = self._memory.arrays
         self.tables: dict[str, Any] = {
             **{name: torch.from_numpy(table).to(self._device) for name, table in uploaded.items()},
             "key": torch.from_numpy(self._seeds.keys()).to(self._device),
             "draw_numbers": torch.tensor(draws, device=self._device),
             "drawn": self._zeros(*drawn, random.LANES),
-            "reception": self._zeros(groups, len(ReceptionColumn.names), LANES),
+            "reception": self._zeros(worlds, auvs, len(ReceptionColumn.names)),
             "links": torch.tensor(uploaded["links"], device=self._device),  # aligned
             "program": program,
             "numbers": self._rows(self._memory.numbers, program.checks).view(torch.int32),

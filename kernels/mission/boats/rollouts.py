@@ -18,7 +18,7 @@ import taichi as ti
 from taichi.lang import impl
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission import reception, replies
+from usvauv.kernels.mission import replies
 from usvauv.kernels.mission.boats import boat_motion, foresight
 from usvauv.kernels.mission.boats.foresight import PredictedAuv, drift_over, own_uncertainty
 from usvauv.kernels.mission.replies import SIGNAL, Signal
@@ -91,7 +91,7 @@ def team_numbers(worlds: ti.template(), w, boat):
             strayed = straying_over(worlds, worlds.exchange.elapsed[w, k])
             way = numbers_of(foresight.remembered(worlds, w, k))
             own = [1.0, s[0], s[1], s[2], strayed.position, strayed.cross, strayed.current]
-            signal = replies.signal_of(worlds, k, reception.height(worlds, w, boat, k))
+            signal = replies.signal_of(worlds, k, replies.height(worlds, w, boat, k))
             for n in ti.static(range(len(own))):
                 numbers[n, k] = own[n]
             for n in ti.static(range(WAY)):

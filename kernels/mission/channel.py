@@ -1,0 +1,283 @@
+"""The acoustic channel: who is interrogated when, and which signals arrive in a mission step.
+
+It has one exchange at a time, an interrogation and the reply or replies to it. It lasts for the sound's two-way travel
+time, the transponder's turn-around time and the length of the signal. The boat interrogates all AUVs at once, which
+reply with different codes (the exchange then lasts until the farthest reply), or one at a time of those that it serves:
+in turn, or the one with the largest product of the value of its reply (`replies.reply_worth`) and the time since its
+last interrogation. No AUV is located twice in a mission step. Several boats begin exchanges in turn; a boat without an
+AUV to interrogate passes its turn on. The boat that interrogated receives the replies, and all boats share their
+contents. There can be a least time between exchanges. Without a channel a signal of each AUV arrives in each step.
+
+All exchanges of a step are decided before its fixes are made, so the value of a reply is that by the estimates at the
+beginning of the step. `hear` writes what arrives to `worlds.reception`, from which `usvauv.kernels.mission.fixes` makes
+fixes and `usvauv.kernels.mission.estimates` the estimates.
+
+Times count from the end of the present mission step, s; earlier times are negative, ages are their opposite.
+"""
+
+import taichi as ti
+
+from usvauv.kernels.functions import func
+from usvauv.kernels.mission.boats import boat_motion
+from usvauv.kernels.mission.columns import (
+    AuvColumn,
+    Draw,
+    ExchangeColumn,
+    ReceptionColumn,
+    Reply,
+    Schedule,
+    TallyColumn,
+)
+from usvauv.kernels.mission.replies import reply_worth, true_height
+from usvauv.kernels.mission.worlds import uniforms
+from usvauv.kernels.positioning import usbl
+from usvauv.kernels.types import ivec2, vec2
+
+
+@func
+def boat_before(worlds: ti.template(), w, b, age) -> vec2:
+    """Where boat b was `age` seconds before the end of the step, m."""
+    boat = ti.static(worlds.boat)
+    share = age / worlds.p.step
+    moved = vec2(boat.moved_x[w, b], boat.moved_y[w, b])
+    return vec2(boat.x[w, b], boat.y[w, b]) - share * moved
+
+
+@func
+def squared_distance(worlds: ti.template(), w, b, k) -> ti.f32:
+    """Square of the true distance between boat b and AUV k, m²."""
+    dx = worlds.auv.x[w, k] - worlds.boat.x[w, b]
+    dy = worlds.auv.y[w, k] - worlds.boat.y[w, b]
+    z = true_height(worlds, w, b, k)
+    return dx * dx + dy * dy + z * z
+
+
+@func
+def duration(worlds: ti.template(), w, b, k) -> vec2:
+    """Time (s) from boat b's interrogation of AUV k to the departure of the reply, and to its end at the boat."""
+    p = ti.static(worlds.p)
+    travel = ti.sqrt(squared_distance(worlds, w, b, k)) / p.sound_speed
+    reply = travel + p.turn_around
+    return vec2(reply, reply + travel + p.signal_length)
+
+
+@func
+def may_ask(worlds: ti.template(), w, b, k, start):
+    """Whether boat b may ask AUV k at `start`: its next fix must not fall into a step that has one already."""
+    return worlds.exchange.over[w, k] == 0.0 or start + duration(worlds, w, b, k)[1] > 0.0
+
+
+@func
+def chosen(worlds: ti.template(), w, b, start):
+    """The AUV that boat b asks at `start`, −1 for none; with all at once the one whose reply is there last."""
+    count = worlds.auv.shape[1]
+    best = -1
+    largest = -1.0
+    if ti.static(worlds.program.schedule == Schedule.all):
+        for k in range(count):
+            value = squared_distance(worlds, w, b, k)
+            if value > largest:
+                largest = value
+                best = k
+        if not may_ask(worlds, w, b, best, start):
+            best = -1
+    else:
+        last = ti.cast(worlds.boat.asked[w, b], ti.i32)
+        for n in range(count):
+            k = (last + 1 + n) % count
+            value = 0.0  # in turn: the first of them
+            if ti.static(worlds.program.schedule == Schedule.by_need):
+                waits = start - worlds.exchange.reply_at[w, k]  # else one that does not reply goes on
+                value = waits * reply_worth(worlds, w, b, k)
+            if value > largest and boat_motion.serves(worlds, w, b, k) and may_ask(worlds, w, b, k, start):
+                largest = value
+                best = k
+    return best
+
+
+@func
+def ask(worlds: ti.template(), w, b, k, start):
+    """Boat b interrogates AUV k at `start`; returns when its reply is over."""
+    lasts = duration(worlds, w, b, k)
+    worlds.exchange.reply_at[w, k] = start + lasts[0]
+    worlds.exchange.reply[w, k] = Reply.due
+    worlds.boat.asked[w, b] = ti.cast(k, ti.f32)
+    return start + lasts[1]
+
+
+@func
+def is_lost(worlds: ti.template(), w, k) -> ivec2:
+    """Whether an interrogation of AUV k and its reply are lost in this step."""
+    lost = ivec2(0, 0)
+    if worlds.p.packet_loss > 0.0:
+        u = uniforms(worlds, w, Draw.loss, k)
+        for way in ti.static(range(2)):
+            lost[way] = ti.cast(u[way] < worlds.p.packet_loss, ti.i32)
+    return lost
+
+
+@func
+def answer(worlds: ti.template(), w, k):
+    """AUV k receives the interrogation, unless it is lost, and its reply leaves."""
+    exchange = ti.static(worlds.exchange)
+    age = -exchange.reply_at[w, k]
+    share = age / worlds.p.step
+    exchange.reply[w, k] = Reply.lost
+    if not is_lost(worlds, w, k)[0]:
+        exchange.reply[w, k] = Reply.sent
+        for axis in ti.static(range(2)):
+            moved = worlds.auv[w, k, AuvColumn.moved_x + axis]
+            exchange[w, k, ExchangeColumn.sent_x + axis] = worlds.auv[w, k, AuvColumn.x + axis] - share * moved
+        if worlds.reception.arrived[w, k] < 0.0:
+            worlds.reception.left[w, k] = age
+        else:
+            worlds.reception.left_next[w, k] = age
+
+
+@func
+def arrive(worlds: ti.template(), w, b, k, there: vec2, age, lost):
+    """A signal that left AUV k `there` (m) is due at boat b, `age` seconds before the step ends; `lost`: 0 or 1."""
+    auv = ti.static(worlds.auv)
+    reception = ti.static(worlds.reception)
+    here = boat_before(worlds, w, b, age)
+    reception.arrived[w, k] = age
+    reception.lost[w, k] = ti.cast(lost, ti.f32)
+    reception.x[w, k] = there[0] - here[0]
+    reception.y[w, k] = there[1] - here[1]
+    reception.z[w, k] = true_height(worlds, w, b, k)
+    auv.heard_x[w, k] = there[0]
+    auv.heard_y[w, k] = there[1]
+    auv.fix_boat[w, k] = ti.cast(b, ti.f32)
+
+
+@func
+def receive(worlds: ti.template(), w, b, k, age):
+    """The reply of AUV k is due at boat b `age` seconds before the end of the step."""
+    exchange = ti.static(worlds.exchange)
+    lost = is_lost(worlds, w, k)[1]
+    if exchange.reply[w, k] == Reply.lost:
+        lost = 1
+    arrive(worlds, w, b, k, vec2(exchange.sent_x[w, k], exchange.sent_y[w, k]), age, lost)
+    exchange.reply[w, k] = Reply.none
+    exchange.over[w, k] = 1.0
+
+
+@func
+def receive_without_channel(worlds: ti.template(), w, k):
+    """A signal of AUV k is received `latency` before the end of the step by the boat that serves it."""
+    p = ti.static(worlds.p)
+    auv = ti.static(worlds.auv)
+    b = boat_motion.serving_boat(worlds, w, k)
+    left = p.latency + p.propagates * ti.sqrt(squared_distance(worlds, w, b, k)) / p.sound_speed
+    moved = vec2(auv.moved_x[w, k], auv.moved_y[w, k])
+    there = vec2(auv.x[w, k], auv.y[w, k]) - left / p.step * moved
+    arrive(worlds, w, b, k, there, p.latency, is_lost(worlds, w, k)[0])
+    worlds.reception.left[w, k] = left
+
+
+@func
+def expect_nothing(worlds: ti.template(), w, k):
+    """No signal of AUV k has left or arrived in this step."""
+    worlds.auv.fix_flags[w, k] = ti.cast(usbl.SILENT, ti.f32)
+    for c in ti.static((ReceptionColumn.left, ReceptionColumn.left_next, ReceptionColumn.arrived)):
+        worlds.reception[w, k, c] = -1.0
+
+
+@func
+def begin_step(worlds: ti.template(), w):
+    """Count times from the end of the new step; no exchange has ended in it yet."""
+    step = worlds.p.step
+    for column in ti.static((TallyColumn.channel_free, TallyColumn.next_ping)):
+        worlds.tally[w, column] = ti.max(worlds.tally[w, column] - step, -step)
+    for k in range(worlds.auv.shape[1]):
+        worlds.exchange.reply_at[w, k] = worlds.exchange.reply_at[w, k] - step
+        worlds.exchange.over[w, k] = 0.0
+        expect_nothing(worlds, w, k)
+
+
+@func
+def open_channel(worlds: ti.template(), w):
+    """When an episode begins the channel is free, and the turn is the first boat's."""
+    boats = worlds.boat.shape[1]
+    worlds.tally.channel_free[w] = 0.0
+    worlds.tally.next_ping[w] = 0.0
+    worlds.tally.asking[w] = ti.cast(boats - 1, ti.f32)
+    for b in range(boats):
+        worlds.boat.asked[w, b] = -1.0
+
+
+@func
+def begin_exchanges(worlds: ti.template(), w, k):
+    """Nothing is in the water when an episode begins."""
+    worlds.exchange.reply[w, k] = Reply.none
+    worlds.exchange.reply_at[w, k] = 0.0
+    expect_nothing(worlds, w, k)
+
+
+@func
+def begin_exchange(worlds: ti.template(), w):
+    """The boat whose turn it is begins an exchange as soon as the channel is free; returns whether one begins."""
+    boats = worlds.boat.shape[1]
+    count = worlds.auv.shape[1]
+    start = ti.max(worlds.tally.channel_free[w], worlds.tally.next_ping[w])
+    start = ti.max(start, -worlds.p.step)
+    last = ti.cast(worlds.tally.asking[w], ti.i32)
+    turns = boats
+    if ti.static(worlds.program.schedule == Schedule.all):
+        turns = 1  # every boat has an AUV to ask, if not now then in the next step
+    begins = False
+    for turn in range(turns):
+        if not begins and start < 0.0:
+            b = (last + 1 + turn) % boats
+            first = chosen(worlds, w, b, start)
+            if first >= 0:
+                end = start
+                for k in range(count):
+                    if ti.static(worlds.program.schedule == Schedule.all) or k == first:
+                        end = ti.max(end, ask(worlds, w, b, k, start))
+                worlds.tally.channel_free[w] = end
+                worlds.tally.next_ping[w] = start + worlds.p.ping_interval
+                worlds.tally.asking[w] = ti.cast(b, ti.f32)
+                begins = True
+    return begins
+
+
+@func
+def exchange(worlds: ti.template(), w):
+    """All exchanges of this step: the last one may go on into the next step."""
+    begin_step(worlds, w)
+    count = worlds.auv.shape[1]
+    under_way = False
+    for k in range(count):
+        under_way = under_way or worlds.exchange.reply[w, k] != Reply.none
+    going_on = True
+    while going_on:
+        going_on = False
+        if not under_way:
+            under_way = begin_exchange(worlds, w)
+        if under_way:
+            for k in range(count):
+                due = worlds.exchange.reply[w, k] == Reply.due
+                if due and worlds.exchange.reply_at[w, k] <= 0.0:
+                    answer(worlds, w, k)
+            end = worlds.tally.channel_free[w]
+            if end <= 0.0:
+                b = 0
+                if ti.static(worlds.program.fleet):
+                    b = ti.cast(worlds.tally.asking[w], ti.i32)
+                for k in range(count):
+                    reply = worlds.exchange.reply[w, k]
+                    if reply == Reply.sent or reply == Reply.lost:
+                        receive(worlds, w, b, k, -end)
+                under_way = False
+                going_on = True
+
+
+@func
+def hear(worlds: ti.template(), w):
+    """What the boats hear in this step."""
+    if ti.static(worlds.program.schedule == Schedule.every_step):
+        for k in range(worlds.auv.shape[1]):
+            receive_without_channel(worlds, w, k)
+    else:
+        exchange(worlds, w)
