@@ -22,7 +22,7 @@ import ast
 import functools
 import gc
 import linecache
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -30,8 +30,10 @@ import numpy as np
 import taichi as ti
 import torch
 from taichi.lang import impl, kernel_impl
+from taichi.lang.argpack import ArgPackType
 from taichi.lang.ast import ASTTransformerContext
 from taichi.lang.enums import AutodiffMode
+from taichi.types.ndarray_type import NdarrayType
 
 from usvauv.kernels import runtime
 from usvauv.kernels.types import array1, index1, index3
@@ -244,6 +246,13 @@ class _Calls:
         return context
 
 
+def _packed(annotation: Any, value: Any) -> Any:
+    """An argument of a kernel as Taichi's compiler takes it."""
+    if isinstance(annotation, ArgPackType):
+        return annotation(**{name: _packed(kind, value[name]) for name, kind in annotation.members.items()})
+    return value.tensor if isinstance(value, DeviceArray) else value
+
+
 class Launch:
     """A kernel with fixed arguments; calling it runs it.
 
@@ -253,8 +262,9 @@ class Launch:
 
     Args:
         kernel: one without return value.
-        arguments: all its arguments by position. Tensors must be contiguous, stay on the kernel's device and keep their
-            memory: they are held, and read and written at each call. A `DeviceArray` is not copied.
+        arguments: all its arguments by position, that of a pack as a mapping. Tensors must be contiguous, stay on the
+            kernel's device and keep their memory: they are held, and read and written at each call. A `DeviceArray` is
+            not copied.
         settings: of Taichi's compiler, see `usvauv.kernels.runtime.settings`.
 
     Raises:
@@ -264,36 +274,48 @@ class Launch:
     def __init__(self, kernel: Callable, *arguments: Any, settings: runtime.Settings = runtime.NONE) -> None:
         self._primal: Any = kernel._primal
         self._held, self._settings = arguments, settings
-        self._on_device: dict[DeviceArrays, None] = {a.owner: None for a in arguments if isinstance(a, DeviceArray)}
+        single = (value for a in arguments for value in (a.values() if isinstance(a, Mapping) else (a,)))
+        self._on_device: dict[DeviceArrays, None] = {a.owner: None for a in single if isinstance(a, DeviceArray)}
         self._launched_in: runtime.Runtime | None = None
         with runtime.settings(settings):
             self._compile()
 
     def _compile(self) -> None:
         self._compiled_in = runtime.start()
-        tensors = (a.tensor if isinstance(a, DeviceArray) else a for a in self._held)
-        made = self._primal.compiled_kernels[self._primal.ensure_compiled(*tensors)]
+        parameters = [(parameter.annotation, parameter.name) for parameter in self._primal.arguments]
+        given = [_packed(annotation, value) for (annotation, _), value in zip(parameters, self._held, strict=True)]
+        made = self._primal.compiled_kernels[self._primal.ensure_compiled(*given)]
         self._calls = _Calls()
         self._position: dict[int, int] = {}  # among the arguments that are not templates
-        for index, (parameter, value) in enumerate(zip(self._primal.arguments, self._held, strict=True)):
-            if not isinstance(parameter.annotation, ti.template):
-                self._position[index] = len(self._position)
-                self._set(index, parameter.annotation, value)
+        arrays: list[tuple[str, Any, Any]] = []  # of packs, which come last
+        for index, ((annotation, name), value) in enumerate(zip(parameters, self._held, strict=True)):
+            if isinstance(annotation, ti.template):
+                continue
+            self._position[index] = position = len(self._position)
+            if isinstance(annotation, ArgPackType):
+                self._calls.set_arg_argpack((position,), given[index]._ArgPack__argpack)
+                members = annotation.members.items()
+                arrays += [(name, kind, value[name]) for name, kind in members if isinstance(kind, NdarrayType)]
+            else:
+                self._set(position, name, annotation, value)
+        for position, array in enumerate(arrays, len(self._position)):
+            self._set(position, *array)
+        self._packs = given
         self._new_context = made.make_launch_context
         self._kept: Any = None if self._compiled_in.arch == "cuda" else self._calls.on(self._new_context())
         program: Any = impl.get_runtime().prog
         self._compiled = program.compile_kernel(program.config(), program.get_device_caps(), made)
         self._launch = program.launch_kernel
 
-    def _set(self, index: int, annotation: Any, value: Any) -> None:
-        position = (self._position[index],)
+    def _set(self, place: int, name: str, annotation: Any, value: Any) -> None:
+        position = (place,)
         if isinstance(value, torch.Tensor | DeviceArray):
             tensor = value.tensor if isinstance(value, DeviceArray) else value
             if not tensor.is_contiguous():
-                raise ValueError(f"argument {index}: the tensor must be contiguous")
+                raise ValueError(f"{name}: the tensor must be contiguous")
             element = getattr(annotation.dtype, "ndim", 0) if annotation.dtype is not None else 0
             if element and tensor.is_cpu and tensor.data_ptr() % ALIGNMENT:
-                raise ValueError(f"argument {index}: vectors must begin at a multiple of {ALIGNMENT} bytes")
+                raise ValueError(f"{name}: vectors must begin at a multiple of {ALIGNMENT} bytes")
             shape = tuple(tensor.shape[: tensor.ndim - element])
         if isinstance(value, DeviceArray):
             self._calls.set_arg_ndarray(position, value.memory.arr)

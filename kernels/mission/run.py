@@ -4,127 +4,34 @@ Everything in a world happens in program order and every random number is addres
 a world's history does not depend on the number of other worlds or on threads.
 """
 
-import linecache
 from collections.abc import Callable, Set
 from itertools import groupby
 from typing import Any, NamedTuple
 
 import taichi as ti
 
-from usvauv.kernels import random
 from usvauv.kernels.flow import airy, vortex_motion
 from usvauv.kernels.flow.current import Water
-from usvauv.kernels.flow.vortex import Pattern, Vortex
+from usvauv.kernels.flow.vortex import Pattern
 from usvauv.kernels.functions import func, kernel
-from usvauv.kernels.mission import channel, estimates, fixes, motion, observation, vehicles
+from usvauv.kernels.mission import channel, estimates, fixes, motion, observation
 from usvauv.kernels.mission.boats import boat_motion, foresight
 from usvauv.kernels.mission.boats.belief_planner import OTHER_GOALS
-from usvauv.kernels.mission.columns import Draw, KeyColumn, Parameter, Schedule
+from usvauv.kernels.mission.columns import Parameter
+from usvauv.kernels.mission.episode import begin_episode
 from usvauv.kernels.mission.tasks import rewards
 from usvauv.kernels.mission.worlds import (
     ARRAYS,
     WORLDS_PER_BLOCK,
+    Array,
     Numbers,
     Program,
     Rows,
     Worlds,
-    address,
     draw_ahead,
     find_faults,
-    key,
 )
-from usvauv.kernels.types import array1, array2, array3, array4, index1, index2, vec2
-
-START_ATTEMPTS = 256
-
-
-@func
-def between(low, high, u):
-    """The number at share u of the way from `low` to `high`."""
-    return low + u * (high - low)
-
-
-class VortexDraw(NamedTuple):
-    """The part of `Worlds` that `place_vortices` reads."""
-
-    p: Any
-    fixed_vortex: Any
-    key: Any
-    clock: Any
-
-
-@func
-def place_vortices(worlds: ti.template(), vortex: ti.template(), w):
-    """Draw the vortices of an episode, or take the fixed ones, and their signs.
-
-    Centres are uniform over the area, or over the square of a periodic pattern round its middle.
-    """
-    p = ti.static(worlds.p)
-    width, length = p.width, p.length
-    if p.period > 0.0:
-        width = p.period
-        length = width
-    west, south = 0.5 * (p.width - width), 0.5 * (p.length - length)
-    for v in range(vortex.shape[1]):
-        if p.random_vortices > 0.5:
-            u = random.uniforms(address(worlds, w, worlds.clock[w, 1], Draw.vortex, v), key(worlds, w))
-            vortex[w, v, Vortex.x] = west + u[0] * width
-            vortex[w, v, Vortex.y] = south + u[1] * length
-            vortex[w, v, Vortex.Gamma] = between(p.circulation_min, p.circulation_max, u[2])
-            vortex[w, v, Vortex.delta] = between(p.core_radius_min, p.core_radius_max, u[3])
-        else:
-            for c in range(4):
-                vortex[w, v, c] = worlds.fixed_vortex[v, c]
-        if p.alternate > 0.5:
-            u = random.uniforms(address(worlds, w, worlds.clock[w, 1], Draw.vortex_sign, v), key(worlds, w))
-            if u[0] < 0.5:
-                vortex[w, v, Vortex.Gamma] = -vortex[w, v, Vortex.Gamma]
-
-
-@kernel
-def draw_vortices(p: array1, fixed_vortex: array2, key: index2, clock: index2, vortex: array3):
-    """The vortices with which the present episode of each world begins, into `vortex` (W, V, 4)."""
-    for w in range(vortex.shape[0]):
-        place_vortices(
-            ti.static(VortexDraw(Numbers.of(p, Parameter), fixed_vortex, Rows.of(key, KeyColumn), clock)), vortex, w
-        )
-
-
-@func
-def place_auv(worlds: ti.template(), w, k):
-    """Deploy AUV k at a random place apart from those before it; after `START_ATTEMPTS` tries at the last one."""
-    p = ti.static(worlds.p)
-    auv = ti.static(worlds.auv)
-    for c in range(auv.shape[2]):
-        auv[w, k, c] = 0.0
-    auv.target[w, k] = -1.0
-    searching = True
-    attempt = 0
-    while searching:
-        u = random.uniforms(address(worlds, w, attempt, Draw.auv, k), key(worlds, w))
-        margin = p.start_margin
-        x = margin + u[0] * (p.width - 2 * margin)
-        y = margin + u[1] * (p.length - 2 * margin)
-        auv.x[w, k] = x
-        auv.y[w, k] = y
-        searching = False
-        for j in range(k):
-            if motion.distance_between(worlds, w, j, k) < p.start_separation:
-                searching = True
-        attempt += 1
-        if attempt == START_ATTEMPTS:
-            searching = False
-
-
-@func
-def begin_estimate(worlds: ti.template(), w, k):
-    """Estimate AUV k where it is deployed, which is known."""
-    estimate = ti.static(worlds.estimate)
-    for c in range(estimate.shape[2]):
-        estimate[w, k, c] = 0.0
-    estimate.x[w, k] = worlds.auv.x[w, k]
-    estimate.y[w, k] = worlds.auv.y[w, k]
-    estimate.separation[w, k] = worlds.p.separation_boat
+from usvauv.kernels.types import array1, array4, index1, vec2
 
 
 @func
@@ -178,41 +85,6 @@ def look(worlds: ti.template(), w):
     add_storm_currents(worlds, w)
     sense(worlds, w)
     observe(worlds, w)
-
-
-@func
-def begin_episode(worlds: ti.template(), w):
-    """Begin the next episode of world w: place nodes, vortices, AUVs and boats, take a first fix, give targets."""
-    num_auvs = worlds.auv.shape[1]
-    worlds.clock[w, 0] = worlds.clock[w, 0] + 1
-    worlds.clock[w, 1] = 0
-    worlds.program.task.place(worlds, w)
-    place_vortices(worlds, worlds.water.vortex, w)
-    for v in range(worlds.drift.shape[1]):
-        for c in range(worlds.drift.shape[2]):
-            worlds.drift[w, v, c] = 0.0
-    for k in range(num_auvs):
-        place_auv(worlds, w, k)
-        if ti.static(worlds.program.vehicle):
-            vehicles.place(worlds, w, k)
-        motion.renew_depth_error(worlds, w, k)
-        begin_estimate(worlds, w, k)
-    for c in range(worlds.tally.shape[1]):
-        worlds.tally[w, c] = 0.0
-    boat_motion.place_boats(worlds, w)
-    if ti.static(worlds.program.schedule != Schedule.every_step):
-        channel.open_channel(worlds, w)
-    for b in range(worlds.boat.shape[1]):
-        boat_motion.ride_waves(worlds, w, b)
-        boat_motion.renew_gnss_error(worlds, w, b)
-        fixes.draw_lasting_errors(worlds, w, b)
-    for k in range(num_auvs):
-        estimates.begin_estimate(worlds, w, k)
-    for k in range(num_auvs):
-        worlds.program.task.assign(worlds, w, k)
-    for k in range(num_auvs):
-        observation.write_of_nodes(worlds, w, k)
-    look(worlds, w)
 
 
 @func
@@ -336,6 +208,7 @@ def begin_chosen(worlds: ti.template(), w):
     """Begin the next episode of world w where it is chosen."""
     if worlds.chosen[w] != 0:
         begin_episode(worlds, w)
+        look(worlds, w)
 
 
 OF_AUVS = sense_and_observe_auv, sense_auv, observe_auv
@@ -432,73 +305,50 @@ WATER = {
     "since": array1,
     "felt": index1,
 }
-PARAMETERS = {
-    "stages": ti.template(),
-    "program": ti.template(),
-    **WATER,
-    **{name: array.type for name, array in ARRAYS.items()},
-}
 
 
-def passed(name: str, argument: Any) -> Any:
-    """An argument of the kernel as the mission's functions take it."""
-    array = ARRAYS[name]
-    if name == "p":
-        return Numbers.of(argument, Parameter)
-    if array.axes[:1] in ("W", "G"):
-        return Rows.of(argument, array.columns, len(array.names))
-    return argument
+def worlds_of(program: Program, given: Any) -> Worlds:
+    """The arguments of the kernel as its functions take them; called while the kernel is compiled."""
+
+    def passed(name: str, array: Array) -> Any:
+        argument = getattr(given, name)
+        return Rows.of(argument, array.columns, len(array.names)) if array.axes[:1] in ("W", "G") else argument
+
+    arrays = {name: passed(name, array) for name, array in ARRAYS.items()}
+    arrays["p"] = p = Numbers.of(given.p, Parameter)
+    water = {name: getattr(given, name) for name in WATER}
+    water |= {name: Rows.of(water[name]) for name in ("stream", "bed", "eta", "U", "V", "wave")}
+    pattern = Pattern(program.repeats, p.eddy_scale, p.eddy_share, p.eddies_at_cruise)
+    return Worlds(
+        program, Water(Rows.of(given.vortex), width=p.width, length=p.length, pattern=pattern, **water), **arrays
+    )
 
 
-PASSED = [f"passed({name!r}, {name})" for name in ARRAYS]
-SOURCE = f"""
-def run({", ".join(f"{name}: PARAMETERS[{name!r}]" for name in PARAMETERS)}):
+@kernel
+def run(
+    stages: ti.template(),
+    program: ti.template(),
+    given: ti.types.argpack(**WATER, **{name: array.type for name, array in ARRAYS.items()}),
+):
+    """Run stages of a step for all worlds, or `RESET` for those with `chosen[w]` ≠ 0.
+
+    On a CPU vectors stay in registers, for which plugins' functions may not compile, and many worlds take the step side
+    by side, `WORLDS_PER_BLOCK` of them stage after stage, while their numbers are in the processor's cache. On a GPU
+    the last part of a step has a thread for each AUV, and a boat's plan by rollouts one for each goal.
+
+    Args:
+        stages: of `STEP` or `RESET`, one after another.
+        program: a `Program`.
+        given: `ARRAYS`, and parts of `Water`. An array of a pack is as fast as one that is an argument by itself.
+    """
     count = ti.static(worlds_per_block(program))
     threads = 1  # of a world: one, or one for each AUV or each goal of each boat
     if ti.static(stages[0] in OF_AUVS):
-        threads = auv.shape[1]
+        threads = given.auv.shape[1]
     elif ti.static(stages[0] == weigh):
-        threads = boat.shape[1] * (auv.shape[1] + OTHER_GOALS)
+        threads = given.boat.shape[1] * (given.auv.shape[1] + OTHER_GOALS)
     ti.loop_config(serialize=program.serial, block_dim=ti.static(block(program)))
-    for n in range((clock.shape[0] * threads + count - 1) // count):
-        pattern = ti.static(Pattern(program.repeats, p[Parameter.eddy_scale], p[Parameter.eddy_share],
-                                    p[Parameter.eddies_at_cruise]))
-        water = ti.static(Water(Rows.of(vortex), Rows.of(stream), p[Parameter.width], p[Parameter.length], Rows.of(bed),
-                                Rows.of(eta), Rows.of(U), Rows.of(V), unit_x, unit_y, nx, ny, sea_index, Rows.of(wave),
-                                since, felt, pattern))
-        worlds = ti.static(Worlds(program, water, {", ".join(PASSED)}))
+    for n in range((given.clock.shape[0] * threads + count - 1) // count):
+        worlds = ti.static(worlds_of(program, given))
         for stage in ti.static(stages):
             run_stage(worlds, stage, n, threads)
-"""
-
-
-def kernel_of(source: str, **names: Any) -> Callable[..., Any]:
-    """A kernel from source text, which Taichi reads like a file's; `names` are those that the text uses."""
-    file = "<mission>"
-    linecache.cache[file] = len(source), None, source.splitlines(keepends=True), file
-    names["__name__"] = __name__
-    exec(compile(source, file, "exec"), names)
-    return kernel(names["run"])
-
-
-# Begins the next episode of each world w with `chosen[w]` ≠ 0, or advances all worlds by one mission step.
-# On a CPU vectors stay in registers, for which plugins' functions may not compile, and many worlds take the step side
-# by side, `WORLDS_PER_BLOCK` of them stage after stage, while their numbers are in the processor's cache.
-# On a GPU the last part of a step has a thread for each AUV, and a boat's plan by rollouts one for each goal.
-run = kernel_of(
-    SOURCE,
-    ti=ti,
-    PARAMETERS=PARAMETERS,
-    Parameter=Parameter,
-    Pattern=Pattern,
-    Water=Water,
-    Worlds=Worlds,
-    Rows=Rows,
-    passed=passed,
-    OF_AUVS=OF_AUVS,
-    weigh=weigh,
-    worlds_per_block=worlds_per_block,
-    block=block,
-    OTHER_GOALS=OTHER_GOALS,
-    run_stage=run_stage,
-)

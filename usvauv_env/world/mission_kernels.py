@@ -25,7 +25,7 @@ from usvauv.kernels.mission.boats.boat_strategies import boat_strategies
 from usvauv.kernels.mission.boats.rollouts import STEPS, WAY
 from usvauv.kernels.mission.columns import Division, ReceptionColumn
 from usvauv.kernels.mission.observation import observation_terms
-from usvauv.kernels.mission.run import PARAMETERS, RESET, Part, launches, parts, run
+from usvauv.kernels.mission.run import RESET, Part, launches, parts, run
 from usvauv.kernels.mission.target_rules import target_rules
 from usvauv.kernels.mission.tasks.task import tasks
 from usvauv.kernels.mission.vehicles import ROWS, move
@@ -191,8 +191,7 @@ class MissionKernels:
         program, settings = arguments["program"], runtime.vectors_in_registers()
         if part.plain:
             program, settings = program.world_by_world, runtime.NONE
-        given = ({**arguments, "stages": part.stages, "program": program}[name] for name in PARAMETERS)
-        return Launch(run, *given, settings={**runtime.fast_compilation(), **settings})
+        return Launch(run, part.stages, program, arguments, settings={**runtime.fast_compilation(), **settings})
 
     def _moving(self, deploys: bool, arguments: Mapping[str, Any]) -> Launch:
         """The kernel that deploys the vehicles with dynamics, or moves them through a mission step."""

@@ -29,8 +29,8 @@ from usvauv.kernels.mission import target_rules
 from usvauv.kernels.mission.boats.boat_motion import CONTROL_TIME, DRIFT_TIME
 from usvauv.kernels.mission.boats.boat_strategies import BoatStrategy
 from usvauv.kernels.mission.columns import Action, Information, Parameter, Schedule, Sensor
+from usvauv.kernels.mission.episode import draw_vortices
 from usvauv.kernels.mission.observation import observation_terms
-from usvauv.kernels.mission.run import draw_vortices
 from usvauv.kernels.mission.tasks.data_collection import LEAST_RATE, arrival_table
 from usvauv.kernels.mission.vehicles import Motion
 from usvauv.kernels.mission.worlds import Program

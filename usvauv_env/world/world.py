@@ -46,7 +46,7 @@ from usvauv.kernels.mission.columns import (
     ForesightColumn,
     NodeColumn,
 )
-from usvauv.kernels.mission.run import draw_vortices
+from usvauv.kernels.mission.episode import draw_vortices
 from usvauv.kernels.mission.worlds import REWARDS, STATE
 from usvauv.kernels.positioning import tracker
 
