@@ -7,7 +7,7 @@ import taichi as ti
 from usvauv.kernels import random
 from usvauv.kernels.flow.vortex import Vortex
 from usvauv.kernels.functions import func, kernel
-from usvauv.kernels.mission import channel, estimates, fixes, motion, observation, vehicles
+from usvauv.kernels.mission import channel, estimates, fixes, motion, vehicles
 from usvauv.kernels.mission.boats import boat_motion
 from usvauv.kernels.mission.columns import Draw, KeyColumn, Parameter, Schedule
 from usvauv.kernels.mission.worlds import Numbers, Rows, address, key
@@ -138,5 +138,3 @@ def begin_episode(worlds: ti.template(), w):
         estimates.begin_estimate(worlds, w, k)
     for k in range(num_auvs):
         worlds.program.task.assign(worlds, w, k)
-    for k in range(num_auvs):
-        observation.write_of_nodes(worlds, w, k)

@@ -241,20 +241,21 @@ def predict(worlds: ti.template(), w, k):
 
 
 @func
-def prepare_next_step(worlds: ti.template(), w, k):
+def prepare_auv(worlds: ti.template(), w, k):
     """Make the track's current that of the coming step, and read the AUV's current meter if it has one."""
-    p = ti.static(worlds.p)
-    tracker.renew(
-        worlds.track,
-        w,
-        k,
-        p.step,
-        p.current_variance,
-        p.correlation_time,
-    )
-    deviation = p.current_reading
-    if deviation > 0.0:
-        noise = normals(worlds, w, Draw.reading, k)
-        reading = vec2(worlds.auv.current_x[w, k], worlds.auv.current_y[w, k])
-        reading += deviation * vec2(noise[0], noise[1])
-        tracker.sense(worlds.track, w, k, reading, deviation * deviation)
+    if ti.static(worlds.program.tracker):
+        p = ti.static(worlds.p)
+        tracker.renew(worlds.track, w, k, p.step, p.current_variance, p.correlation_time)
+        deviation = p.current_reading
+        if deviation > 0.0:
+            noise = normals(worlds, w, Draw.reading, k)
+            reading = vec2(worlds.auv.current_x[w, k], worlds.auv.current_y[w, k])
+            reading += deviation * vec2(noise[0], noise[1])
+            tracker.sense(worlds.track, w, k, reading, deviation * deviation)
+
+
+@func
+def prepare_next_step(worlds: ti.template(), w):
+    """`prepare_auv` of all AUVs of world w."""
+    for k in range(worlds.auv.shape[1]):
+        prepare_auv(worlds, w, k)

@@ -295,6 +295,18 @@ def begin_filter(worlds: ti.template(), w, k):
 
 
 @func
+def offset_to_target_from_estimate(worlds: ti.template(), w, k) -> vec2:
+    """From AUV k's own position estimate to its target, over the area's diagonal; near it by homing."""
+    target = target_of(worlds, w, k)
+    here = own_position(worlds, w, k)
+    if ti.static(worlds.program.reckoning):
+        if distance_to_target(worlds, w, k) <= worlds.p.homing_range:
+            here = vec2(worlds.auv.x[w, k], worlds.auv.y[w, k])
+    there = vec2(worlds.node.x[w, target], worlds.node.y[w, target])
+    return (there - here) / worlds.p.diagonal
+
+
+@func
 def copy_state(worlds: ti.template(), w, k):
     """AUV k takes the state of the boat's filter."""
     for c in ti.static(range(tracker.STATE)):

@@ -10,34 +10,18 @@ from typing import Annotated, Any
 
 import taichi as ti
 
-from usvauv.kernels.flow import airy, at_depth, current, vortex
-from usvauv.kernels.flow.vortex import PLACES, places
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission import vehicles
-from usvauv.kernels.mission.boats import boat_motion
-from usvauv.kernels.mission.columns import (
-    AuvColumn,
-    BodyColumn,
-    NodeColumn,
-)
-from usvauv.kernels.mission.motion import distance_to_target, own_position, target_of
+from usvauv.kernels.mission import vehicles, water
+from usvauv.kernels.mission.columns import BodyColumn, NodeColumn
+from usvauv.kernels.mission.motion import offset_to_target_from_estimate, own_position, target_of
 from usvauv.kernels.mission.target_rules import knowledge
+from usvauv.kernels.mission.water import BEAM_ANGLE, BEAM_CELL, BEAMS, PROFILE_POINTS
 from usvauv.kernels.registry import Registry
-from usvauv.kernels.types import Level, vec2
+from usvauv.kernels.types import vec2
 
 POSITION_BOUND = 2.0  # over the area's diagonal: the area itself spans 1, the rest is for fixes outside it
 CURRENT = math.inf  # stands for the largest current of the scenario
-# A horizontal current profiler measures on beams towards the target and BEAM_ANGLE to its right and left, at
-# PROFILE_CELLS distances BEAM_CELL apart.
-BEAMS, BEAM_ANGLE = 3, 1.0  # rad
-PROFILE_CELLS, BEAM_CELL = 2, 25.0  # m
 DEPTH_UNIT = 10.0  # m
-PROFILE_POINTS = BEAMS * PROFILE_CELLS
-# From an AUV, ahead and to the left, m: itself, its profiler's points, and one to spare.
-AHEAD, LEFT = (
-    [0.0, *(BEAM_CELL * (n // BEAMS + 1) * f(BEAM_ANGLE * (n % BEAMS - 1)) for n in range(PROFILE_POINTS)), 0.0]
-    for f in (math.cos, math.sin)
-)
 
 
 @dataclass(frozen=True)
@@ -80,18 +64,6 @@ def quantities(name: str, num_auvs: int) -> list[str]:
 
 
 @func
-def target_offset(worlds: ti.template(), w, k) -> vec2:
-    """From AUV k's own position estimate to its target, over the area's diagonal; near it by homing."""
-    target = target_of(worlds, w, k)
-    here = own_position(worlds, w, k)
-    if ti.static(worlds.program.reckoning):
-        if distance_to_target(worlds, w, k) <= worlds.p.homing_range:
-            here = vec2(worlds.auv.x[w, k], worlds.auv.y[w, k])
-    there = vec2(worlds.node.x[w, target], worlds.node.y[w, target])
-    return (there - here) / worlds.p.diagonal
-
-
-@func
 def others(worlds: ti.template(), w, k, first):
     """Estimated positions of the other AUVs relative to the own one."""
     scale = 1.0 / worlds.p.diagonal
@@ -108,7 +80,7 @@ def others(worlds: ti.template(), w, k, first):
 @func
 def target(worlds: ti.template(), w, k, first):
     """The target relative to the own estimated position."""
-    offset = target_offset(worlds, w, k)
+    offset = offset_to_target_from_estimate(worlds, w, k)
     worlds.observation[w, k, first] = offset[0]
     worlds.observation[w, k, first + 1] = offset[1]
 
@@ -145,54 +117,6 @@ def current_vector(worlds: ti.template(), w, k, first):
     """Components of the current at the AUV."""
     worlds.observation[w, k, first] = worlds.auv.current_x[w, k]
     worlds.observation[w, k, first + 1] = worlds.auv.current_y[w, k]
-
-
-@func
-def current_profile(worlds: ti.template(), w, k, first):
-    """Components of the current, without waves, at the points of the profiler; `take_profile` writes them."""
-
-
-@func
-def profiled(worlds: ti.template(), w, k):
-    """AUV k, the points of its profiler, and the boat of the same number, or the last one, side by side: x, y, m."""
-    terms = ti.static(worlds.program.observation)
-    towards = vec2(0.0)
-    if ti.static(target in terms):  # `write_of_nodes` has written it
-        slot = worlds.observation_first[ti.static(terms.index(target))]
-        towards = vec2(worlds.observation[w, k, slot], worlds.observation[w, k, slot + 1])
-    else:
-        towards = target_offset(worlds, w, k)
-    bearing = vec2(1.0, 0.0)
-    if towards.norm() > 1e-9:
-        bearing = towards.normalized()
-    ahead, left = ti.Vector(ti.static(AHEAD)), ti.Vector(ti.static(LEFT))
-    x = worlds.auv.x[w, k] + ahead * bearing[0] - left * bearing[1]
-    y = worlds.auv.y[w, k] + left * bearing[0] + ahead * bearing[1]
-    boat = boat_motion.boat_place(worlds, w, ti.min(k, worlds.boat.shape[1] - 1))
-    x[PLACES - 1], y[PLACES - 1] = boat[0], boat[1]
-    return x, y
-
-
-@func
-def take_profile(worlds: ti.template(), w, k, x: places, y: places, u: places, v: places):
-    """Make a profile of AUV k, its own current and that of the boat of the same number of the vortices' velocity.
-
-    Args:
-        x, y: of `profiled`. u, v: of vortices at the surface, m/s.
-    """
-    fade, share = current.at_level(worlds.water, Level.cruise)
-    if ti.static(worlds.program.vehicle):
-        fade, share = at_depth.at(*vehicles.depths(worlds, w, k))
-    if k < worlds.boat.shape[1]:
-        boat_motion.drift_along(worlds, w, k, vec2(u[PLACES - 1], v[PLACES - 1]))
-    along_x, along_y = current.at_share(worlds.water, x, y, u, v, fade, share)
-    first = worlds.observation_first[ti.static(worlds.program.observation.index(current_profile))]
-    for n in ti.static(range(PROFILE_POINTS)):
-        worlds.observation[w, k, first + 2 * n] = along_x[1 + n]
-        worlds.observation[w, k, first + 2 * n + 1] = along_y[1 + n]
-    if ti.static(not worlds.program.vehicle):
-        waves = current.long_wave_velocity(worlds.water, worlds.water.sea_index[w], x[0], y[0])
-        carry_along(worlds, w, k, vec2(along_x[0], along_y[0]) + waves)
 
 
 @func
@@ -245,101 +169,20 @@ def motion(worlds: ti.template(), w, k, first):
 
 
 @func
-def both(a: places, b: places):
-    """Places of two AUVs side by side."""
-    return ti.Vector([a[n] for n in ti.static(range(PLACES))] + [b[n] for n in ti.static(range(PLACES))])
-
-
-@func
-def half(v, first: ti.template()) -> places:
-    """One of the two, from its first lane on."""
-    return ti.Vector([v[first + n] for n in ti.static(range(PLACES))])
-
-
-@func
-def take_profiles(worlds: ti.template(), w):
-    """`take_profile` of all AUVs of world w, two side by side, for where vectors stay in registers."""
-    num_auvs = worlds.auv.shape[1]
-    for pair in range((num_auvs + 1) // 2):
-        j, k = 2 * pair, ti.min(2 * pair + 1, num_auvs - 1)
-        x_j, y_j = profiled(worlds, w, j)
-        x_k, y_k = profiled(worlds, w, k)
-        u, v = vortex.current(worlds.water.vortex, w, both(x_j, x_k), both(y_j, y_k), worlds.water.pattern)
-        take_profile(worlds, w, j, x_j, y_j, half(u, 0), half(v, 0))
-        if k > j:
-            take_profile(worlds, w, k, x_k, y_k, half(u, PLACES), half(v, PLACES))
-
-
-@func
-def add_storm_current(worlds: ti.template(), w, k):
-    """Store the storm's velocity at AUV k, to which `sense_current` adds; a vehicle senses it by itself."""
-    water = ti.static(worlds.water)
-    if ti.static(not worlds.program.vehicle):
-        x, y = worlds.auv.x[w, k], worlds.auv.y[w, k]
-        sea = water.sea_index[w]
-        storm = airy.motion(water.wave, water.since, sea, water.felt[sea], Level.cruise, x, y)
-        worlds.auv.current_x[w, k] = storm[3]
-        worlds.auv.current_y[w, k] = storm[4]
-
-
-@func
-def carry_along(worlds: ti.template(), w, k, velocity: vec2):
-    """Add what carries AUV k besides the storm, m/s."""
-    for axis in ti.static(range(2)):
-        column = ti.static(AuvColumn.current_x + axis)
-        worlds.auv[w, k, column] = worlds.auv[w, k, column] + velocity[axis]
-
-
-@func
-def sense_current(worlds: ti.template(), w, k):
-    """Complete the velocity of the water at AUV k of world w and at each boat of its number, modulo the number of AUVs.
-
-    It carries them during the coming step. `add_storm_current` has come before. A profile of the current, if there is
-    one, has been taken with others' by `take_profiles`, or is taken here, and with it the current at the AUV.
-    """
-    water = ti.static(worlds.water)
-    pattern = ti.static(water.pattern)
-    profile = ti.static(current_profile in worlds.program.observation)
-    num_auvs = worlds.auv.shape[1]
-    if ti.static(profile and not worlds.program.in_lanes):
-        x, y = profiled(worlds, w, k)
-        u, v = vortex.current(water.vortex, w, x, y, pattern)
-        take_profile(worlds, w, k, x, y, u, v)
-    for turn in range(ti.static(1 if profile else 0), (worlds.boat.shape[1] - k + num_auvs - 1) // num_auvs):
-        b = k + turn * num_auvs
-        place = boat_motion.boat_place(worlds, w, b)
-        u, v = vortex.current(water.vortex, w, place[0], place[1], pattern)
-        boat_motion.drift_along(worlds, w, b, vec2(u, v))
-    if ti.static(worlds.program.vehicle):
-        here = vehicles.sense(worlds, w, k)
-        worlds.auv.current_x[w, k] = here[0]
-        worlds.auv.current_y[w, k] = here[1]
-    elif ti.static(not profile):
-        x, y = worlds.auv.x[w, k], worlds.auv.y[w, k]
-        carry_along(worlds, w, k, current.velocity(water, Level.cruise, w, x, y))
-
-
-OF_NODES = (target, service, next_node)
-
-
-@func
-def write_of_nodes(worlds: ti.template(), w, k):
-    """Write the terms of AUV k's observation that read nodes, while these are in the processor's cache."""
+def observe_auv(worlds: ti.template(), w, k):
+    """Write the observation of AUV k; NaN, which ends the run, where its target is no node's index."""
     terms = ti.static(worlds.program.observation)
     for t in ti.static(range(len(terms))):
-        if ti.static(terms[t] in OF_NODES):
-            terms[t](worlds, w, k, worlds.observation_first[t])
-
-
-@func
-def write(worlds: ti.template(), w, k):
-    """Write what `write_of_nodes` has left; NaN, which ends the run, where AUV k's target is no node's index."""
-    terms = ti.static(worlds.program.observation)
-    for t in ti.static(range(len(terms))):
-        if ti.static(terms[t] != current_profile and terms[t] not in OF_NODES):  # it is written with the AUV's own
-            terms[t](worlds, w, k, worlds.observation_first[t])
+        terms[t](worlds, w, k, worlds.observation_first[t])
     if ti.cast(target_of(worlds, w, k), ti.f32) != worlds.auv.target[w, k]:
         worlds.observation[w, k, 0] = ti.math.nan
+
+
+@func
+def observe(worlds: ti.template(), w):
+    """Observations of the AUVs of world w."""
+    for k in range(worlds.auv.shape[1]):
+        observe_auv(worlds, w, k)
 
 
 def _others(num_auvs: int) -> list[str]:
@@ -396,7 +239,7 @@ _shown = _shows('not "none"', "speed", "vector", "profile")
 _ship("current_speed", current_speed, ["speed of the current at the AUV"], ("m/s", 0.0, CURRENT), _shown)
 _shown = _shows('"vector" or "profile"', "vector", "profile")
 _ship("current", current_vector, [f"current at the AUV, {axis}" for axis in "xy"], VELOCITY, _shown)
-_ship("current_profile", current_profile, PROFILE, VELOCITY, _shows('"profile"', "profile"))
+_ship("current_profile", water.current_profile, PROFILE, VELOCITY, _shows('"profile"', "profile"))
 _left = "data left there, or before that expected, over a buffer"
 _ship("service", service, ["1 while data come in from the target, else 0", _left], SHARE, PASSING)
 _next = [f"{axis} of the node after the target, where the target rule foresees it, minus that of it" for axis in "xy"]

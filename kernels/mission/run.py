@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 
 import taichi as ti
 
-from usvauv.kernels.flow import airy, vortex_motion
+from usvauv.kernels.flow import airy
 from usvauv.kernels.flow.current import Water
 from usvauv.kernels.flow.vortex import Pattern
 from usvauv.kernels.functions import func, kernel
-from usvauv.kernels.mission import channel, estimates, fixes, motion, observation
+from usvauv.kernels.mission import channel, estimates, fixes, motion, observation, water
 from usvauv.kernels.mission.boats import boat_motion, foresight
 from usvauv.kernels.mission.boats.belief_planner import OTHER_GOALS
 from usvauv.kernels.mission.columns import Parameter
@@ -22,7 +22,6 @@ from usvauv.kernels.mission.episode import begin_episode
 from usvauv.kernels.mission.tasks import rewards
 from usvauv.kernels.mission.worlds import (
     ARRAYS,
-    WORLDS_PER_BLOCK,
     Array,
     Numbers,
     Program,
@@ -30,61 +29,9 @@ from usvauv.kernels.mission.worlds import (
     Worlds,
     draw_ahead,
     find_faults,
+    worlds_per_block,
 )
-from usvauv.kernels.types import array1, array4, index1, vec2
-
-
-@func
-def observe_auv(worlds: ti.template(), w, k):
-    """What AUV k observes."""
-    observation.write(worlds, w, k)
-    if ti.static(worlds.program.tracker):
-        estimates.prepare_next_step(worlds, w, k)
-
-
-@func
-def sense_auv(worlds: ti.template(), w, k):
-    """The current at AUV k, and at the boats of its number."""
-    observation.add_storm_current(worlds, w, k)
-    observation.sense_current(worlds, w, k)
-
-
-@func
-def sense_and_observe_auv(worlds: ti.template(), w, k):
-    """What AUV k meets and observes at the beginning of an episode and at the end of a step."""
-    sense_auv(worlds, w, k)
-    observe_auv(worlds, w, k)
-
-
-@func
-def add_storm_currents(worlds: ti.template(), w):
-    """The storm at the AUVs of world w."""
-    for k in range(worlds.auv.shape[1]):
-        observation.add_storm_current(worlds, w, k)
-
-
-@func
-def sense(worlds: ti.template(), w):
-    """The currents at the AUVs and boats of world w, added to the storm."""
-    if ti.static(worlds.program.in_lanes and observation.current_profile in worlds.program.observation):
-        observation.take_profiles(worlds, w)
-    for k in range(worlds.auv.shape[1]):
-        observation.sense_current(worlds, w, k)
-
-
-@func
-def observe(worlds: ti.template(), w):
-    """Observations of the AUVs of world w."""
-    for k in range(worlds.auv.shape[1]):
-        observe_auv(worlds, w, k)
-
-
-@func
-def look(worlds: ti.template(), w):
-    """`sense_and_observe_auv` of all AUVs of world w."""
-    add_storm_currents(worlds, w)
-    sense(worlds, w)
-    observe(worlds, w)
+from usvauv.kernels.types import array1, array4, index1
 
 
 @func
@@ -92,31 +39,6 @@ def draw(worlds: ti.template(), w):
     """The random numbers of the step, where they are drawn side by side."""
     if ti.static(worlds.program.in_lanes):
         draw_ahead(worlds, w)
-
-
-@func
-def move_vortices(worlds: ti.template(), n):
-    """The vortices of the worlds of iteration n move and spread; find out where their motion is then to be renewed."""
-    if ti.static(worlds.program.vortices_move):
-        p = ti.static(worlds.p)
-        middle = vec2(0.5 * p.width, 0.5 * p.length)
-        scale, period = p.eddy_scale, p.period
-        step = ti.static(vortex_motion.Moving(p.step, p.viscosity, scale, period, middle))
-        repeats = ti.static(worlds.program.repeats)
-        count = ti.static(worlds_per_block(worlds.program))
-        first, last = count * n, ti.min(count * (n + 1), worlds.clock.shape[0])
-        if ti.static(worlds.program.in_lanes):
-            each = 4 * worlds.vortex.shape[1]
-            lanes = ti.static(airy.LANES)
-            for row in range(first * each // lanes, (last * each + lanes - 1) // lanes):
-                vortex_motion.move_side_by_side(worlds.vortex_rows, worlds.drift_rows, row, step, repeats)
-        else:
-            for v in range(worlds.vortex.shape[1]):
-                vortex_motion.move(worlds.vortex, worlds.drift, first, v, step, repeats)
-        renewal = ti.cast(p.renewal, ti.i32)
-        for w in range(first, last):
-            if worlds.due[0] == 0 and (worlds.clock[w, 1] + 1) % renewal == 0:
-                worlds.due[0] = 1
 
 
 @func
@@ -200,7 +122,6 @@ def end_step(worlds: ti.template(), w):
     worlds.program.task.finish(worlds, w)
     for k in range(num_auvs):
         rewards.write_ends(worlds, w, k)
-        observation.write_of_nodes(worlds, w, k)
 
 
 @func
@@ -208,10 +129,13 @@ def begin_chosen(worlds: ti.template(), w):
     """Begin the next episode of world w where it is chosen."""
     if worlds.chosen[w] != 0:
         begin_episode(worlds, w)
-        look(worlds, w)
+        water.add_storm_currents(worlds, w)
+        water.add_currents(worlds, w)
+        estimates.prepare_next_step(worlds, w)
+        observation.observe(worlds, w)
 
 
-OF_AUVS = sense_and_observe_auv, sense_auv, observe_auv
+OF_AUVS = water.sense_auv, estimates.prepare_auv, observation.observe_auv
 OF_MEMBERS = *OF_AUVS, weigh
 Stage = Callable[..., None]
 Stages = tuple[Stage, ...]
@@ -221,15 +145,15 @@ BEGIN: Stages = begin_step, move_auvs, prepare
 LOCATE: Stages = channel.hear, fixes.fix, estimates.estimate, estimates.add_common_errors
 END: Stages = (plan, move_boats, ride, *LOCATE, end_step)
 STEP: Stages = (
-    *(move_vortices, draw, *BEGIN, plan, move_boats, ride, *LOCATE),
-    *(end_step, add_storm_currents, sense, observe, check),
+    *(water.move_vortices, draw, *BEGIN, plan, move_boats, ride, *LOCATE),
+    *(end_step, water.add_storm_currents, water.add_currents, estimates.prepare_next_step, observation.observe, check),
 )
 # Stages that call the functions of what plugins can add, by the kind of their registry.
 CALLING: dict[str, Stages] = {
     "task": (begin_chosen, move_auvs, end_step),
     "usv": (begin_chosen, weigh, plan),
     "target rule": (begin_chosen, prepare, end_step),
-    "observation term": (begin_chosen, observe, observe_auv),
+    "observation term": (begin_chosen, observation.observe, observation.observe_auv),
 }
 
 
@@ -257,16 +181,12 @@ def launches(program: Program, plugins: Set[str]) -> list[Part]:
         return parts(STEP, plugins)
     plans = (BEGIN, (weigh,), END) if program.weighs_apart else ((*BEGIN, *END),)
     # A term of a plugin can read what another AUV senses.
-    looks = ((sense_auv,), (observe_auv,)) if "observation term" in plugins else ((sense_and_observe_auv,),)
+    sense, observe = OF_AUVS[:-1], OF_AUVS[-1:]
+    looks = (sense, observe) if "observation term" in plugins else (OF_AUVS,)
     return [Part(stages, False) for stages in (*plans, *looks)]
 
 
 BLOCK = 32  # threads of a block on a GPU: few, so that some thousand worlds keep all its multiprocessors busy
-
-
-def worlds_per_block(program: Program) -> int:
-    """Worlds of an iteration: several on a CPU, where there are many."""
-    return WORLDS_PER_BLOCK if program.in_lanes else 1
 
 
 def block(program: Program) -> int | None:
@@ -280,7 +200,7 @@ def run_stage(worlds: ti.template(), stage: ti.template(), n, threads):
     count = ti.static(worlds_per_block(worlds.program))
     if ti.static(stage in OF_MEMBERS):
         stage(worlds, n // threads, n % threads)
-    elif ti.static(stage in (move_vortices, fixes.fix, estimates.add_common_errors, check)):
+    elif ti.static(stage in (water.move_vortices, fixes.fix, estimates.add_common_errors, check)):
         stage(worlds, n)
     elif ti.static(count == 1):
         stage(worlds, n)

@@ -262,6 +262,7 @@ ARRAYS = {
     "bounds": Array("..", "likewise", dtype=lanes),
     "outside": Array(".", "set to 1 if one is not finite or out of its range", dtype=ti.i32),
     "ways": Array("W.", "where AUVs are foreseen, for `WORLDS_PER_BLOCK` worlds", dtype=random.lanes),
+    "profile": Array("WK.", "the current at the points of the AUVs' profilers, x and y, m/s"),
     "reception": Array("WK", "signals of a step and their fixes", ReceptionColumn),
 }
 
@@ -363,6 +364,11 @@ class Worlds(namedtuple("Worlds", ("program", "water", *ARRAYS))):
     """
 
     __slots__ = ()
+
+
+def worlds_per_block(program: Program) -> int:
+    """Worlds of an iteration: several on a CPU, where there are many."""
+    return WORLDS_PER_BLOCK if program.in_lanes else 1
 
 
 @func

@@ -29,6 +29,7 @@ from usvauv.kernels.mission.run import RESET, Part, launches, parts, run
 from usvauv.kernels.mission.target_rules import target_rules
 from usvauv.kernels.mission.tasks.task import tasks
 from usvauv.kernels.mission.vehicles import ROWS, move
+from usvauv.kernels.mission.water import PROFILE_POINTS
 from usvauv.kernels.mission.worlds import WORLDS_PER_BLOCK, draw_numbers
 from usvauv.kernels.registry import Registry
 from usvauv.kernels.vehicles.vehicle import vehicles
@@ -39,7 +40,7 @@ AUV_STEP = 5  # µs, about, of an AUV's step in few worlds, one after the other
 def workspace_numbers(scenario: Scenario) -> int:
     """Numbers of a world's workspaces, at most."""
     drawn = draw_numbers(scenario.auv.count, scenario.boat.count, scenario.targets).size
-    received = scenario.auv.count * len(ReceptionColumn.names)
+    received = scenario.auv.count * (2 * PROFILE_POINTS + len(ReceptionColumn.names))
     return mission_parameters.rule_workspace(scenario) + 4 * drawn + received
 
 
@@ -119,6 +120,7 @@ class MissionKernels:
             "key": torch.from_numpy(self._seeds.keys()).to(self._device),
             "draw_numbers": torch.tensor(draws, device=self._device),
             "drawn": self._zeros(*drawn, random.LANES),
+            "profile": self._zeros(worlds, auvs, 2 * PROFILE_POINTS),
             "reception": self._zeros(worlds, auvs, len(ReceptionColumn.names)),
             "links": torch.tensor(uploaded["links"], device=self._device),  # aligned
             "program": program,
