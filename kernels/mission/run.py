@@ -17,7 +17,7 @@ from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.mission import fixes, motion, observation, reception_in_lanes
 from usvauv.kernels.mission.boats import boat_motion, foresight
 from usvauv.kernels.mission.boats.belief_planner import OTHER_GOALS
-from usvauv.kernels.mission.columns import Parameter, Schedule
+from usvauv.kernels.mission.columns import Schedule
 from usvauv.kernels.mission.episode import begin_episode
 from usvauv.kernels.mission.tasks import rewards
 from usvauv.kernels.mission.worlds import (
@@ -337,16 +337,17 @@ def worlds_of(program: Program, given: Any) -> Worlds:
 
     def passed(name: str, array: Array) -> Any:
         argument = getattr(given, name)
+        if not array.axes:
+            return Numbers.of(argument, array.columns)
         return Rows.of(argument, array.columns, len(array.names)) if array.axes[:1] in ("W", "G") else argument
 
     arrays = {name: passed(name, array) for name, array in ARRAYS.items()}
-    arrays["p"] = p = Numbers.of(given.p, Parameter)
     water = {name: getattr(given, name) for name in WATER}
     water |= {name: Rows.of(water[name]) for name in ("stream", "bed", "eta", "U", "V", "wave")}
+    p = arrays["p"]
+    water |= {"vortex": Rows.of(given.vortex), "width": p.width, "length": p.length}
     pattern = Pattern(program.repeats, p.eddy_scale, p.eddy_share, p.eddies_at_cruise)
-    return Worlds(
-        program, Water(Rows.of(given.vortex), width=p.width, length=p.length, pattern=pattern, **water), **arrays
-    )
+    return Worlds(program, Water(**water, pattern=pattern), **arrays)
 
 
 @kernel

@@ -27,6 +27,7 @@ from usvauv.kernels.mission.columns import (
     Draw,
     EstimateColumn,
     ExchangeColumn,
+    Flag,
     ForesightColumn,
     KeyColumn,
     NodeColumn,
@@ -205,6 +206,7 @@ VORTEX = ANYWHERE, ANYWHERE, Range(-1e5, 1e5), Range(0.0, 1e6)
 # Nothing changes these while worlds run.
 TABLES = {
     "p": Array("", "numbers of the scenario", Parameter),
+    "flag": Array("", "choices of the scenario", Flag, ti.i32),
     "link": Array("K.", "acoustic constants of each AUV, `usvauv.kernels.positioning.acoustic_link.link_table`"),
     "links": Array("G.", "columns of `link` of AUVs side by side, as often as these differ", dtype=side_by_side),
     "layers": Array("..", "sound speed profile, `usvauv.kernels.positioning.rays`"),
