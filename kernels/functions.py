@@ -462,13 +462,16 @@ class DeviceFlag:
     Args:
         numbers: to be looked at; they keep their memory.
         limit: largest magnitude; or `Limits`, for numbers in whole rows.
+        flag: (1,) int32, 1 where a number is outside, which other kernels may set too; only with `Limits`.
     """
 
-    def __init__(self, numbers: torch.Tensor | DeviceArray, limit: float | Limits) -> None:
+    def __init__(
+        self, numbers: torch.Tensor | DeviceArray, limit: float | Limits, flag: torch.Tensor | None = None
+    ) -> None:
         running = runtime.start()
         self._numbers: Any = numbers
         self._limit: Any = limit
-        self._outside = torch.zeros(1, dtype=torch.int32, device=running.device)
+        self._outside = torch.zeros(1, dtype=torch.int32, device=running.device) if flag is None else flag
         self._at_once = running.torch_on_host
         self._mark: Launch | None = None
         if isinstance(limit, Limits):
@@ -497,11 +500,12 @@ class DeviceFlag:
     def raised(self) -> bool:
         """Whether one of the numbers is not finite or outside its limits."""
         if self._mark:
-            self._outside.zero_()
             self._mark()
             if self._at_once:
                 runtime.synchronize()
-                return bool(self._outside.item())
+                seen = bool(self._outside.item())
+                self._outside.zero_()
+                return seen
         else:
             low, high = torch.aminmax(self._numbers)
             if self._at_once:
@@ -509,4 +513,5 @@ class DeviceFlag:
             self._outside.copy_(~((low >= -self._limit) & (high <= self._limit)))
         seen = bool(self._seen[0])
         self._copy.copy_(self._outside, non_blocking=True)
+        self._outside.zero_()
         return seen

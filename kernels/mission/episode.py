@@ -149,4 +149,5 @@ def begin_episode(worlds: ti.template(), w):
     for k in range(num_auvs):
         worlds.program.task.assign(worlds, w, k)
     for k in range(num_auvs):
+        motion.check_target(worlds, w, k)
         observation.write_of_nodes(worlds, w, k)

@@ -87,6 +87,13 @@ def target_of(worlds: ti.template(), w, k):
 
 
 @func
+def check_target(worlds: ti.template(), w, k):
+    """Set `fault` where AUV k's target is no node's index."""
+    if ti.cast(target_of(worlds, w, k), ti.f32) != worlds.auv.target[w, k]:
+        worlds.fault[0] = 1
+
+
+@func
 def offset_to_target(worlds: ti.template(), w, k) -> vec2:
     """True horizontal offset from AUV k to its target, m."""
     target = target_of(worlds, w, k)

@@ -333,13 +333,11 @@ def write_of_nodes(worlds: ti.template(), w, k):
 
 @func
 def write(worlds: ti.template(), w, k):
-    """Write what `write_of_nodes` has left; NaN, which ends the run, where AUV k's target is no node's index."""
+    """Write what `write_of_nodes` has left."""
     terms = ti.static(worlds.program.observation)
     for t in ti.static(range(len(terms))):
         if ti.static(terms[t] != current_profile and terms[t] not in OF_NODES):  # it is written with the AUV's own
             terms[t](worlds, w, k, worlds.observation_first[t])
-    if ti.cast(target_of(worlds, w, k), ti.f32) != worlds.auv.target[w, k]:
-        worlds.observation[w, k, 0] = ti.math.nan
 
 
 def _others(num_auvs: int) -> list[str]:

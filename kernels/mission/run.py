@@ -225,6 +225,7 @@ def end_step(worlds: ti.template(), w):
         rewards.write(worlds, w, k)
     worlds.program.task.finish(worlds, w)
     for k in range(num_auvs):
+        motion.check_target(worlds, w, k)
         rewards.write_ends(worlds, w, k)
         observation.write_of_nodes(worlds, w, k)
 

@@ -269,7 +269,7 @@ ARRAYS = {
     "spans": Array("..", "of each array of these its first row, and numbers of a world", dtype=ti.i32),
     "which": Array(".", "of the bounds of all these numbers, `usvauv.kernels.functions.Limits`", dtype=ti.i32),
     "bounds": Array("..", "likewise", dtype=lanes),
-    "outside": Array(".", "set to 1 if one is not finite or out of its range", dtype=ti.i32),
+    "fault": Array(".", "set to 1 where a stage finds a fault, of which the state has the place", dtype=ti.i32),
     "ways": Array("W.", "where AUVs are foreseen, for `WORLDS_PER_BLOCK` worlds", dtype=random.lanes),
     "reception": Array("G", "replies of a step that are fixed side by side", ReceptionColumn, side_by_side),
 }
@@ -469,7 +469,7 @@ def normals(worlds: ti.template(), w, draw: ti.template(), index):
 
 @func
 def find_faults(worlds: ti.template(), first, count):
-    """Set `outside` if one of the numbers of some worlds is not finite or out of its range."""
+    """Set `fault` if one of the numbers of some worlds is not finite or out of its range."""
     least = lanes(0)
     for a in range(worlds.spans.shape[0]):
         begin, each = worlds.spans[a, 0], ti.cast(worlds.spans[a, 1], ti.i64)
@@ -478,4 +478,4 @@ def find_faults(worlds: ti.template(), first, count):
             bounds = worlds.which[row]
             least |= beyond(worlds.numbers[row], worlds.bounds[bounds, 0], worlds.bounds[bounds, 1])
     if lanes_below_zero(least) > 0:
-        worlds.outside[0] = 1
+        worlds.fault[0] = 1

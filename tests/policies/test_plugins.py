@@ -250,6 +250,11 @@ def node_by_number(worlds: ti.template(), w, k):
 
 
 @ti.func
+def half_a_node(worlds: ti.template(), w, k):
+    return 0.5
+
+
+@ti.func
 def place_by_number(worlds: ti.template(), w, b):
     """No place with a number below zero."""
     return vec2(ti.sqrt(worlds.strategy_arguments[0]), 0.0)
@@ -279,11 +284,13 @@ def reset_twice(usv, rule):
 
 def test_what_runs_in_the_kernel():
     target_rules.register("far", TargetRule(node_by_number, arguments=(("NODE", 0.0),)))
+    target_rules.register("half", TargetRule(half_a_node))
     for name, goal, arguments in (("wrong", place_by_number, ("X",)), ("none", no_vector, ()), ("text", text, ())):
         boat_strategies.register(name, BoatStrategy(Strategy(start=goal, goal=goal), arguments))
     at_once = "world 0 at 0 s"
     for rule, usv, match in (
         ("far:1e6", "wrong:1", f"{at_once}: target of AUV 0 is 1e.06: must be .* from 0 to 29 .*'far' of .*plugins"),
+        ("half", "wrong:1", f"{at_once}: target of AUV 0 is 0.5: must be a whole number from 0 to 29 .*'half' of"),
         ("far:0", "wrong:-1", rf"{at_once}: goal_x of boat 0 is nan.*\(uses .*usv 'wrong' of .*plugins"),
         ("greedy", "none", "usv 'none' of .*plugins.py: raised .*start and goal of a boat strategy return a vec2"),
         (

@@ -81,14 +81,14 @@ class MissionKernels:
         groups = -(-worlds * auvs // LANES) if scenario.auv.dynamic else 0
         self._blocks = self._zeros(groups, ROWS, LANES)
         # Flags that kernels set; on a CPU NumPy's views of them are faster to read.
-        self._outside = torch.zeros(1, dtype=torch.int32, device=self._device)
+        self._fault = torch.zeros(1, dtype=torch.int32, device=self._device)
         self._due = torch.ones(1, dtype=torch.int32, device=self._device)
         self._not_finite = torch.zeros(1, dtype=torch.int32, device=self._device)
-        flags = self._outside, self._due, self._not_finite
-        self._seen_outside, self._seen_due, self._seen_not_finite = (flag.numpy(force=True) for flag in flags)
+        flags = self._fault, self._due, self._not_finite
+        self._seen_fault, self._seen_due, self._seen_not_finite = (flag.numpy(force=True) for flag in flags)
         self.use(site)
         self._evolve_vortices = self._evolution()
-        self._flag = None if self.tables["program"].checks else DeviceFlag(memory.numbers, memory.limits)
+        self._flag = None if self.tables["program"].checks else DeviceFlag(memory.numbers, memory.limits, self._fault)
         self.bind()
 
     def _zeros(self, *shape: int) -> torch.Tensor:
@@ -131,7 +131,7 @@ class MissionKernels:
             "spans": self._memory.spans,
             "which": self._memory.limits.which,
             "bounds": self._memory.limits.bits,
-            "outside": self._outside,
+            "fault": self._fault,
             "due": self._due,
             "vortex_rows": self._rows(arrays["vortex"], program.in_lanes),
             "drift_rows": self._rows(arrays["drift"], program.in_lanes),
@@ -253,11 +253,11 @@ class MissionKernels:
 
     def found_fault(self) -> bool:
         """Whether a number of the worlds is not finite or out of range; with CUDA whether it was a step ago."""
-        return self._flag.raised() if self._flag else bool(self._seen_outside[0])
+        return self._flag.raised() if self._flag else bool(self._seen_fault[0])
 
     def forget_fault(self) -> None:
         """Go on after a fault."""
-        self._outside.zero_()
+        self._fault.zero_()
         if self._flag:
             self._flag.forget()
 
