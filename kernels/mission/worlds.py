@@ -11,7 +11,6 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import taichi as ti
-from taichi.lang import impl
 
 from usvauv.kernels import random
 from usvauv.kernels.flow import airy
@@ -41,6 +40,7 @@ from usvauv.kernels.mission.columns import (
 )
 from usvauv.kernels.mission.tasks.task import Task
 from usvauv.kernels.positioning import tracker
+from usvauv.kernels.taichi_internals import impl
 from usvauv.kernels.types import Columns, vec4
 from usvauv.kernels.vehicles import otter
 from usvauv.kernels.vehicles.otter import HullColumn
