@@ -22,6 +22,7 @@ import torch
 
 from usvauv.kernels import runtime
 from usvauv.kernels.taichi_internals import BoundKernel, DeviceArray, TaichiFunction, TaichiKernel
+from usvauv.kernels.taichi_internals import WholeVector as WholeVector
 from usvauv.kernels.types import array1, index1, index3
 
 LANE_BITS = 4

@@ -10,6 +10,7 @@
   kernels; there is no check whether a function is in the body of a class, each file is parsed once per kernel, Python's
   garbage collector is paused, and errors have file and line without an extract of the source. This applies to the
   functions of these packages and of Taichi itself; others, including those of plugins, are read as usual.
+- `WholeVector`: what Taichi cannot compile of whole vectors is refused; else the process ends.
 
 Modules of Taichi are changed only while one of these kernels is compiled.
 """
@@ -17,6 +18,7 @@ Modules of Taichi are changed only while one of these kernels is compiled.
 import ast
 import gc
 import linecache
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -26,7 +28,7 @@ import taichi as ti
 import torch
 from taichi._lib import core as core
 from taichi.lang import impl as impl
-from taichi.lang import kernel_impl, matrix_ops  # noqa: F401  # or the first kernel that is read imports `matrix_ops`
+from taichi.lang import kernel_impl, matrix_ops, ops  # noqa: F401  # or the first kernel that is read imports `matrix_ops`
 from taichi.lang.argpack import ArgPackType
 from taichi.lang.ast import ASTTransformerContext
 from taichi.lang.enums import AutodiffMode
@@ -35,6 +37,12 @@ from taichi.types.ndarray_type import NdarrayType
 
 SHAPE = 0  # member of an array argument that holds its shape, as in Taichi's `SHAPE_POS_IN_NDARRAY`
 ALIGNMENT = 64  # bytes, of arrays of vectors: that of the widest registers, which torch's memory has, NumPy's need not
+# Operations of whole vectors of numbers that Taichi compiles with vectors in registers, as scalar by scalar.
+OF_VECTORS = {
+    f"expr_{name}"
+    for name in "add sub mul truediv floordiv sqrt floor ceil round max min select atomic_add"
+    " cmp_lt cmp_le cmp_gt cmp_ge cmp_eq cmp_ne bit_or bit_and bit_xor bit_shl bit_sar bit_shr".split()
+}
 UNSIGNED = (ti.u8, ti.u16, ti.u32, ti.u64)
 
 
@@ -109,6 +117,43 @@ class _Reader:
         return found
 
 
+class WholeVector(ti.TaichiCompilationError):
+    """Taichi cannot compile an operation of whole vectors with vectors in registers."""
+
+
+class _Operations:
+    """`core` for `taichi.lang.ops` while a kernel is compiled with vectors in registers.
+
+    What the compiler has not been seen to do right in functions of others, which are written without this in mind,
+    raises `WholeVector`: it ends the process at the negative of a vector, at its absolute value, a cast, an exponential
+    or trigonometric function, and gives wrong results for vectors of bools.
+    """
+
+    def __getattr__(self, name: str) -> Any:
+        made = getattr(core, name)
+        if not name.startswith(("expr_", "value_cast", "bits_cast")):
+            return made
+
+        def checked(*operands: Any) -> Any:
+            for position, operand in enumerate(operands):
+                if isinstance(operand, core.Expr) and operand.is_tensor():
+                    is_bool = operand.get_rvalue_type().element_type() == ti.u1
+                    meant = is_bool == (name == "expr_select" and position == 0)
+                    if not (meant and name in OF_VECTORS) and not _in_ours():
+                        raise WholeVector(f"{name} of a whole vector")
+            return made(*operands)
+
+        return checked
+
+
+def _in_ours() -> bool:
+    """Whether it is a function of these packages that Taichi goes through."""
+    frame = sys._getframe()
+    while frame and not isinstance(frame.f_locals.get("ctx"), ASTTransformerContext):
+        frame = frame.f_back
+    return frame is not None and isinstance(frame.f_locals["ctx"].func, TaichiFunction | TaichiKernel)
+
+
 class TaichiFunction(kernel_impl.Func):
     """A function of these packages."""
 
@@ -124,9 +169,11 @@ class TaichiKernel(kernel_impl.Kernel):
         gc.disable()  # or it would go through what grows here again and again
         try:
             kernel_impl._get_tree_and_ctx = _Reader()
+            if not impl.current_cfg().real_matrix_scalarize:
+                ops._ti_core = _Operations()
             super().materialize(*args, **kwargs)
         finally:
-            kernel_impl._get_tree_and_ctx = TAICHI_READER
+            kernel_impl._get_tree_and_ctx, ops._ti_core = TAICHI_READER, core
             if collects:
                 gc.enable()
 

@@ -64,8 +64,10 @@ def place_vortices(worlds: ti.template(), vortex: ti.template(), w):
 def draw_vortices(p: array1, flag: index1, fixed_vortex: array2, key: index2, clock: index2, vortex: array3):
     """The vortices with which the present episode of each world begins, into `vortex` (W, V, 4)."""
     for w in range(vortex.shape[0]):
-        numbers = ti.static((Numbers.of(p, Parameter), Numbers.of(flag, Flag)))
-        place_vortices(ti.static(VortexDraw(*numbers, fixed_vortex, Rows.of(key, KeyColumn), clock)), vortex, w)
+        draw = ti.static(
+            VortexDraw(Numbers.of(p, Parameter), Numbers.of(flag, Flag), fixed_vortex, Rows.of(key, KeyColumn), clock)
+        )
+        place_vortices(draw, vortex, w)
 
 
 @func

@@ -261,6 +261,19 @@ def place_by_number(worlds: ti.template(), w, b):
 
 
 @ti.func
+def east_of_the_first(worlds: ti.template(), w, b):
+    return vec2(worlds.estimate.x[w, 0] + 5.0, worlds.estimate.y[w, 0])
+
+
+@ti.func
+def east_by_whole_vectors(worlds: ti.template(), w, b):
+    """What Taichi cannot compile with vectors in registers: a negative, a cast, a vector of bools."""
+    east = ti.cast(ti.Vector([5, 0]), ti.f32)
+    east -= ti.select((east < 0.0).any(), 1.0, 0.0) * east
+    return -(-vec2(worlds.estimate.x[w, 0], worlds.estimate.y[w, 0]) - east)
+
+
+@ti.func
 def no_numbers(worlds: ti.template(), w, k, first):
     """Writes nothing."""
 
@@ -302,6 +315,19 @@ def test_what_runs_in_the_kernel():
         with pytest.raises(UserError, match=f"^{match}") as caught:
             reset_twice(usv, rule)
         assert str(caught.value).isprintable()
+
+
+def test_whole_vectors_of_a_plugin():
+    """Where its functions do not compile in the kernel of all stages, the mission is the same."""
+    after = []
+    for goal in (east_of_the_first, east_by_whole_vectors):
+        boat_strategies.register(goal.__name__, BoatStrategy(Strategy(start=goal, goal=goal)))
+        world = World(Scenario.load("ideal"), 2, usv=goal.__name__)
+        world.reset()
+        for _ in range(5):
+            world.step(torch.zeros(2, world.num_auvs, 2))
+        after.append(world.state())
+    assert all(torch.equal(value, after[1][name]) for name, value in after[0].items())
 
 
 @pytest.mark.parametrize(("answer", "match"), [(5, "raised TypeError"), ("one text", "returned .*a list of texts")])
