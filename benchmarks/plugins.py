@@ -3,7 +3,7 @@
     python -m benchmarks.plugins
 
 The parts are those of `examples/plugins`: an observation term, a boat strategy, a target rule and a task, in `extreme`.
-Both worlds compute the same; a plugin's part is compiled by itself, without vectors. Rates are taken in turns.
+Both worlds compute the same. Rates are taken in turns.
 """
 
 from __future__ import annotations

@@ -2,147 +2,45 @@
 kernels bound to their arguments.
 
 `func` and `kernel` behave as Taichi's, with two differences. A kernel runs under the settings of
-`usvauv.kernels.runtime`, whatever other code in the process has passed to `ti.init`. And Taichi reads its source, as
-each process has to, also for cached kernels, in less than half the time: there is no check whether a function is in the
-body of a class, each file is parsed once per kernel, and errors have file and line without an extract of the source.
-This applies to the functions of these packages and of Taichi itself that such a kernel calls. Other kernels and their
-functions, including those of plugins, are read as usual.
+`usvauv.kernels.runtime`, whatever other code in the process has passed to `ti.init`. And Taichi reads its source in
+less than half the time (`usvauv.kernels.taichi_internals`).
 
-Taichi inspects each argument of each call in Python, some 5 µs per array; a mission step has sixty arrays, so a single
-world would spend most of its time there. The arrays of a world stay in place, so their pointers are passed once
-(`Launch`). This uses Taichi's launch context as `taichi.lang.kernel_impl.Kernel.launch_kernel` of the pinned version
-does.
+The arrays of a world stay in place, so that a kernel gets their addresses once (`Launch`).
 
 Torch has no Vulkan tensors, so a tensor that a kernel takes lies in the CPU's memory, and Taichi copies it to the
 device and back at each launch. For arrays that only kernels use, launch after launch, this is most of the time
 (`DeviceArrays`).
 """
 
-import ast
 import functools
-import gc
-import linecache
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 import taichi as ti
 import torch
-from taichi.lang import impl, kernel_impl
-from taichi.lang.argpack import ArgPackType
-from taichi.lang.ast import ASTTransformerContext
-from taichi.lang.enums import AutodiffMode
-from taichi.types.ndarray_type import NdarrayType
 
 from usvauv.kernels import runtime
+from usvauv.kernels.taichi_internals import BoundKernel, DeviceArray, TaichiFunction, TaichiKernel
+from usvauv.kernels.taichi_internals import WholeVector as WholeVector
 from usvauv.kernels.types import array1, index1, index3
 
-TAICHI_READER = kernel_impl._get_tree_and_ctx
 LANE_BITS = 4
 LANES = 1 << LANE_BITS  # numbers side by side in a vector
 PARTS = 16  # of many numbers, among the threads of a CPU
 LOOK = 1e-4  # µs, about, to look at a number among others
 MANY = 1 << 18  # numbers, from which on several threads look at them
-SHAPE = 0  # member of an array argument that holds its shape, as in Taichi's `SHAPE_POS_IN_NDARRAY`
 STREAMS = 4  # places that a thread reads in turns, so that more comes from memory at a time
 MAGNITUDE = 0x7FFFFFFF  # bits of a number but for its sign
 NOT_FINITE = 0x7F800000  # least magnitude of what is not finite
 lanes = ti.types.vector(LANES, ti.i32)
 rows = ti.types.ndarray(dtype=lanes, ndim=1)
 rows2 = ti.types.ndarray(dtype=lanes, ndim=2)
-ALIGNMENT = 64  # bytes, of arrays of vectors: that of the widest registers, which torch's memory has, NumPy's need not
-UNSIGNED = (ti.u8, ti.u16, ti.u32, ti.u64)
-
-
-class _Context(ASTTransformerContext):
-    def get_pos_info(self, node: Any) -> str:
-        function: Any = self.func
-        return f'File "{self.file}", line {node.lineno}, in {function.func.__name__}:\n'
-
-
-def _definitions(body: Sequence[Any]) -> Iterator[tuple[int, ast.FunctionDef]]:
-    """The functions of a file, at any depth, each with the number of its first line, that of a decorator."""
-    for statement in body:
-        if isinstance(statement, ast.FunctionDef):
-            yield min([statement, *statement.decorator_list], key=lambda part: part.lineno).lineno, statement
-        for part in ("body", "orelse"):
-            yield from _definitions(getattr(statement, part, ()))
-
-
-class _Reader:
-    """Reads the sources of a kernel and of the functions that it calls, in place of `kernel_impl._get_tree_and_ctx`."""
-
-    def __init__(self) -> None:
-        self._files: dict[str, dict[int, ast.FunctionDef]] = {}
-        self._readings: dict[ast.FunctionDef, _Context] = {}
-        self._attributes: dict[ast.FunctionDef, list[ast.Attribute]] = {}
-
-    def __call__(self, called: Any, excluded_parameters: Any = (), is_kernel: bool = True, **given: Any) -> Any:
-        """The tree of a function's source, and what Taichi notes while it goes through it."""
-        function = called.func
-        ours = is_kernel or isinstance(called, _Function) or function.__module__.startswith("taichi.")
-        definition = self._definition(function.__code__) if ours else None
-        if definition is None:
-            return TAICHI_READER(called, excluded_parameters, is_kernel, **given)
-        names = kernel_impl._get_global_vars(function)
-        if is_kernel:
-            names |= {called.arguments[i].name: given["args"][i] for i in called.template_slot_locations}
-        context = _Context(
-            excluded_parameters,
-            is_kernel,
-            called,
-            given.get("arg_features"),
-            names,
-            given["args"],
-            function.__code__.co_filename,
-            src=[""],
-            start_lineno=1,
-            ast_builder=given.get("ast_builder"),
-        )
-        self._readings[definition] = context
-        return ast.Module([definition], []), context
-
-    def _definition(self, code: Any, again: bool = False) -> ast.FunctionDef | None:
-        """The function whose code this is, without its decorators; None if the file is not there or another one."""
-        file = code.co_filename
-        if again or file not in self._files:
-            linecache.checkcache(file)
-            self._files[file] = dict(_definitions(ast.parse("".join(linecache.getlines(file))).body))
-        found = self._files[file].get(code.co_firstlineno)
-        if found is None or found.name != code.co_name:
-            return None
-        found.decorator_list = []
-        if found in self._readings:  # Taichi keeps what it finds in the nodes
-            if self._readings[found].local_scopes:  # not at its end: a function that calls itself
-                return self._definition(code, again=True)
-            if found not in self._attributes:
-                self._attributes[found] = [node for node in ast.walk(found) if isinstance(node, ast.Attribute)]
-            for node in self._attributes[found]:
-                node.__dict__.pop("caller", None)
-        return found
-
-
-class _Function(kernel_impl.Func):
-    """A function of these packages."""
-
-
-class _Kernel(kernel_impl.Kernel):
-    def materialize(self, *args: Any, **kwargs: Any) -> None:
-        collects = gc.isenabled()
-        gc.disable()  # or it would go through what grows here again and again
-        try:
-            kernel_impl._get_tree_and_ctx = _Reader()
-            super().materialize(*args, **kwargs)
-        finally:
-            kernel_impl._get_tree_and_ctx = TAICHI_READER
-            if collects:
-                gc.enable()
 
 
 def func(function: Callable) -> Callable:
     """Make a function one that kernels and other such functions call, as `ti.func` does."""
-    made = _Function(function)
+    made = TaichiFunction(function)
 
     @functools.wraps(function)
     def called(*args: Any, **kwargs: Any) -> Any:
@@ -154,7 +52,7 @@ def func(function: Callable) -> Callable:
 
 def kernel(function: Callable) -> Callable:
     """Make a function a kernel, as `ti.kernel` does, without gradients."""
-    primal = _Kernel(function, AutodiffMode.NONE)
+    primal = TaichiKernel(function)
 
     @functools.wraps(function)
     def launched(*args: Any) -> Any:
@@ -163,25 +61,6 @@ def kernel(function: Callable) -> Callable:
 
     launched.__dict__.update(_is_wrapped_kernel=True, _primal=primal)
     return launched
-
-
-@dataclass(frozen=True)
-class DeviceArray:
-    """Argument of a `Launch` in place of a tensor.
-
-    Attributes:
-        tensor: that it stands for.
-        memory: the device's copy, a flat `ti.ndarray`.
-        owner: keeps both alike.
-    """
-
-    tensor: torch.Tensor
-    memory: Any
-    owner: "DeviceArrays"
-
-    def view(self, *shape: int) -> "DeviceArray":
-        """View of the same numbers in another shape."""
-        return replace(self, tensor=self.tensor.view(*shape))
 
 
 class DeviceArrays:
@@ -230,35 +109,10 @@ class DeviceArrays:
         self._ahead = False
 
 
-class _Calls:
-    """Takes the calls of a launch context's methods, to make them later, again and again."""
-
-    def __init__(self) -> None:
-        self._calls: list[tuple[str, tuple[Any, ...]]] = []
-
-    def __getattr__(self, name: str) -> Callable[..., None]:
-        return lambda *arguments: self._calls.append((name, arguments))
-
-    def on(self, context: Any) -> Any:
-        """The context, after the calls."""
-        for name, arguments in self._calls:
-            getattr(context, name)(*arguments)
-        return context
-
-
-def _packed(annotation: Any, value: Any) -> Any:
-    """An argument of a kernel as Taichi's compiler takes it."""
-    if isinstance(annotation, ArgPackType):
-        return annotation(**{name: _packed(kind, value[name]) for name, kind in annotation.members.items()})
-    return value.tensor if isinstance(value, DeviceArray) else value
-
-
 class Launch:
     """A kernel with fixed arguments; calling it runs it.
 
-    With CUDA each launch has a context of its own: Taichi puts the address of a copy on the device, freed after the
-    launch, into the context that it launches. Where other code has started Taichi anew since, by `ti.init` or
-    `ti.reset`, the kernel is compiled again.
+    Where other code has started Taichi anew since, by `ti.init` or `ti.reset`, the kernel is compiled again.
 
     Args:
         kernel: one without return value.
@@ -282,69 +136,17 @@ class Launch:
 
     def _compile(self) -> None:
         self._compiled_in = runtime.start()
-        parameters = [(parameter.annotation, parameter.name) for parameter in self._primal.arguments]
-        given = [_packed(annotation, value) for (annotation, _), value in zip(parameters, self._held, strict=True)]
-        made = self._primal.compiled_kernels[self._primal.ensure_compiled(*given)]
-        self._calls = _Calls()
-        self._position: dict[int, int] = {}  # among the arguments that are not templates
-        arrays: list[tuple[str, Any, Any]] = []  # of packs, which come last
-        for index, ((annotation, name), value) in enumerate(zip(parameters, self._held, strict=True)):
-            if isinstance(annotation, ti.template):
-                continue
-            self._position[index] = position = len(self._position)
-            if isinstance(annotation, ArgPackType):
-                self._calls.set_arg_argpack((position,), given[index]._ArgPack__argpack)
-                members = annotation.members.items()
-                arrays += [(name, kind, value[name]) for name, kind in members if isinstance(kind, NdarrayType)]
-            else:
-                self._set(position, name, annotation, value)
-        for position, array in enumerate(arrays, len(self._position)):
-            self._set(position, *array)
-        self._packs = given
-        self._new_context = made.make_launch_context
-        self._kept: Any = None if self._compiled_in.arch == "cuda" else self._calls.on(self._new_context())
-        program: Any = impl.get_runtime().prog
-        self._compiled = program.compile_kernel(program.config(), program.get_device_caps(), made)
-        self._launch = program.launch_kernel
-
-    def _set(self, place: int, name: str, annotation: Any, value: Any) -> None:
-        position = (place,)
-        if isinstance(value, torch.Tensor | DeviceArray):
-            tensor = value.tensor if isinstance(value, DeviceArray) else value
-            if not tensor.is_contiguous():
-                raise ValueError(f"{name}: the tensor must be contiguous")
-            element = getattr(annotation.dtype, "ndim", 0) if annotation.dtype is not None else 0
-            if element and tensor.is_cpu and tensor.data_ptr() % ALIGNMENT:
-                raise ValueError(f"{name}: vectors must begin at a multiple of {ALIGNMENT} bytes")
-            shape = tuple(tensor.shape[: tensor.ndim - element])
-        if isinstance(value, DeviceArray):
-            self._calls.set_arg_ndarray(position, value.memory.arr)
-            for axis, length in enumerate(shape):  # the memory is flat
-                self._calls.set_arg_int((*position, SHAPE, axis), length)
-        elif isinstance(value, torch.Tensor):
-            size = value.element_size() * value.nelement()
-            self._calls.set_arg_external_array_with_shape(position, value.data_ptr(), size, shape, 0)
-        elif hasattr(annotation, "set_kernel_struct_args"):
-            annotation.set_kernel_struct_args(annotation(*value), self._calls, position)
-        elif isinstance(value, float | np.floating):
-            self._calls.set_arg_float(position, float(value))
-        elif annotation in UNSIGNED:
-            self._calls.set_arg_uint(position, int(value))
-        else:
-            self._calls.set_arg_int(position, int(value))
+        self._bound = BoundKernel(self._primal, self._held)
 
     def take(self, index: int, tensor: torch.Tensor) -> None:
         """Argument `index` is from now on another array, of as many numbers of the same type; only on a CPU."""
-        held = self._held[index]
-        size = held.element_size() * held.nelement()
-        place = (self._position[index],), tensor.data_ptr(), size, tuple(held.shape), 0
-        self._kept.set_arg_external_array_with_shape(*place)
+        self._bound.take(index, tensor)
 
     def __call__(self) -> None:
         for arrays in self._on_device:
             arrays.send()
         if self._launched_in is runtime.start():
-            self._launch(self._compiled, self._kept or self._calls.on(self._new_context()))
+            self._bound.launch()
         else:
             self._launch_first()
         for arrays in self._on_device:
@@ -355,7 +157,7 @@ class Launch:
         with runtime.settings(self._settings):
             if self._compiled_in is not runtime.start():
                 self._compile()
-            self._launch(self._compiled, self._kept or self._calls.on(self._new_context()))
+            self._bound.launch()
         self._launched_in = self._compiled_in
 
 
@@ -462,13 +264,16 @@ class DeviceFlag:
     Args:
         numbers: to be looked at; they keep their memory.
         limit: largest magnitude; or `Limits`, for numbers in whole rows.
+        flag: (1,) int32, 1 where a number is outside, which other kernels may set too; only with `Limits`.
     """
 
-    def __init__(self, numbers: torch.Tensor | DeviceArray, limit: float | Limits) -> None:
+    def __init__(
+        self, numbers: torch.Tensor | DeviceArray, limit: float | Limits, flag: torch.Tensor | None = None
+    ) -> None:
         running = runtime.start()
         self._numbers: Any = numbers
         self._limit: Any = limit
-        self._outside = torch.zeros(1, dtype=torch.int32, device=running.device)
+        self._outside = torch.zeros(1, dtype=torch.int32, device=running.device) if flag is None else flag
         self._at_once = running.torch_on_host
         self._mark: Launch | None = None
         if isinstance(limit, Limits):
@@ -497,11 +302,12 @@ class DeviceFlag:
     def raised(self) -> bool:
         """Whether one of the numbers is not finite or outside its limits."""
         if self._mark:
-            self._outside.zero_()
             self._mark()
             if self._at_once:
                 runtime.synchronize()
-                return bool(self._outside.item())
+                seen = bool(self._outside.item())
+                self._outside.zero_()
+                return seen
         else:
             low, high = torch.aminmax(self._numbers)
             if self._at_once:
@@ -509,4 +315,5 @@ class DeviceFlag:
             self._outside.copy_(~((low >= -self._limit) & (high <= self._limit)))
         seen = bool(self._seen[0])
         self._copy.copy_(self._outside, non_blocking=True)
+        self._outside.zero_()
         return seen

@@ -27,11 +27,10 @@ from typing import Any
 import numpy as np
 import taichi as ti
 import torch
-from taichi._lib import core
-from taichi.lang import impl, matrix_ops  # noqa: F401  # or the first kernel that is read imports it
 
 from usvauv.kernels import kernel_cache
 from usvauv.kernels.errors import UserError, choices
+from usvauv.kernels.taichi_internals import core, impl
 
 CACHED = 1 << 30  # bytes of compiled kernels kept on disk, of all scenarios and versions together
 DEBUG = "USVAUV_DEBUG"  # environment variable: kernels check every index, see `start`

@@ -30,7 +30,7 @@ Displacement = Annotated[int, Range(-1e6, 1e6)]
 Turn = Annotated[int, Range(-7.0, 7.0)]
 Slope = Annotated[int, Range(-1e3, 1e3)]
 Amount = Annotated[int, Range(0.0, 1e12)]  # of packets, Mbit, Mbit/s or m
-Flag = Annotated[int, Range(0.0, 1.0, whole=True)]
+Binary = Annotated[int, Range(0.0, 1.0, whole=True)]
 Duration = Annotated[int, Range(0.0, 1e8)]
 Elapsed = Annotated[int, Range(-1.0, 1e8)]
 Level = Annotated[int, Range(-2e4, 2e4)]
@@ -67,7 +67,7 @@ class KeyColumn(Columns):
 
 
 class Parameter(Columns):
-    """Numbers of a scenario, (P,), in SI units; flags are 0 or 1."""
+    """Numbers of a scenario, (P,), in SI units."""
 
     step: int
     width: int
@@ -79,10 +79,8 @@ class Parameter(Columns):
     eddies_at_cruise: int  # velocity of vortices over that at the surface, 1
     circulation_min: int
     circulation_max: int
-    alternate: int
     core_radius_min: int
     core_radius_max: int
-    random_vortices: int
     viscosity: int
     renewal: int  # steps from one renewal of vortices' motion to the next
     tilt: int
@@ -140,7 +138,6 @@ class Parameter(Columns):
     depth_noise: int  # m
     speed_min: int
     speed_max: int
-    polar: int
     start_margin: int
     start_separation: int
     safe_distance: int
@@ -157,9 +154,6 @@ class Parameter(Columns):
     data_spreading: int  # dB per decade of range
     data_bandwidth: int
     rate_max: int
-    progress: int
-    service_hovering: int
-    proximity_once: int
     farthest: int
     rate_mean: int  # of the nodes' arrivals, packets/s
     rate_variance: int
@@ -168,6 +162,17 @@ class Parameter(Columns):
     service_time: int  # of a typical service, s
     duration: int  # of the mission, s
     steps: int  # of the mission
+
+
+class Flag(Columns):
+    """Choices of a scenario, (F,) int32, 0 or 1."""
+
+    alternate: int  # vortices turn either way
+    random_vortices: int
+    polar: int  # an action is heading and speed
+    progress: int  # distances are rewarded by the approach
+    service_hovering: int  # in every step of it
+    proximity_once: int  # for a pair
     service_terminates: int
 
 
@@ -197,10 +202,10 @@ class AuvColumn(StateColumns):
     moved_y: Displacement
     closed: Displacement  # approach to the target in the last step, or minus the distance to it, m
     power: Power  # W
-    hovering: Flag  # 1 while it serves its node
+    hovering: Binary  # 1 while it serves its node
     service_rate: Amount  # rate of a service completed in the last step, else 0, Mbit/s
     delivered: Amount  # data collected in the last step, in hovering those of a whole service, Mbit
-    border: Flag  # 1 where the last move was refused
+    border: Binary  # 1 where the last move was refused
     position_error: Amount  # |estimate − truth|, m
     packets_delivered: Amount  # the same in packets
     velocity_x: Velocity  # velocity through the water at the end of the last step, m/s
@@ -307,7 +312,7 @@ class ExchangeColumn(StateColumns):
     """Exchange with an AUV over the channel, and its dead reckoning since the last reply received, (W, K, X)."""
 
     reply: Annotated[int, Range(0.0, len(Reply.names) - 1.0, whole=True)]  # of `Reply`
-    over: Flag  # 1 where an exchange with it ended in this step
+    over: Binary  # 1 where an exchange with it ended in this step
     reply_at: Instant  # when the reply leaves, from the end of the step, s
     sent_x: Position  # true position then, m
     sent_y: Position
@@ -465,9 +470,12 @@ class TallyColumn(StateColumns):
 
 
 class Action(Columns):
-    """Commands of an AUV's action: velocity through the water; also the depth; or rudder, stern plane, propeller."""
+    """Commands of a vehicle's action: velocity through the water, as a vector or as heading and speed; a vector and the
+    depth; or rudder, stern plane, propeller.
+    """
 
     vector: int
+    polar: int
     vector_depth: int
     fins: int
 

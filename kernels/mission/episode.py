@@ -9,9 +9,9 @@ from usvauv.kernels.flow.vortex import Vortex
 from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.mission import channel, estimates, fixes, motion, vehicles
 from usvauv.kernels.mission.boats import boat_motion
-from usvauv.kernels.mission.columns import Draw, KeyColumn, Parameter, Schedule
+from usvauv.kernels.mission.columns import Draw, Flag, KeyColumn, Parameter, Schedule
 from usvauv.kernels.mission.worlds import Numbers, Rows, address, key
-from usvauv.kernels.types import array1, array2, array3, index2
+from usvauv.kernels.types import array1, array2, array3, index1, index2
 
 START_ATTEMPTS = 256
 
@@ -26,6 +26,7 @@ class VortexDraw(NamedTuple):
     """The part of `Worlds` that `place_vortices` reads."""
 
     p: Any
+    flag: Any
     fixed_vortex: Any
     key: Any
     clock: Any
@@ -44,7 +45,7 @@ def place_vortices(worlds: ti.template(), vortex: ti.template(), w):
         length = width
     west, south = 0.5 * (p.width - width), 0.5 * (p.length - length)
     for v in range(vortex.shape[1]):
-        if p.random_vortices > 0.5:
+        if worlds.flag.random_vortices != 0:
             u = random.uniforms(address(worlds, w, worlds.clock[w, 1], Draw.vortex, v), key(worlds, w))
             vortex[w, v, Vortex.x] = west + u[0] * width
             vortex[w, v, Vortex.y] = south + u[1] * length
@@ -53,19 +54,20 @@ def place_vortices(worlds: ti.template(), vortex: ti.template(), w):
         else:
             for c in range(4):
                 vortex[w, v, c] = worlds.fixed_vortex[v, c]
-        if p.alternate > 0.5:
+        if worlds.flag.alternate != 0:
             u = random.uniforms(address(worlds, w, worlds.clock[w, 1], Draw.vortex_sign, v), key(worlds, w))
             if u[0] < 0.5:
                 vortex[w, v, Vortex.Gamma] = -vortex[w, v, Vortex.Gamma]
 
 
 @kernel
-def draw_vortices(p: array1, fixed_vortex: array2, key: index2, clock: index2, vortex: array3):
+def draw_vortices(p: array1, flag: index1, fixed_vortex: array2, key: index2, clock: index2, vortex: array3):
     """The vortices with which the present episode of each world begins, into `vortex` (W, V, 4)."""
     for w in range(vortex.shape[0]):
-        place_vortices(
-            ti.static(VortexDraw(Numbers.of(p, Parameter), fixed_vortex, Rows.of(key, KeyColumn), clock)), vortex, w
+        draw = ti.static(
+            VortexDraw(Numbers.of(p, Parameter), Numbers.of(flag, Flag), fixed_vortex, Rows.of(key, KeyColumn), clock)
         )
+        place_vortices(draw, vortex, w)
 
 
 @func
@@ -138,3 +140,5 @@ def begin_episode(worlds: ti.template(), w):
         estimates.begin_estimate(worlds, w, k)
     for k in range(num_auvs):
         worlds.program.task.assign(worlds, w, k)
+    for k in range(num_auvs):
+        motion.check_target(worlds, w, k)

@@ -57,14 +57,14 @@ def hovering_power(speed: ti.f32) -> ti.f32:
 
 
 @func
-def water_velocity(p: ti.template(), a0, a1):
+def water_velocity(p: ti.template(), polar, a0, a1):
     """Commanded velocity through the water of an action in [-1, 1]², m/s.
 
     Vector form: speed_max · a with its norm clamped into [speed_min, speed_max]; a zero action means east.
     Polar form: heading π a0, speed linear in a1.
     """
     velocity = vec2(p.speed_min, 0.0)
-    if p.polar > 0.5:
+    if polar != 0:
         share = ti.min(ti.max(0.5 * (a1 + 1.0), 0.0), 1.0)
         speed = p.speed_min + share * (p.speed_max - p.speed_min)
         heading = 3.141592653589793 * a0
@@ -84,6 +84,13 @@ def target_of(worlds: ti.template(), w, k):
     """Index of the node that AUV k heads for; one that a plugin has set wrong counts as the nearest index."""
     target = ti.cast(worlds.auv.target[w, k], ti.i32)
     return ti.min(ti.max(target, 0), worlds.node.shape[1] - 1)
+
+
+@func
+def check_target(worlds: ti.template(), w, k):
+    """Set `fault` where AUV k's target is no node's index."""
+    if ti.cast(target_of(worlds, w, k), ti.f32) != worlds.auv.target[w, k]:
+        worlds.fault[0] = 1
 
 
 @func
@@ -247,7 +254,7 @@ def go(worlds: ti.template(), w, k, a0, a1):
     """Move AUV k, a point, for one step as its action commands and with the water; at the border it hovers."""
     p = ti.static(worlds.p)
     auv = ti.static(worlds.auv)
-    velocity = respond(worlds, w, k, water_velocity(p, a0, a1))
+    velocity = respond(worlds, w, k, water_velocity(p, worlds.flag.polar, a0, a1))
     current = vec2(auv.current_x[w, k], auv.current_y[w, k])
     place = vec2(auv.x[w, k], auv.y[w, k]) + p.step * (velocity + current)
     inside = place[0] >= 0.0 and place[0] <= p.width

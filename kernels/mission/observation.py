@@ -170,12 +170,10 @@ def motion(worlds: ti.template(), w, k, first):
 
 @func
 def observe_auv(worlds: ti.template(), w, k):
-    """Write the observation of AUV k; NaN, which ends the run, where its target is no node's index."""
+    """Write the observation of AUV k."""
     terms = ti.static(worlds.program.observation)
     for t in ti.static(range(len(terms))):
         terms[t](worlds, w, k, worlds.observation_first[t])
-    if ti.cast(target_of(worlds, w, k), ti.f32) != worlds.auv.target[w, k]:
-        worlds.observation[w, k, 0] = ti.math.nan
 
 
 @func

@@ -6,32 +6,18 @@ a world's history does not depend on the number of other worlds or on threads.
 
 from collections.abc import Callable, Set
 from itertools import groupby
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import taichi as ti
 
-from usvauv.kernels.flow import airy
-from usvauv.kernels.flow.current import Water
-from usvauv.kernels.flow.vortex import Pattern
 from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.mission import channel, estimates, fixes, motion, observation, water
+from usvauv.kernels.mission.arguments import PACK, worlds_of
 from usvauv.kernels.mission.boats import boat_motion, foresight
 from usvauv.kernels.mission.boats.belief_planner import OTHER_GOALS
-from usvauv.kernels.mission.columns import Parameter
 from usvauv.kernels.mission.episode import begin_episode
 from usvauv.kernels.mission.tasks import rewards
-from usvauv.kernels.mission.worlds import (
-    ARRAYS,
-    Array,
-    Numbers,
-    Program,
-    Rows,
-    Worlds,
-    draw_ahead,
-    find_faults,
-    worlds_per_block,
-)
-from usvauv.kernels.types import array1, array4, index1
+from usvauv.kernels.mission.worlds import Program, draw_ahead, find_faults, worlds_per_block
 
 
 @func
@@ -121,6 +107,7 @@ def end_step(worlds: ti.template(), w):
         rewards.write(worlds, w, k)
     worlds.program.task.finish(worlds, w)
     for k in range(num_auvs):
+        motion.check_target(worlds, w, k)
         rewards.write_ends(worlds, w, k)
 
 
@@ -158,27 +145,27 @@ CALLING: dict[str, Stages] = {
 
 
 class Part(NamedTuple):
-    """Stages of a launch of the mission's kernel; `plain`: they call functions of plugins, which may not compile with
-    whole vectors.
+    """Stages of a launch of the mission's kernel; `plain`: functions of plugins in them do not compile with vectors in
+    registers.
     """
 
     stages: Stages
     plain: bool
 
 
-def parts(stages: Stages, plugins: Set[str]) -> list[Part]:
-    """Launches that run some stages one after another, with plugins of some kinds."""
-    calling = {stage for kind in plugins for stage in CALLING.get(kind, ())}
+def parts(stages: Stages, apart: Set[str]) -> list[Part]:
+    """Launches that run some stages one after another; `apart`: kinds of the plugins that are compiled apart."""
+    calling = {stage for kind in apart for stage in CALLING.get(kind, ())}
     return [Part(tuple(group), plain) for plain, group in groupby(stages, calling.__contains__)]
 
 
-def launches(program: Program, plugins: Set[str]) -> list[Part]:
-    """Launches that make a mission step, with plugins of some kinds.
+def launches(program: Program, plugins: Set[str], apart: Set[str]) -> list[Part]:
+    """Launches that make a mission step, with plugins of some kinds, of which some are compiled apart.
 
     On a GPU the last part of a step has a thread for each AUV, and a boat's plan by rollouts one for each goal.
     """
     if not program.in_threads:
-        return parts(STEP, plugins)
+        return parts(STEP, apart)
     plans = (BEGIN, (weigh,), END) if program.weighs_apart else ((*BEGIN, *END),)
     # A term of a plugin can read what another AUV senses.
     sense, observe = OF_AUVS[:-1], OF_AUVS[-1:]
@@ -209,47 +196,8 @@ def run_stage(worlds: ti.template(), stage: ti.template(), n, threads):
             stage(worlds, w)
 
 
-# Arguments of the kernel beside `ARRAYS`: parts of `Water`.
-WATER = {
-    "stream": array4,
-    "bed": array4,
-    "eta": array4,
-    "U": array4,
-    "V": array4,
-    "unit_x": ti.f32,
-    "unit_y": ti.f32,
-    "nx": ti.i32,
-    "ny": ti.i32,
-    "sea_index": index1,
-    "wave": airy.waves,
-    "since": array1,
-    "felt": index1,
-}
-
-
-def worlds_of(program: Program, given: Any) -> Worlds:
-    """The arguments of the kernel as its functions take them; called while the kernel is compiled."""
-
-    def passed(name: str, array: Array) -> Any:
-        argument = getattr(given, name)
-        return Rows.of(argument, array.columns, len(array.names)) if array.axes[:1] in ("W", "G") else argument
-
-    arrays = {name: passed(name, array) for name, array in ARRAYS.items()}
-    arrays["p"] = p = Numbers.of(given.p, Parameter)
-    water = {name: getattr(given, name) for name in WATER}
-    water |= {name: Rows.of(water[name]) for name in ("stream", "bed", "eta", "U", "V", "wave")}
-    pattern = Pattern(program.repeats, p.eddy_scale, p.eddy_share, p.eddies_at_cruise)
-    return Worlds(
-        program, Water(Rows.of(given.vortex), width=p.width, length=p.length, pattern=pattern, **water), **arrays
-    )
-
-
 @kernel
-def run(
-    stages: ti.template(),
-    program: ti.template(),
-    given: ti.types.argpack(**WATER, **{name: array.type for name, array in ARRAYS.items()}),
-):
+def run(stages: ti.template(), program: ti.template(), given: PACK):
     """Run stages of a step for all worlds, or `RESET` for those with `chosen[w]` ≠ 0.
 
     On a CPU vectors stay in registers, for which plugins' functions may not compile, and many worlds take the step side
@@ -259,7 +207,7 @@ def run(
     Args:
         stages: of `STEP` or `RESET`, one after another.
         program: a `Program`.
-        given: `ARRAYS`, and parts of `Water`. An array of a pack is as fast as one that is an argument by itself.
+        given: `ARRAYS`, and parts of `Water`.
     """
     count = ti.static(worlds_per_block(program))
     threads = 1  # of a world: one, or one for each AUV or each goal of each boat

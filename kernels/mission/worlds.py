@@ -11,7 +11,6 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 import taichi as ti
-from taichi.lang import impl
 
 from usvauv.kernels import random
 from usvauv.kernels.flow import airy
@@ -27,6 +26,7 @@ from usvauv.kernels.mission.columns import (
     Draw,
     EstimateColumn,
     ExchangeColumn,
+    Flag,
     ForesightColumn,
     KeyColumn,
     NodeColumn,
@@ -39,6 +39,7 @@ from usvauv.kernels.mission.columns import (
 )
 from usvauv.kernels.mission.tasks.task import Task
 from usvauv.kernels.positioning import tracker
+from usvauv.kernels.taichi_internals import impl
 from usvauv.kernels.types import Columns, vec4
 from usvauv.kernels.vehicles import otter
 from usvauv.kernels.vehicles.otter import HullColumn
@@ -198,6 +199,7 @@ VORTEX = ANYWHERE, ANYWHERE, Range(-1e5, 1e5), Range(0.0, 1e6)
 # Nothing changes these while worlds run.
 TABLES = {
     "p": Array("", "numbers of the scenario", Parameter),
+    "flag": Array("", "choices of the scenario", Flag, ti.i32),
     "link": Array("K.", "acoustic constants of each AUV, `usvauv.kernels.positioning.acoustic_link.link_table`"),
     "links": Array("G.", "columns of `link` of AUVs side by side, as often as these differ", dtype=side_by_side),
     "layers": Array("..", "sound speed profile, `usvauv.kernels.positioning.rays`"),
@@ -260,7 +262,7 @@ ARRAYS = {
     "spans": Array("..", "of each array of these its first row, and numbers of a world", dtype=ti.i32),
     "which": Array(".", "of the bounds of all these numbers, `usvauv.kernels.functions.Limits`", dtype=ti.i32),
     "bounds": Array("..", "likewise", dtype=lanes),
-    "outside": Array(".", "set to 1 if one is not finite or out of its range", dtype=ti.i32),
+    "fault": Array(".", "set to 1 where a stage finds a fault, of which the state has the place", dtype=ti.i32),
     "ways": Array("W.", "where AUVs are foreseen, for `WORLDS_PER_BLOCK` worlds", dtype=random.lanes),
     "profile": Array("WK.", "the current at the points of the AUVs' profilers, x and y, m/s"),
     "reception": Array("WK", "signals of a step and their fixes", ReceptionColumn),
@@ -466,7 +468,7 @@ def normals(worlds: ti.template(), w, draw: ti.template(), index):
 
 @func
 def find_faults(worlds: ti.template(), first, count):
-    """Set `outside` if one of the numbers of some worlds is not finite or out of its range."""
+    """Set `fault` if one of the numbers of some worlds is not finite or out of its range."""
     least = lanes(0)
     for a in range(worlds.spans.shape[0]):
         begin, each = worlds.spans[a, 0], ti.cast(worlds.spans[a, 1], ti.i64)
@@ -475,4 +477,4 @@ def find_faults(worlds: ti.template(), first, count):
             bounds = worlds.which[row]
             least |= beyond(worlds.numbers[row], worlds.bounds[bounds, 0], worlds.bounds[bounds, 1])
     if lanes_below_zero(least) > 0:
-        worlds.outside[0] = 1
+        worlds.fault[0] = 1

@@ -250,9 +250,27 @@ def node_by_number(worlds: ti.template(), w, k):
 
 
 @ti.func
+def half_a_node(worlds: ti.template(), w, k):
+    return 0.5
+
+
+@ti.func
 def place_by_number(worlds: ti.template(), w, b):
     """No place with a number below zero."""
     return vec2(ti.sqrt(worlds.strategy_arguments[0]), 0.0)
+
+
+@ti.func
+def east_of_the_first(worlds: ti.template(), w, b):
+    return vec2(worlds.estimate.x[w, 0] + 5.0, worlds.estimate.y[w, 0])
+
+
+@ti.func
+def east_by_whole_vectors(worlds: ti.template(), w, b):
+    """What Taichi cannot compile with vectors in registers: a negative, a cast, a vector of bools."""
+    east = ti.cast(ti.Vector([5, 0]), ti.f32)
+    east -= ti.select((east < 0.0).any(), 1.0, 0.0) * east
+    return -(-vec2(worlds.estimate.x[w, 0], worlds.estimate.y[w, 0]) - east)
 
 
 @ti.func
@@ -279,11 +297,13 @@ def reset_twice(usv, rule):
 
 def test_what_runs_in_the_kernel():
     target_rules.register("far", TargetRule(node_by_number, arguments=(("NODE", 0.0),)))
+    target_rules.register("half", TargetRule(half_a_node))
     for name, goal, arguments in (("wrong", place_by_number, ("X",)), ("none", no_vector, ()), ("text", text, ())):
         boat_strategies.register(name, BoatStrategy(Strategy(start=goal, goal=goal), arguments))
     at_once = "world 0 at 0 s"
     for rule, usv, match in (
         ("far:1e6", "wrong:1", f"{at_once}: target of AUV 0 is 1e.06: must be .* from 0 to 29 .*'far' of .*plugins"),
+        ("half", "wrong:1", f"{at_once}: target of AUV 0 is 0.5: must be a whole number from 0 to 29 .*'half' of"),
         ("far:0", "wrong:-1", rf"{at_once}: goal_x of boat 0 is nan.*\(uses .*usv 'wrong' of .*plugins"),
         ("greedy", "none", "usv 'none' of .*plugins.py: raised .*start and goal of a boat strategy return a vec2"),
         (
@@ -295,6 +315,19 @@ def test_what_runs_in_the_kernel():
         with pytest.raises(UserError, match=f"^{match}") as caught:
             reset_twice(usv, rule)
         assert str(caught.value).isprintable()
+
+
+def test_whole_vectors_of_a_plugin():
+    """Where its functions do not compile in the kernel of all stages, the mission is the same."""
+    after = []
+    for goal in (east_of_the_first, east_by_whole_vectors):
+        boat_strategies.register(goal.__name__, BoatStrategy(Strategy(start=goal, goal=goal)))
+        world = World(Scenario.load("ideal"), 2, usv=goal.__name__)
+        world.reset()
+        for _ in range(5):
+            world.step(torch.zeros(2, world.num_auvs, 2))
+        after.append(world.state())
+    assert all(torch.equal(value, after[1][name]) for name, value in after[0].items())
 
 
 @pytest.mark.parametrize(("answer", "match"), [(5, "raised TypeError"), ("one text", "returned .*a list of texts")])

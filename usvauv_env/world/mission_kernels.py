@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Set
 from contextlib import nullcontext
 from typing import Any
 
@@ -19,7 +19,7 @@ from usvauv.env.world.strategy_choice import StrategyChoice
 from usvauv.kernels import random, runtime
 from usvauv.kernels.errors import blaming
 from usvauv.kernels.flow import vortex_motion
-from usvauv.kernels.functions import LANES, DeviceFlag, Launch, copy_finite
+from usvauv.kernels.functions import LANES, DeviceFlag, Launch, WholeVector, copy_finite
 from usvauv.kernels.mission.boats.belief_planner import OTHER_GOALS
 from usvauv.kernels.mission.boats.boat_strategies import boat_strategies
 from usvauv.kernels.mission.boats.rollouts import STEPS, WAY
@@ -82,14 +82,15 @@ class MissionKernels:
         groups = -(-worlds * auvs // LANES) if scenario.auv.dynamic else 0
         self._blocks = self._zeros(groups, ROWS, LANES)
         # Flags that kernels set; on a CPU NumPy's views of them are faster to read.
-        self._outside = torch.zeros(1, dtype=torch.int32, device=self._device)
+        self._fault = torch.zeros(1, dtype=torch.int32, device=self._device)
         self._due = torch.ones(1, dtype=torch.int32, device=self._device)
         self._not_finite = torch.zeros(1, dtype=torch.int32, device=self._device)
-        flags = self._outside, self._due, self._not_finite
-        self._seen_outside, self._seen_due, self._seen_not_finite = (flag.numpy(force=True) for flag in flags)
+        flags = self._fault, self._due, self._not_finite
+        self._seen_fault, self._seen_due, self._seen_not_finite = (flag.numpy(force=True) for flag in flags)
         self.use(site)
         self._evolve_vortices = self._evolution()
-        self._flag = None if self.tables["program"].checks else DeviceFlag(memory.numbers, memory.limits)
+        self._apart: Set[str] = frozenset()  # kinds of plugins that do not compile with vectors in registers
+        self._flag = None if self.tables["program"].checks else DeviceFlag(memory.numbers, memory.limits, self._fault)
         self.bind()
 
     def _zeros(self, *shape: int) -> torch.Tensor:
@@ -128,7 +129,7 @@ class MissionKernels:
             "spans": self._memory.spans,
             "which": self._memory.limits.which,
             "bounds": self._memory.limits.bits,
-            "outside": self._outside,
+            "fault": self._fault,
             "due": self._due,
             "vortex_rows": self._rows(arrays["vortex"], program.in_lanes),
             "drift_rows": self._rows(arrays["drift"], program.in_lanes),
@@ -178,15 +179,23 @@ class MissionKernels:
             registry.check_fields(name)
         plugins = self.plugins()  # whose Taichi functions may not compile
         kinds = {registry.kind for registry, name in self._parts() if registry.file(name)}
-        program = arguments["program"]
         with blaming(plugins, ScenarioError) if plugins else nullcontext():
-            alone = {**arguments, "program": program.world_by_world}  # a reset draws for itself
-            self._reset = tuple(self._mission(alone, part) for part in parts(RESET, kinds))
-            self._step = tuple(self._mission(arguments, part) for part in launches(program, kinds))
+            try:
+                self._bind_mission(arguments, kinds)
+            except WholeVector:
+                self._apart = kinds
+                self._bind_mission(arguments, kinds)
             self._deploy, self._sail = (
                 self._moving(deploys, arguments) if self._site.scenario.auv.dynamic else None
                 for deploys in (True, False)
             )
+
+    def _bind_mission(self, arguments: Mapping[str, Any], plugins: Set[str]) -> None:
+        """Make the launches of a reset and a step, with plugins of some kinds."""
+        program = arguments["program"]
+        alone = {**arguments, "program": program.world_by_world}  # a reset draws for itself
+        self._reset = tuple(self._mission(alone, part) for part in parts(RESET, self._apart))
+        self._step = tuple(self._mission(arguments, part) for part in launches(program, plugins, self._apart))
 
     def _mission(self, arguments: Mapping[str, Any], part: Part) -> Launch:
         """A launch of the mission's kernel."""
@@ -250,11 +259,11 @@ class MissionKernels:
 
     def found_fault(self) -> bool:
         """Whether a number of the worlds is not finite or out of range; with CUDA whether it was a step ago."""
-        return self._flag.raised() if self._flag else bool(self._seen_outside[0])
+        return self._flag.raised() if self._flag else bool(self._seen_fault[0])
 
     def forget_fault(self) -> None:
         """Go on after a fault."""
-        self._outside.zero_()
+        self._fault.zero_()
         if self._flag:
             self._flag.forget()
 

@@ -28,7 +28,7 @@ from usvauv.kernels.functions import LANES
 from usvauv.kernels.mission import target_rules
 from usvauv.kernels.mission.boats.boat_motion import CONTROL_TIME, DRIFT_TIME
 from usvauv.kernels.mission.boats.boat_strategies import BoatStrategy
-from usvauv.kernels.mission.columns import Action, Information, Parameter, Schedule, Sensor
+from usvauv.kernels.mission.columns import Action, Flag, Information, Parameter, Schedule, Sensor
 from usvauv.kernels.mission.episode import draw_vortices
 from usvauv.kernels.mission.observation import observation_terms
 from usvauv.kernels.mission.tasks.data_collection import LEAST_RATE, arrival_table
@@ -240,6 +240,7 @@ def kernel_tables(site: Site, strategy: StrategyChoice) -> dict[str, np.ndarray]
     }
     return {
         **{name: np.ascontiguousarray(table, np.float32) for name, table in numbers.items()},
+        "flag": flags(s),
         "observation_first": np.array([place.start for _, place in ObservationLayout.of(s)], np.int32),
     }
 
@@ -352,7 +353,6 @@ def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
         "eddy_share": site.eddies.pattern.share,
         "eddies_at_cruise": site.eddies.cruise,
         "renewal": steps_of_renewal(s.mission.step),
-        "random_vortices": s.current.count > 0 and not s.current.centres,
         "sound_speed_error": s.acoustics.sound_speed_error / s.acoustics.sound_speed,
         "gnss_memory": math.exp(-s.mission.step / s.usbl.gnss_correlation_time),
         "gnss_time": s.usbl.gnss_correlation_time,
@@ -383,18 +383,13 @@ def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
         "cruise": s.auv.depth,
         "hover_radius": s.service_radius,
         "separation_node": s.auv.depth if s.auv.separation == "demonstration" else 0.0,
-        "polar": s.auv.action == "polar",
         "node_margin": s.nodes.margin,
         "formation_radius": s.stations.radius,
         "data_level": data.level,
         "data_absorption": data.absorption,
         "data_spreading": data.spreading,
         "data_bandwidth": s.nodes.bandwidth,
-        "progress": s.reward.distance_form == "progress",
-        "service_hovering": s.reward.service_form == "hovering",
-        "service_terminates": s.reward.service_terminates,
         "steps": s.mission.steps,
-        "proximity_once": s.reward.proximity_form == "pair",
         "farthest": math.hypot(s.area.diagonal, s.auv.depth),
         "rate_mean": np.mean(s.nodes.arrival_rates),
         "rate_variance": np.var(s.nodes.arrival_rates),
@@ -405,11 +400,25 @@ def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
     return np.array([float(numbers[name]) for name in Parameter.names], np.float32)
 
 
+def flags(scenario: Scenario) -> np.ndarray:
+    """The choices of a scenario in the order of `usvauv.kernels.mission.columns.Flag`, int32."""
+    current, reward = scenario.current, scenario.reward
+    chosen = {
+        "alternate": current.alternate,
+        "random_vortices": current.count > 0 and not current.centres,
+        "polar": scenario.auv.action == "polar",
+        "progress": reward.distance_form == "progress",
+        "service_hovering": reward.service_form == "hovering",
+        "proximity_once": reward.proximity_form == "pair",
+        "service_terminates": reward.service_terminates,
+    }
+    return np.array([chosen[name] for name in Flag.names], np.int32)
+
+
 def vehicle_motion(scenario: Scenario) -> Motion:
     """The motion model of a scenario whose AUVs are vehicles with dynamics."""
     auv = scenario.auv
-    action = {"vector-depth": Action.vector_depth, "fins": Action.fins}.get(auv.action, Action.vector)
-    return Motion.of(vehicles[auv.model], action)
+    return Motion.of(vehicles[auv.model], getattr(Action, auv.action.replace("-", "_")))
 
 
 def vehicle_substeps(scenario: Scenario) -> int:
@@ -461,10 +470,7 @@ def first_vortices(scenario: Scenario, seed: int, arch: str = "auto") -> torch.T
     device = runtime.start(arch).device
     site, drawn = Site(scenario), torch.zeros((1, scenario.current.vortices, 4), dtype=torch.float32, device=device)
     if drawn.numel():
-        parameters, fixed = (
-            torch.from_numpy(np.ascontiguousarray(table, np.float32)).to(device)
-            for table in (pack_parameters(site, link_table(site)), fixed_vortices(scenario))
-        )
+        numbers = pack_parameters(site, link_table(site)), flags(scenario), fixed_vortices(scenario), seeds.keys()
         clock = torch.zeros((1, 2), dtype=torch.int32, device=device)
-        draw_vortices(parameters, fixed, torch.from_numpy(seeds.keys()).to(device), clock, drawn)
+        draw_vortices(*(torch.from_numpy(table).to(device) for table in numbers), clock, drawn)
     return drawn

@@ -395,7 +395,7 @@ class World:
     def _redraw_circulations(self) -> None:
         tables, clock, drawn = self._kernels.tables, self._clock.clone(), self.vortex.clone()
         clock[:, 1] = 0  # vortices are drawn as an episode begins
-        draw_vortices(tables["p"], tables["fixed_vortex"], tables["key"], clock.contiguous(), drawn)
+        draw_vortices(*(tables[name] for name in ("p", "flag", "fixed_vortex", "key")), clock.contiguous(), drawn)
         self.vortex[..., Vortex.Gamma] = drawn[..., Vortex.Gamma]
 
     def continue_from(self, other: World) -> None:

@@ -9,13 +9,13 @@ import math
 from typing import Any
 
 import taichi as ti
-from taichi.lang.expr import Expr
 
 from usvauv.kernels.flow import airy, current
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission.columns import BoatColumn, Draw, Parameter
 from usvauv.kernels.mission.vehicles import turned_angle
 from usvauv.kernels.mission.worlds import normals
+from usvauv.kernels.taichi_internals import Expr
 from usvauv.kernels.types import Level, vec2, vec3
 from usvauv.kernels.vehicles import otter
 from usvauv.kernels.vehicles.otter import HullColumn

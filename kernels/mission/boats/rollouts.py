@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import taichi as ti
-from taichi.lang import impl
 
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission import replies
@@ -25,6 +24,7 @@ from usvauv.kernels.mission.replies import SIGNAL, Signal
 from usvauv.kernels.mission.worlds import WORLDS_PER_BLOCK
 from usvauv.kernels.positioning import tracker
 from usvauv.kernels.random import LANES
+from usvauv.kernels.taichi_internals import impl
 from usvauv.kernels.types import select, vec2
 
 INTERVAL = 5.0  # s, of a step of the rollout

@@ -169,7 +169,7 @@ def begin_service(worlds: ti.template(), w, k, slant):
 def write_progress(worlds: ti.template(), w, k, before, after):
     """The reward's quantity of distance, by the distances to the target before and after a step, m."""
     auv = ti.static(worlds.auv)
-    if worlds.p.progress > 0.5:
+    if worlds.flag.progress != 0:
         auv.closed[w, k] = before - after
     else:
         auv.closed[w, k] = -after
@@ -259,7 +259,7 @@ def move_in_passing(worlds: ti.template(), w, k, a0, a1):
     """
     p = ti.static(worlds.p)
     edge = 0.0
-    if p.progress > 0.5:
+    if worlds.flag.progress != 0:
         edge = p.hover_radius
     before = ti.max(worlds.auv.distance[w, k] - edge, 0.0)
     travel(worlds, w, k, a0, a1)
@@ -312,7 +312,7 @@ def complete_services(worlds: ti.template(), w):
     for k in range(worlds.auv.shape[1]):
         ended = worlds.auv.service_rate[w, k] > 0.0
         if ti.static(worlds.program.passing):
-            ended = worlds.auv.hovering[w, k] > 0.5 and worlds.auv.hover[w, k] == 0.0
+            ended = worlds.auv.hovering[w, k] != 0.0 and worlds.auv.hover[w, k] == 0.0
         elif ended:
             target = target_of(worlds, w, k)
             worlds.node.backlog[w, target] = worlds.node.backlog[w, target] - worlds.auv.packets_delivered[w, k]

@@ -32,7 +32,7 @@ def proximity(worlds: ti.template(), w, k, weight):
     """Metres below the safe distance, summed over the other AUVs, or over those of a higher index: a pair once."""
     total = 0.0
     for j in range(worlds.auv.shape[1]):
-        if j > k or (j < k and worlds.p.proximity_once < 0.5):
+        if j > k or (j < k and worlds.flag.proximity_once == 0):
             apart = motion.distance_between(worlds, w, j, k)
             total += ti.max(0.0, worlds.p.safe_distance - apart)
     return weight * total
@@ -42,8 +42,8 @@ def proximity(worlds: ti.template(), w, k, weight):
 def service(worlds: ti.template(), w, k, weight):
     """1 where a service was completed in the step; or in every step of a service, from arrival to completion."""
     served = 0.0
-    if worlds.p.service_hovering > 0.5:
-        if worlds.auv.hovering[w, k] > 0.5 or worlds.auv.hover[w, k] > 0.0:
+    if worlds.flag.service_hovering != 0:
+        if worlds.auv.hovering[w, k] != 0.0 or worlds.auv.hover[w, k] > 0.0:
             served = 1.0
     elif worlds.auv.service_rate[w, k] > 0.0:
         served = 1.0
@@ -82,7 +82,7 @@ def write(worlds: ti.template(), w, k):
 def write_ends(worlds: ti.template(), w, k):
     """Write whether AUV k's value horizon has ended, and whether its episode has."""
     served = worlds.auv.service_rate[w, k] > 0.0
-    worlds.horizon_ended[w, k] = ti.cast(served and worlds.p.service_terminates > 0.5, ti.u8)
+    worlds.horizon_ended[w, k] = ti.cast(served and worlds.flag.service_terminates != 0, ti.u8)
     worlds.truncated[w, k] = ti.cast(worlds.clock[w, 1] >= worlds.p.steps, ti.u8)
 
 

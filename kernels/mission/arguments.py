@@ -1,0 +1,48 @@
+"""Arguments of the mission's kernel: one pack of all arrays, and what its functions make of it, `Worlds`."""
+
+from typing import Any
+
+import taichi as ti
+
+from usvauv.kernels.flow import airy
+from usvauv.kernels.flow.current import Water
+from usvauv.kernels.flow.vortex import Pattern
+from usvauv.kernels.mission.worlds import ARRAYS, Array, Numbers, Program, Rows, Worlds
+from usvauv.kernels.types import array1, array4, index1
+
+# Arguments of the kernel beside `ARRAYS`: parts of `Water`.
+WATER = {
+    "stream": array4,
+    "bed": array4,
+    "eta": array4,
+    "U": array4,
+    "V": array4,
+    "unit_x": ti.f32,
+    "unit_y": ti.f32,
+    "nx": ti.i32,
+    "ny": ti.i32,
+    "sea_index": index1,
+    "wave": airy.waves,
+    "since": array1,
+    "felt": index1,
+}
+# An array in a pack costs what it costs by itself; numbers are read from the pack's memory.
+PACK = ti.types.argpack(**WATER, **{name: array.type for name, array in ARRAYS.items()})
+
+
+def worlds_of(program: Program, given: Any) -> Worlds:
+    """The arguments of the kernel as its functions take them; called while the kernel is compiled."""
+
+    def passed(name: str, array: Array) -> Any:
+        argument = getattr(given, name)
+        if array.columns and not array.axes:
+            return Numbers.of(argument, array.columns)
+        return Rows.of(argument, array.columns, len(array.names)) if array.axes[:1] in ("W", "G") else argument
+
+    arrays = {name: passed(name, array) for name, array in ARRAYS.items()}
+    water = {name: getattr(given, name) for name in WATER}
+    water |= {name: Rows.of(water[name]) for name in ("stream", "bed", "eta", "U", "V", "wave")}
+    p = arrays["p"]
+    water |= {"vortex": Rows.of(given.vortex), "width": p.width, "length": p.length}
+    pattern = Pattern(program.repeats, p.eddy_scale, p.eddy_share, p.eddies_at_cruise)
+    return Worlds(program, Water(**water, pattern=pattern), **arrays)
