@@ -99,7 +99,7 @@ def evaluate(
     from usvauv.cli.evaluation.comparison import Comparison
     from usvauv.cli.evaluation.comparison_tables import intervals, metrics_tables
     from usvauv.cli.web_report.episodes import Recordings, front_episodes
-    from usvauv.env import Scenario
+    from usvauv.env.scenario import Scenario
     from usvauv.env.record.evaluation import WORLDS_PER_BATCH, batch_size
     from usvauv.env.record.metrics import FIGURES, task_metrics
     from usvauv.env.storage.result_tables import growing_table

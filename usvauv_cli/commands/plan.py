@@ -13,7 +13,7 @@ from usvauv.kernels.errors import UserError
 
 if TYPE_CHECKING:
     from usvauv.cli.boat_placement.fix_log import Log, PositionEstimate
-    from usvauv.env import Scenario
+    from usvauv.env.scenario import Scenario
     from usvauv.env.accuracy.boat_place import BoatPlace, Plan
 
 FORMATS = (".png", ".pdf", ".svg", ".geojson")
@@ -150,7 +150,7 @@ def plan(
     import json
     from dataclasses import asdict, replace
 
-    from usvauv.env import Scenario
+    from usvauv.env.scenario import Scenario
     from usvauv.env.accuracy.boat_place import solve
     from usvauv.env.exchange import geojson
     from usvauv.env.site.positions import DEGREES, auv_position, boat_position, look_geographic

@@ -82,7 +82,7 @@ def sea(
 
     `usvauv sea --out calm.png --set storm.spectrum=none --set sea.irregular_rms=0.5`
     """
-    from usvauv.env import Scenario
+    from usvauv.env.scenario import Scenario
     from usvauv.env.render.style import clock
     from usvauv.env.sea.simulation import SeaSimulation, cells
     from usvauv.env.world.mission_parameters import first_vortices
