@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from usvauv.env.render.video import Video
     from usvauv.env.scenario import Scenario
 
+LONGEST = 10_000_000  # s, of what a command simulates, as of mission.duration
+
 
 def bounded(least: float, most: float = math.inf) -> Callable[[typer.CallbackParam, float | None], float | None]:
     """A callback of an option that refuses a number outside these bounds, or not finite, before the command begins."""

@@ -13,8 +13,8 @@ from usvauv.kernels.errors import UserError
 
 if TYPE_CHECKING:
     from usvauv.cli.boat_placement.fix_log import Log, PositionEstimate
-    from usvauv.env.scenario import Scenario
     from usvauv.env.accuracy.boat_place import BoatPlace, Plan
+    from usvauv.env.scenario import Scenario
 
 FORMATS = (".png", ".pdf", ".svg", ".geojson")
 LONGEST_NAME = 40  # characters of a name in the table
@@ -150,9 +150,9 @@ def plan(
     import json
     from dataclasses import asdict, replace
 
-    from usvauv.env.scenario import Scenario
     from usvauv.env.accuracy.boat_place import solve
     from usvauv.env.exchange import geojson
+    from usvauv.env.scenario import Scenario
     from usvauv.env.site.positions import DEGREES, auv_position, boat_position, look_geographic
     from usvauv.env.storage.files import atomic_write
     from usvauv.kernels.planning.information import MEASUREMENTS
