@@ -14,9 +14,9 @@ import numpy as np
 import torch
 
 from usvauv.cli.live.history import POINTS, History, Moment, Snapshot, SurfaceGrid
+from usvauv.env.record.headings import AT_REST, turned
 from usvauv.env.record.metrics import EpisodeMetrics, episode_metrics
 from usvauv.env.record.recorder import Recorder, check_room, of_bodies
-from usvauv.env.record.trace import AT_REST, turned
 from usvauv.env.scenario import Scenario
 from usvauv.env.world.strategy_choice import StrategyChoice
 from usvauv.env.world.world import World

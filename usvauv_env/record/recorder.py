@@ -10,7 +10,8 @@ from contextlib import nullcontext
 import numpy as np
 import torch
 
-from usvauv.env.record.trace import Trace, headings
+from usvauv.env.record.headings import headings
+from usvauv.env.record.trace import Trace
 from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.storage.memory import RowsOnDisk, require
 from usvauv.env.world.state import array_shapes
