@@ -45,7 +45,7 @@ MISSIONS = [  # scenario, overrides, the boat's strategy
 ]
 SEAS = [
     [],
-    ["sea.forcing=incident", "sea.radiating_edges=['west']", "sea.sponge_edges=['north']", "sea.cell_size=4"],
+    ["sea.forcing=incident", "sea.radiating_edges=['west','north']", "sea.cell_size=4"],
     ["sea.equations=nonlinear", "sea.radiating_edges=['west']"],
 ]
 

@@ -12,8 +12,7 @@ JSON of all parts by name:
 >>> json.loads(safe_open("last.safetensors", "np").metadata()["usvauv"])["policy"]["score"]
 
 A new file replaces the previous one atomically, so that a reader or a resumed run finds either one complete, whenever a
-process is killed. Version 0.2 wrote a folder instead of a file, with each part as PART.json and PART.safetensors; such
-folders are read too.
+process is killed.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ from typing import Annotated, Any
 import torch
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from safetensors import safe_open
-from safetensors.torch import load_file, save_file
+from safetensors.torch import save_file
 from torch import Tensor
 
 from usvauv.env import plugins
@@ -43,7 +42,6 @@ from usvauv.env.storage.files import (
     inside,
     is_text,
     parse_text,
-    read_text,
     readable,
     sync,
     writing,
@@ -120,9 +118,8 @@ class Made(Checked):
 
 
 def path_of(run: Path, name: str) -> Path:
-    """Path of a run's checkpoint `LAST` or `BEST`, existing or not: a file, or a folder of version 0.2."""
-    file, folder = run / f"{name}{ENDING}", run / name
-    return folder if os.path.isdir(folder) and not os.path.exists(file) else file
+    """Path of a run's checkpoint `LAST` or `BEST`, existing or not."""
+    return run / f"{name}{ENDING}"
 
 
 def write(path: Path, parts: Mapping[str, Part]) -> None:
@@ -193,7 +190,7 @@ def _read(path: Path, part: str, device: torch.device) -> Part:
     if not is_text(str(path)):  # which safetensors cannot open
         raise PolicyError(f"{path}: the path of a checkpoint must be in UTF-8")
     try:
-        about, tensors = _read_folder(path, part, device) if os.path.isdir(path) else _read_file(path, part, device)
+        about, tensors = _read_file(path, part, device)
     except FileNotFoundError:
         raise PolicyError(f"{path}: checkpoint is missing") from None
     except KeyError:
@@ -214,13 +211,6 @@ def _read_file(path: Path, part: str, device: torch.device) -> Part:
         about = parse_text((file.metadata() or {})[METADATA], "JSON")[part]
         names = [name for name in file.keys() if name.startswith(f"{part}.")]  # noqa: SIM118 - it is no mapping
         return about, {name.removeprefix(f"{part}."): file.get_tensor(name) for name in names}
-
-
-def _read_folder(path: Path, part: str, device: torch.device) -> Part:
-    """A part as version 0.2 wrote it."""
-    tensors = path / f"{part}{ENDING}"  # removed in a finished run of a sweep
-    about = read_text(path / f"{part}.json", "JSON")
-    return about, load_file(tensors, device=str(device)) if tensors.is_file() else {}
 
 
 def provenance(begun: Mapping[str, Any], files: Mapping[str, str] = MappingProxyType({})) -> dict[str, Any]:
@@ -400,7 +390,7 @@ def close_run(run: Path) -> None:
         OutputError: it cannot be written.
     """
     path = path_of(run, LAST)
-    write(run / f"{LAST}{ENDING}", {POLICY: read(path, POLICY), TRAINING: (read(path, TRAINING)[0], {})})
+    write(path, {POLICY: read(path, POLICY), TRAINING: (read(path, TRAINING)[0], {})})
 
 
 def _is_row(row: object) -> bool:

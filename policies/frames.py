@@ -12,14 +12,13 @@ import math
 import threading
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import ClassVar, cast
+from typing import ClassVar
 
 import torch
 from torch import Tensor
 
 from usvauv.env.scenario import Scenario
 from usvauv.env.world.observation_layout import ObservationLayout
-from usvauv.env.world.world import World
 from usvauv.kernels import runtime
 from usvauv.kernels.guidance import FIRST, TINY, Acting
 from usvauv.kernels.registry import Registry
@@ -276,7 +275,7 @@ class GuidedFrame(TargetFrame):
 
 
 class Observed(threading.local):
-    """The data that heuristics read from a world, taken from the observation; separate in each thread.
+    """A `HeuristicWorld` made of the observation; separate in each thread.
 
     Attributes:
         observation: the present one, (W, K, O).
@@ -288,11 +287,9 @@ class Observed(threading.local):
         self.scenario, self.term = frame.scenario, frame.term
 
     def current(self) -> Tensor:
-        """Velocity of the water at each AUV, (W, K, 2), m/s."""
         return self.term(self.observation, "current")
 
     def water_velocity(self) -> Tensor:
-        """Velocity of each AUV through the water, (W, K, 2), m/s."""
         forward, starboard = self.term(self.observation, "motion")[..., :2].unbind(-1)
         return rotate(components(forward, -starboard), self.term(self.observation, "attitude")[..., :2])
 
@@ -317,7 +314,7 @@ class PassingFrame(TargetFrame):
         self.features += 2
         self.start = f"pass:{PASS_PRICE:g}"
         self.seen = Observed(self)
-        self.heuristic = Pass(self.start, cast(World, self.seen), PASS_PRICE)
+        self.heuristic = Pass(self.start, self.seen, PASS_PRICE)
 
     def shared(self, observation: Tensor) -> tuple[Tensor, ...]:
         """Heading (unit vectors, (W, K, 2)) and speed (W, K), m/s, of the heuristic."""
@@ -356,7 +353,7 @@ class FinsFrame(TargetFrame):
             raise PolicyError(f"training: frame = 'fins': scenario {scenario.name!r} has {scenario.auv.action} actions")
         speed = scenario.reference.straight_speed
         self.start = f"helm:{speed:g}"
-        self.heuristic = Helm(self.start, cast(World, Observed(self)), speed)
+        self.heuristic = Helm(self.start, Observed(self), speed)
 
     def decode(self, observation: Tensor, action: Tensor) -> Tensor:
         return (self.heuristic.act(observation) + action).clamp(-1.0, 1.0)

@@ -80,8 +80,7 @@ def source(name: str) -> Path | None:
     if IMPORTED.fullmatch(name):
         path = _file(name.partition(":")[0])
         return Path(path) if os.path.isfile(path) else None
-    path = _checkpoint(Path(name))
-    return path / f"{POLICY}{ENDING}" if path and os.path.isdir(path) else path
+    return _checkpoint(Path(name))
 
 
 def _file(module: str) -> str:
@@ -217,11 +216,8 @@ def load_learned(
 
 
 def _checkpoint(path: Path) -> Path | None:
-    """The checkpoint at a path, whose ending may be left out, or a training run's best, else its last one.
-
-    A folder written by version 0.2 can be a checkpoint.
-    """
-    if os.path.isfile(path) or os.path.isfile(path / f"{POLICY}.json"):
+    """The checkpoint at a path, whose ending may be left out, or a training run's best, else its last one."""
+    if os.path.isfile(path):
         return path
     places = Path(f"{path}{ENDING}"), path_of(path, BEST), path_of(path, LAST)
     return next((place for place in places if os.path.exists(place)), None)

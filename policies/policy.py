@@ -8,14 +8,13 @@ from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 import torch
 from torch import Tensor
 
 from usvauv.env.scenario import Scenario
 from usvauv.env.world.observation_layout import ObservationLayout
-from usvauv.env.world.world import World
 from usvauv.kernels import runtime
 from usvauv.kernels.errors import UserError
 
@@ -45,6 +44,20 @@ class Policy:
         raise NotImplementedError
 
 
+class HeuristicWorld(Protocol):
+    """What heuristics read of the world they act in; a `World`, or a frame's observation, has it."""
+
+    scenario: Scenario
+
+    def current(self) -> Tensor:
+        """Velocity of the water at each AUV, (W, K, 2), m/s."""
+        ...
+
+    def water_velocity(self) -> Tensor:
+        """Velocity of each AUV through the water, (W, K, 2), m/s."""
+        ...
+
+
 class Heuristic(Policy):
     """A policy without learning.
 
@@ -59,7 +72,7 @@ class Heuristic(Policy):
 
     parameter: ClassVar[tuple[str, str]] = ("", "")
 
-    def __init__(self, name: str, world: World, argument: Any) -> None:
+    def __init__(self, name: str, world: HeuristicWorld, argument: Any) -> None:
         super().__init__(name, world.scenario)
         self.world = world
         self.argument = argument

@@ -53,7 +53,7 @@ def kind_of(name: str | Path) -> str:
 
 
 def _of_toml(path: Path) -> str:
-    from usvauv.env import Scenario
+    from usvauv.env.scenario import Scenario
     from usvauv.env.scenario.fields import BASE
     from usvauv.env.storage.files import TextFileError, read_text
 

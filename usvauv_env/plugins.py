@@ -15,26 +15,11 @@ from pathlib import Path
 from usvauv.kernels import errors
 
 GROUP = "usvauv.plugins"
-BEFORE_03 = {  # names of the packages in version 0.2
-    "kernels": "usvauv.kernels",
-    "policies": "usvauv.policies",
-    "usvauv_env": "usvauv.env",
-    "usvauv_cli": "usvauv.cli",
-}
 _paths: list[Path] = []
 
 
 class PluginError(errors.UserError, ValueError):
     """A plugin cannot be loaded; the message is one line with its file."""
-
-
-def _reason(error: BaseException) -> str:
-    """Why importing failed, also if the plugin uses a package's name of version 0.2."""
-    if isinstance(error, ModuleNotFoundError) and error.name:
-        package, dot, rest = error.name.partition(".")
-        if package in BEFORE_03:
-            return f"imports {error.name}, whose name since 0.3 is {BEFORE_03[package]}{dot}{rest}"
-    return errors.with_place(error)
 
 
 def load(path: str | Path) -> None:
@@ -60,7 +45,7 @@ def load(path: str | Path) -> None:
         del sys.modules[name]
         if isinstance(error, KeyboardInterrupt):
             raise
-        reason = (errors.text_of(error) if isinstance(error, errors.UserError) else None) or _reason(error)
+        reason = (errors.text_of(error) if isinstance(error, errors.UserError) else None) or errors.with_place(error)
         raise PluginError(f"plugin {path}: {reason}") from error
     _paths.append(file)
 
@@ -77,7 +62,7 @@ def load_installed() -> None:
         except KeyboardInterrupt:
             raise
         except BaseException as error:
-            raise PluginError(f"plugin {entry.value}: {_reason(error)}") from error
+            raise PluginError(f"plugin {entry.value}: {errors.with_place(error)}") from error
 
 
 def files() -> list[Path]:

@@ -52,14 +52,18 @@ def curve(family: str, table: Table, name: str, drawn: np.ndarray) -> np.ndarray
 
 
 def ratio(name: str, table: Table, family: str) -> list[float]:
-    """A policy's data over that of a heuristic at equal energy: mean and 95 % interval; NaN off the curve's ends."""
+    """A policy's data over that of a heuristic at equal energy: mean and 95 % interval.
+
+    NaN beyond the ends of the curve, and where the heuristic delivers nothing.
+    """
     count = len(table[name][DATA])
     drawn = np.random.default_rng(0).integers(0, count, (RESAMPLES, count))
     drawn = np.concatenate((np.arange(count)[None], drawn))
     energies, along = curve(family, table, ENERGY, drawn), curve(family, table, DATA, drawn)
     own, energy = (table[name][key][drawn].mean(-1) for key in (DATA, ENERGY))
     rising = zip(energy, energies.T, along.T, strict=True)
-    ratios = own / [np.interp(x, xp, fp, left=np.nan, right=np.nan) for x, xp, fp in rising]
+    theirs = np.array([np.interp(x, xp, fp, left=np.nan, right=np.nan) for x, xp, fp in rising])
+    ratios = np.divide(own, theirs, out=np.full_like(theirs, np.nan), where=theirs > 0.0)
     return [float(ratios[0]), *np.quantile(ratios[1:], (0.025, 0.975)).tolist()]
 
 

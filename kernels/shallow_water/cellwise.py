@@ -56,7 +56,6 @@ def transports(
     Cy: array1,
     prescribed: array1,
     resistance: array1,
-    sponge_factor: array1,
     coefficient_row: index1,
     elevation_factor: vec4,
     blocks: ti.i32,
@@ -75,9 +74,7 @@ def transports(
 
     All else is what `wavefront.march` takes, its vectors' numbers one after the other.
     """
-    basin = ti.static(
-        LinearBasin(eta, U, V, Cx, Cy, resistance, sponge_factor, elevation_factor, W, nx, ny, a, options)
-    )
+    basin = ti.static(LinearBasin(eta, U, V, Cx, Cy, resistance, elevation_factor, W, nx, ny, a, options))
     rows = ny + 1
     width = W * LANES
     table = prescribed.shape[0] // (blocks * LANES)
@@ -110,12 +107,8 @@ def transports(
             south = elevation_outside(basin, SOUTH, E, m, V_here)
         if row == ny and elevation_factor[NORTH] >= 0:
             north = elevation_outside(basin, NORTH, E, width + m, V_here)
-        if ti.static(options.sponge):
-            U[n] = a * sponge_factor[m] * U_here - Cx[c] * (east - west)
-            V[n] = a * sponge_factor[2 * width + row * LANES + lane] * V_here - Cy[c] * (north - south)
-        else:
-            U[n] = a * U_here - Cx[c] * (east - west)
-            V[n] = a * V_here - Cy[c] * (north - south)
+        U[n] = a * U_here - Cx[c] * (east - west)
+        V[n] = a * V_here - Cy[c] * (north - south)
 
 
 @kernel
@@ -123,7 +116,6 @@ def elevations(
     eta: array1,
     U: array1,
     V: array1,
-    sponge_factor: array1,
     blocks: ti.i32,
     W: ti.i32,
     nx: ti.i32,
@@ -148,11 +140,7 @@ def elevations(
             next_column = n + LANES - width
             if ti.static(options.strips):
                 next_column += 1
-        if ti.static(options.sponge):
-            B = sponge_factor[width + m] * sponge_factor[2 * width + (rows + row) * LANES + m % LANES]
-            eta[n] = B * eta[n] - (0.5 + 0.5 * B) * ((U[next_column] - U[n]) + (V[n + width] - V[n]))
-        else:
-            eta[n] = eta[n] - (U[next_column] - U[n]) - (V[n + width] - V[n])
+        eta[n] = eta[n] - (U[next_column] - U[n]) - (V[n + width] - V[n])
 
 
 class CellwiseBackend:
@@ -179,9 +167,9 @@ class CellwiseBackend:
         arrays = [array.view(-1) for array in arrays]
         table = torch.tensor(coefficient_row, device=runtime.start().device)
         blocks, W, nx, ny = packing.blocks, packing.columns, packing.nx, packing.ny
-        options = Options(packing.strips, boundaries.radiating, boundaries.sponge)
+        options = Options(packing.strips, boundaries.radiating)
         fixed = *arrays, table, boundaries.elevation_factors(), blocks, W, nx, ny
-        second = Launch(elevations, *arrays[:3], arrays[-1], blocks, W, nx, ny, options)
+        second = Launch(elevations, *arrays[:3], blocks, W, nx, ny, options)
         first = (Launch(transports, *fixed, substep, a, options) for substep in range(self._substeps))
         given = Launch(prescribe, *forcing.waves, self._time_step, blocks, prescribed)
         return [given, *(launch for step in first for launch in (step, second))]

@@ -1,4 +1,4 @@
-"""Arakawa C grid of linear shallow water: its boundaries and their sponges, layout of its fields in memory, depths,
+"""Arakawa C grid of linear shallow water: its boundaries, layout of its fields in memory, depths,
 slopes, coefficients of a time step.
 
 A packed field has the shape (blocks, rows, W, LANES): vectors of LANES numbers that one machine instruction processes
@@ -32,19 +32,15 @@ vectors = ti.types.ndarray(dtype=vector, ndim=1)
 CHUNK = 1 << 15  # cells that the host works on at a time: its f64 copies stay small against the fields
 
 Side = Literal["west", "east", "south", "north"]
-Boundary = Literal["wall", "forced", "incident", "radiating", "sponge"]
+Boundary = Literal["wall", "forced", "incident", "radiating"]
 
 SIDES: tuple[Side, ...] = ("west", "east", "south", "north")
 WEST, EAST, SOUTH, NORTH = range(4)
 
 # Elevation outside each kind of boundary as a multiple of the prescribed one. A wave that enters past the resistance
 # U/c halves: the elevation at the face is E − U/c, and of a wave that runs inwards η = U/c.
-ELEVATION_FACTOR = {"wall": 0.0, "forced": 1.0, "incident": 2.0, "radiating": 0.0, "sponge": 0.0}
-RADIATING = ("incident", "radiating", "sponge")  # kinds that let waves out
-
-# The sponge's σ = σ0 d², d from 0 at its inner border to 1 at the boundary, with ∫ 2σ/c dx = ABSORPTION. Of the powers
-# 1 to 3 and absorptions 1.5 to 5 this pair reflects least up to 45° from a layer of one wavelength.
-POWER, ABSORPTION = 2, 2.5
+ELEVATION_FACTOR = {"wall": 0.0, "forced": 1.0, "incident": 2.0, "radiating": 0.0}
+RADIATING = ("incident", "radiating")  # kinds that let waves out
 
 
 class SideGeometry(NamedTuple):
@@ -78,36 +74,24 @@ def complete_kinds(kinds: Mapping[Side, str] | None, known: tuple[str, ...]) -> 
 
 
 class BasinBoundaries:
-    """Kinds of the four boundaries of a basin, and the sponges before them.
+    """Kinds of the four boundaries of a basin.
 
     Args:
         kinds: kind by side; sides that are missing are walls.
-        sponge_width: width of each sponge, m; needed if there is one, else None.
-        size: (width, length) of the basin, m.
 
     Attributes:
         kind: of each side.
         forced: whether an elevation is prescribed somewhere.
-        radiating, sponge: whether there are boundaries of these kinds.
+        radiating: whether waves leave somewhere.
 
     Raises:
-        ValueError: unknown side or kind; sponges without a width, or that do not fit into the basin.
+        ValueError: unknown side or kind.
     """
 
-    def __init__(
-        self, kinds: Mapping[Side, Boundary] | None, sponge_width: float | None, size: tuple[float, float]
-    ) -> None:
+    def __init__(self, kinds: Mapping[Side, Boundary] | None) -> None:
         self.kind = complete_kinds(kinds, tuple(ELEVATION_FACTOR))
         self.forced = any(ELEVATION_FACTOR[kind] > 0 for kind in self.kind.values())
         self.radiating = any(kind in RADIATING for kind in self.kind.values())
-        self.sponge = "sponge" in self.kind.values()
-        if self.sponge != (sponge_width is not None):
-            raise ValueError("sponge_width: is needed where a boundary is a sponge, and nowhere else")
-        self.sponge_width = sponge_width or 0.0
-        for length, ends in zip(size, (SIDES[:2], SIDES[2:]), strict=True):
-            sponges = sum(self.kind[side] == "sponge" for side in ends)
-            if sponges and not 0 < sponges * self.sponge_width <= length:
-                raise ValueError(f"sponge_width: {sponge_width} m must be above 0 and fit into {length} m")
 
     def open(self, side: Side) -> bool:
         """Whether water passes this side."""
@@ -121,34 +105,6 @@ class BasinBoundaries:
     def elevation_factors(self) -> list[float]:
         """Factor on the prescribed elevation for each side; −1 for a wall."""
         return [ELEVATION_FACTOR[self.kind[side]] if self.open(side) else -1.0 for side in SIDES]
-
-    def sponge_factors(
-        self, axis: int, depth: np.ndarray, gravity: float, cell: float, time_step: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Factors e^{−σΔt} ≤ 1 of the sponges of an axis, at faces (n + 1,) and at cell centres (n,).
-
-        Args:
-            axis: 0 for west and east, 1 for south and north.
-            depth: (ny, nx), m; the celerity in σ is that of the deepest water in the layer.
-            gravity: m/s².
-            cell: size of a cell, m.
-            time_step: Δt, s.
-        """
-        n = depth.shape[1 - axis]
-        faces, centres = np.arange(n + 1.0), np.arange(n) + 0.5
-        rates = np.zeros(n + 1), np.zeros(n)
-        for side in SIDES[2 * axis : 2 * axis + 2]:
-            if self.kind[side] == "sponge":
-                width = self.sponge_width / cell
-                reached = min(n, int(np.ceil(width)))
-                low_end = GEOMETRY[side].outward < 0
-                layer = slice(reached) if low_end else slice(n - reached, None)
-                deepest = depth[:, layer].max() if axis == 0 else depth[layer].max()
-                greatest = (POWER + 1) * ABSORPTION / 2 * np.sqrt(gravity * deepest) / self.sponge_width
-                for rate, points in zip(rates, (faces, centres), strict=True):
-                    distance = points if low_end else n - points
-                    rate += greatest * np.maximum(1 - distance / width, 0) ** POWER
-        return np.exp(-rates[0] * time_step), np.exp(-rates[1] * time_step)
 
 
 @dataclass(frozen=True)
@@ -235,9 +191,6 @@ class Discretisation:
         self.packing, self.depth, self.spacing, self.gravity = packing, depth, spacing, gravity
         self.time_step, self.boundaries = time_step, boundaries
         self.drag_factor = (1 - drag * time_step / 2) / (1 + drag * time_step / 2)
-        self._sponge = [
-            boundaries.sponge_factors(axis, depth, gravity, cell, time_step) for axis, cell in enumerate(spacing)
-        ]
 
     def chunks(self, first: int, last: int) -> Iterator[tuple[int, int]]:
         """Ranges of rows of about `CHUNK` cells of all seas."""
@@ -263,12 +216,10 @@ class Discretisation:
         h = 0 is a wall. s is half the rate of damping times Δt: (1 + s) U⁺ = (1 − s) U⁻ − g h Δt η_x.
         """
         cells = self.cell_rows(first, last, lambda low, high: self.depth[None, low:high])[0]
-        h, factor = np.zeros((2, 2, last - first, self.packing.nx + 1))
+        h = np.zeros((2, last - first, self.packing.nx + 1))
         h[0, :, 1:-1] = _mean_if_wet(cells[1:, :-1], cells[1:, 1:])
         h[1, :, :-1] = _mean_if_wet(cells[:-1], cells[1:])
-        (sponge_x, _), (sponge_y, _) = self._sponge
-        factor[0], factor[1] = self.drag_factor * sponge_x, self.drag_factor * sponge_y[first:last, None]
-        damping = (1 - factor) / (1 + factor)
+        damping = np.full_like(h, (1 - self.drag_factor) / (1 + self.drag_factor))
         for axis, size in enumerate(self.spacing):
             for side in self.open_sides(axis, first, last):
                 along = cells[GEOMETRY[side].cells]
@@ -293,10 +244,9 @@ class Discretisation:
 
     def coefficients(self, device: torch.device) -> tuple[torch.Tensor, np.ndarray]:
         """C of `wavefront.march` with equal neighbouring rows once, and which of its rows each row 0 to ny takes."""
-        depth, ny, (_, (sponge_y, _)) = self.depth, self.packing.ny, self._sponge
+        depth, ny = self.depth, self.packing.ny
         changes = [] if depth.strides[0] == 0 else [i for i in range(1, ny) if (depth[i] != depth[i - 1]).any()]
-        damped = np.flatnonzero(np.diff(sponge_y)) + 1
-        rows = np.unique(np.array([0, 1, *changes, *(i + 1 for i in changes), *damped, ny], int))
+        rows = np.unique(np.array([0, 1, *changes, *(i + 1 for i in changes), ny], int))
         C = torch.empty((2, len(rows), self.packing.columns, LANES), dtype=torch.float32, device=device)
         done = 0
         for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
@@ -316,29 +266,19 @@ class Discretisation:
         With λ = c Δt/Δx and s of the face without its radiation, (1 + s + λ) U⁺ = (1 − s − λ) U⁻ − 2 λ² (η − E) is
         U⁺ = a U⁻ − C (η − (E − R U⁻)), a = (1 − s)/(1 + s), C = 2 λ²/(1 + s + λ), R = 1/(λ (1 + s)).
         """
+        if not self.boundaries.radiating:
+            return torch.zeros((1, LANES), dtype=torch.float32, device="cpu")
         resistances = []
         cells: dict[Side, Any] = {"south": np.s_[0], "north": np.s_[-1], "west": np.s_[:, 0], "east": np.s_[:, -1]}
         for side, along in cells.items():
-            axis, outward, _, _ = GEOMETRY[side]
             depth = self.depth[along].astype(np.float64)
-            factor = self.drag_factor * self._sponge[axis][0][0 if outward < 0 else -1]
-            wave = np.sqrt(self.gravity * depth) * self.time_step / self.spacing[axis]
+            wave = np.sqrt(self.gravity * depth) * self.time_step / self.spacing[GEOMETRY[side].axis]
             passes = (depth > 0) & (self.boundaries.kind[side] in RADIATING)
-            resistances.append(np.where(passes, (1 + factor) / 2 / np.where(passes, wave, 1.0), 0.0))
-        return self._along_axes(resistances, self.boundaries.radiating)
-
-    def sponge_factors(self) -> torch.Tensor:
-        """Fx, Gx, Fy and Gy of `wavefront.march`; one vector if no sponge damps."""
-        return self._along_axes([factor for axis in self._sponge for factor in axis], self.boundaries.sponge)
-
-    def _along_axes(self, fields: list[np.ndarray], used: bool) -> torch.Tensor:
-        """Two fields along a row, (n ≤ nx + 1,), and two along a column, (n ≤ ny + 1,), as one array of vectors."""
-        if not used:
-            return torch.zeros((1, LANES), dtype=torch.float32, device="cpu")
-        *rows, west, east = fields
+            resistances.append(np.where(passes, (1 + self.drag_factor) / 2 / np.where(passes, wave, 1.0), 0.0))
+        south, north, *ends = resistances
         height = self.packing.ny + 1
-        columns = [np.repeat(np.pad(f, (0, height - len(f)))[:, None], LANES, axis=1) for f in (west, east)]
-        vectors = np.concatenate([*(self.packing.spread(f[None])[0] for f in rows), *columns])
+        columns = [np.repeat(np.pad(R, (0, height - len(R)))[:, None], LANES, axis=1) for R in ends]
+        vectors = np.concatenate([*(self.packing.spread(R[None])[0] for R in (south, north)), *columns])
         return torch.tensor(vectors, dtype=torch.float32, device="cpu")  # a copy, which is aligned to vectors
 
 

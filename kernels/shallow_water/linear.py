@@ -47,11 +47,9 @@ class ShallowWater:
         forced      η_f = E, prescribed: waves from inside are reflected upside down
         incident    η_f = 2 E + U/c: a wave of elevation E enters, and waves from inside leave
         radiating   η_f = U/c (Flather 1976 with a still sea outside): waves leave
-        sponge      the same behind a layer of `sponge_width` in which η and the transport towards the side are damped
 
     At an angle θ from the normal a radiating (or incident) boundary reflects (1 − cos θ)/(1 + cos θ). The resistance
-    U/c is centred in time, as is all damping, so that energy can only be lost. In the sponge the transport along the
-    boundary is free: if it is damped as well, layers of up to a wave reflect oblique waves more (`docs/validation.md`).
+    U/c is centred in time, as is the drag, so that energy can only be lost.
 
     For constant forcing and no drag the potential form needs two arrays instead of three, but its rounding in f32 is
     far worse, because a potential is large against its differences between cells (`docs/model.md`).
@@ -65,8 +63,6 @@ class ShallowWater:
         gravity: g, m/s².
         drag: rate r of the linear drag, 1/s; taken half at the old and half at the new time.
         boundaries: kind by side; a side that is missing is a "wall".
-        sponge_width: width of the sponges, m, where there are any. One of the longest wave reflects under 1% of
-            plane waves up to 45°.
         num_seas: independent seas over the same bed.
         largest: magnitude, m, of an elevation at which `advance` still goes on.
 
@@ -77,8 +73,7 @@ class ShallowWater:
         fields: packed η, U and V, as arguments of a `usvauv.kernels.functions.Launch`.
 
     Raises:
-        ValueError: fewer than 3 cells, no water at all, a negative or non-finite depth, an unknown side or kind, or a
-            sponge that does not fit.
+        ValueError: fewer than 3 cells, no water at all, a negative or non-finite depth, an unknown side or kind.
     """
 
     def __init__(
@@ -91,7 +86,6 @@ class ShallowWater:
         gravity: float = 9.81,
         drag: float = 0.0,
         boundaries: Mapping[Side, Boundary] | None = None,
-        sponge_width: float | None = None,
         num_seas: int = 1,
         largest: float = math.inf,
     ) -> None:
@@ -106,7 +100,7 @@ class ShallowWater:
         deepest = float(self.depth.max())
         if not (0 < deepest < math.inf and self.depth.min() >= 0):
             raise ValueError("depth: must be finite, nowhere negative and somewhere above 0")
-        self.boundaries = BasinBoundaries(boundaries, sponge_width, size)
+        self.boundaries = BasinBoundaries(boundaries)
         self.limit = 1 / math.sqrt(gravity * deepest * (self.dx**-2 + self.dy**-2))
         self.substeps = math.ceil(interval / (COURANT * self.limit))
         self.time_step = interval / self.substeps
@@ -128,8 +122,7 @@ class ShallowWater:
         self._held = DeviceArrays(tuple(self._state))
         self.fields = self._held.arguments
         self._prescribed = torch.zeros((*self._backend.table, LANES), dtype=torch.float32, device=device)
-        damping = self._scheme.resistances().to(device), self._scheme.sponge_factors().to(device)
-        self._constant = DeviceArrays((*self._C, self._prescribed, *damping))
+        self._constant = DeviceArrays((*self._C, self._prescribed, self._scheme.resistances().to(device)))
         self._intervals, self._start = 0, 0.0
         self._at_rest = True
         zero = np.zeros((num_seas, 1))

@@ -34,13 +34,13 @@ from usvauv.kernels.shallow_water.forcing import (
 )
 from usvauv.kernels.types import columns, double1, index1, index3, select, vec4
 
-# Compile-time options: whether lanes are strips of one sea, any boundary radiates, any sponge damps, the calling thread
-# marches all bands, and whether it makes all copies.
-Options = namedtuple("Options", "strips radiating sponge serial copy_serially", defaults=(False, False))
+# Compile-time options: whether lanes are strips of one sea, any boundary radiates, the calling thread marches all
+# bands, and whether it makes all copies.
+Options = namedtuple("Options", "strips radiating serial copy_serially", defaults=(False, False))
 # Arguments of a kernel that its functions share, as `march` describes them.
-LinearBasin = namedtuple("LinearBasin", "eta U V Cx Cy resistance sponge_factor elevation_factor W nx ny a options")
-# Vectors at which the row to advance, the row south of it and its coefficients begin; factors Fy and Gy of its sponge.
-Row = namedtuple("Row", "north south coefficients Fy Gy")
+LinearBasin = namedtuple("LinearBasin", "eta U V Cx Cy resistance elevation_factor W nx ny a options")
+# Vectors at which the row to advance, the row south of it and its coefficients begin.
+Row = namedtuple("Row", "north south coefficients")
 
 # Rows of the table of a band: for each of its rows from south to north the row of the packed field, the row of the
 # basin it holds (a copy, if the two differ) and the row of coefficients; last the extent of the band.
@@ -61,7 +61,6 @@ def march(
     Cy: vectors,
     prescribed: vectors,
     resistance: vectors,
-    sponge_factor: vectors,
     amplitude: vectors,
     frequency: double_vectors,
     phase: double_vectors,
@@ -93,8 +92,6 @@ def march(
     At an open boundary the outer cell is given the elevation E ± R U, with the transport U before the substep:
     prescribed with R = 0; with 1/R the celerity of waves (and the fitting C) waves leave (`ShallowWater`).
 
-    In a sponge the factors on U and V are Fx a and Fy a, and η ← B η − ½ (1 + B) (δx U + δy V), B = Gx Gy.
-
     Arrays have one axis and their indices are written out: Taichi computes the index into several axes again for each
     element, which costs up to half the speed.
 
@@ -105,7 +102,6 @@ def march(
         prescribed: (blocks, bands, substeps of a period), prescribed elevation, m; made here as a period begins.
         resistance: R of the faces south (W,) and north (W,), west (ny + 1,) and east (ny + 1,); read if
             `options.radiating`.
-        sponge_factor: Fx (W,), Gx (W,), Fy (ny + 1,) and Gy (ny + 1,); read if `options.sponge`.
         amplitude, frequency, phase, clock, interval: of `usvauv.kernels.shallow_water.forcing.Waves`.
         outside: (1,), set to 1 if an elevation is not finite or beyond ±`largest`.
         bands: (bands, 4, longest), the table `BandTable` of each band.
@@ -116,9 +112,7 @@ def march(
         a: (1 − r Δt/2)/(1 + r Δt/2).
         options: see `Options`.
     """
-    basin = ti.static(
-        LinearBasin(eta, U, V, Cx, Cy, resistance, sponge_factor, elevation_factor, W, nx, ny, a, options)
-    )
+    basin = ti.static(LinearBasin(eta, U, V, Cx, Cy, resistance, elevation_factor, W, nx, ny, a, options))
     rows = eta.shape[0] // (blocks * W)
     tasks = blocks * bands.shape[0]
     table = prescribed.shape[0] // tasks
@@ -160,12 +154,7 @@ def march(
                         set_row_outside(basin, SOUTH, south, north, E)
                     if k == count - 1 and copied_north == 0:
                         set_row_outside(basin, NORTH, north, north, E)
-                    Fy = vector(1.0)
-                    Gy = vector(1.0)
-                    if ti.static(options.sponge):
-                        Fy = sponge_factor[2 * W + source]
-                        Gy = sponge_factor[2 * W + ny + 1 + ti.min(bands[band, BandTable.source, k - 1], ny)]
-                    advance_row(basin, ti.static(Row(north, south, c, Fy, Gy)))
+                    advance_row(basin, ti.static(Row(north, south, c)))
         inside = vector(1.0)
         for k in range(count):
             if bands[band, BandTable.packed, k] == bands[band, BandTable.source, k]:
@@ -240,18 +229,11 @@ def advance_cell(basin: ti.template(), row: ti.template(), j: ti.i32, west: vect
     here = eta[n]
     below = eta[m]
     V_south = V[m]
-    if ti.static(basin.options.sponge):
-        B = basin.sponge_factor[basin.W + j] * row.Gy
-        U[n] = basin.a * basin.sponge_factor[j] * U[n] - basin.Cx[c] * (here - west)
-        V_north = basin.a * row.Fy * V[n] - basin.Cy[c] * (here - below)
-        V[n] = V_north
-        eta[m] = B * below - (0.5 + 0.5 * B) * ((U_east - U_west) + (V_north - V_south))
-    else:
-        U_here = basin.a * U[n] - basin.Cx[c] * (here - west)
-        V_north = basin.a * V[n] - basin.Cy[c] * (here - below)
-        U[n] = U_here
-        V[n] = V_north
-        eta[m] = below - (U_east - U_west) - (V_north - V_south)
+    U_here = basin.a * U[n] - basin.Cx[c] * (here - west)
+    V_north = basin.a * V[n] - basin.Cy[c] * (here - below)
+    U[n] = U_here
+    V[n] = V_north
+    eta[m] = below - (U_east - U_west) - (V_north - V_south)
     return here
 
 
@@ -324,7 +306,7 @@ class WavefrontBackend:
         """Kernel launches of one interval.
 
         Args:
-            arrays: η, U, V, Cx, Cy, prescribed elevation, resistance and sponge factors of `march`, each (…, LANES).
+            arrays: η, U, V, Cx, Cy, prescribed elevation and resistance of `march`, each (…, LANES).
             forcing: of the seas.
             coefficient_row: (ny + 1,), the row of coefficients of each row of the basin.
             boundaries: of the basin.
@@ -338,8 +320,7 @@ class WavefrontBackend:
         fixed = *(array.view(-1, LANES) for array in arrays), *forcing.waves, self._outside, table
         fixed = *fixed, boundaries.elevation_factors()
         grid = packing.blocks, packing.columns, packing.nx, packing.ny
-        serial = self._serial, self._copy_serially
-        options = Options(packing.strips, boundaries.radiating, boundaries.sponge, *serial)
+        options = Options(packing.strips, boundaries.radiating, self._serial, self._copy_serially)
         settings = runtime.vectors_in_registers()
         numbers = self._substeps, self._time_step, a, self._largest, options
         return [

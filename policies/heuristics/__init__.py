@@ -5,7 +5,8 @@ Public: `heuristics`, the classes by name, and `Heuristic`, the base class of a 
 
 from usvauv.kernels.registry import Registry
 from usvauv.policies.heuristics.passing import Loiter, Pass
-from usvauv.policies.heuristics.travel import Clear, Crab, Helm, Keep, Pace, Random, Straight
+from usvauv.policies.heuristics.random_actions import Random
+from usvauv.policies.heuristics.travel import Clear, Crab, Helm, Keep, Pace, Straight
 from usvauv.policies.policy import Heuristic, PolicyError
 
 heuristics: Registry[type[Heuristic]] = Registry("policy", PolicyError, Heuristic)

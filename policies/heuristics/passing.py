@@ -10,10 +10,10 @@ from torch import Tensor
 from usvauv.env.scenario import Scenario
 from usvauv.env.site.site import Site
 from usvauv.env.world.mission_parameters import DataLink, reference_rate
-from usvauv.env.world.world import World
 from usvauv.kernels.vehicles.vehicle import vehicles
 from usvauv.policies.guidance import command, crab, follow_circle, unit, unrotate
 from usvauv.policies.heuristics.travel import Clear
+from usvauv.policies.policy import HeuristicWorld
 
 INSIDE = 0.85  # share of the radius of service used by paths: positions and currents are uncertain
 LOOKAHEAD = 0.5  # of a circle, over its radius
@@ -68,7 +68,7 @@ class Loiter(Clear):
 
     reference = "loiter_price"
 
-    def __init__(self, name: str, world: World, argument: float) -> None:
+    def __init__(self, name: str, world: HeuristicWorld, argument: float) -> None:
         super().__init__(name, world, argument)
         site = Site(self.scenario)
         self._service, self._next = self.layout.slice("service"), self.layout.slice("next")

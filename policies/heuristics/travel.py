@@ -1,4 +1,4 @@
-"""Heuristics that travel to the target or hold a station, with the current at the AUV known, or act at random."""
+"""Heuristics that travel to the target or hold a station, with the current at the AUV known."""
 
 from __future__ import annotations
 
@@ -9,12 +9,9 @@ import torch
 from torch import Tensor
 
 from usvauv.env.scenario import Scenario
-from usvauv.env.world.world import World
 from usvauv.kernels.mission.observation import DEPTH_UNIT
 from usvauv.policies.guidance import SpeedToFly, angle, clear_of_others, command, components, crab, unit
-from usvauv.policies.policy import Heuristic, by_pieces, number
-
-SEED = 0  # of random actions
+from usvauv.policies.policy import Heuristic, HeuristicWorld, by_pieces, number
 
 
 class ConstantSpeed(Heuristic):
@@ -102,7 +99,7 @@ class Pace(Heuristic):
     parameter = ("PRICE", "W")
     argument: float
 
-    def __init__(self, name: str, world: World, argument: float) -> None:
+    def __init__(self, name: str, world: HeuristicWorld, argument: float) -> None:
         super().__init__(name, world, argument)
         self.speed_to_fly = SpeedToFly(self.scenario)
 
@@ -136,7 +133,7 @@ class Clear(Pace):
 
     reference = "clear_price"
 
-    def __init__(self, name: str, world: World, argument: float) -> None:
+    def __init__(self, name: str, world: HeuristicWorld, argument: float) -> None:
         super().__init__(name, world, argument)
         self._others = self.layout.slice("others")
 
@@ -162,38 +159,3 @@ class Keep(Heuristic):
         velocity = offset / step - self.world.current().to(observation)
         speed = velocity.norm(dim=-1).clamp(auv.speed_min, auv.speed_max)
         return command(unit(velocity), speed, self.scenario)
-
-
-class Random(Heuristic):
-    """Uniform actions, drawn anew in every step: the lower end of every comparison.
-
-    The n-th action is the same in every run. The draw is a hash of (seed, step, index of the world, AUV, component), so
-    it is the same in any batch.
-    """
-
-    def __init__(self, name: str, world: World, argument: None = None) -> None:
-        super().__init__(name, world, argument)
-        self.first = world.num_auvs * world.action_size * torch.from_numpy(world.seeds.index).to(world.device)
-        self.step = 0
-
-    def act(self, observation: Tensor) -> Tensor:
-        worlds, auvs = observation.shape[:2]
-        within = torch.arange(auvs * self.world.action_size, device=observation.device)
-        index = self.first[:, None] + within + (self.step << 32)
-        self.step += 1
-        bits = mix(mix(index) ^ mix(torch.full_like(index, SEED)))
-        uniform = (bits >> 40 & 0xFFFFFF).float() / 2.0**24
-        return (2.0 * uniform - 1.0).view(worlds, auvs, self.world.action_size)
-
-
-def mix(x: Tensor) -> Tensor:
-    """SplitMix64's finaliser on int64, whose products wrap (Steele, Lea, Flood 2014, doi 10.1145/2660193.2660195)."""
-    x = x + signed(0x9E3779B97F4A7C15)
-    x = (x ^ (x >> 30 & (1 << 34) - 1)) * signed(0xBF58476D1CE4E5B9)
-    x = (x ^ (x >> 27 & (1 << 37) - 1)) * signed(0x94D049BB133111EB)
-    return x ^ (x >> 31 & (1 << 33) - 1)
-
-
-def signed(constant: int) -> int:
-    """Two's complement of a 64-bit constant, for torch's int64."""
-    return constant - (1 << 64) if constant >= 1 << 63 else constant

@@ -1,7 +1,5 @@
 """The linear scheme written plainly in NumPy and f64, and grids and beds that several cases share."""
 
-import math
-
 import numpy as np
 
 from usvauv.kernels.shallow_water.linear import ShallowWater
@@ -9,12 +7,7 @@ from usvauv.kernels.shallow_water.linear import ShallowWater
 GRAVITY = 9.81
 ROUNDING = 2.0**-24  # half a unit in the last place of an f32 number near one
 SIDES = ("west", "east", "south", "north")
-ELEVATION_FACTOR = {
-    "forced": 1,
-    "incident": 2,
-    "radiating": 0,
-    "sponge": 0,
-}  # elevation outside over the prescribed one
+ELEVATION_FACTOR = {"forced": 1, "incident": 2, "radiating": 0}  # elevation outside over the prescribed one
 
 
 def centres(cells: int, length: float) -> np.ndarray:
@@ -71,24 +64,7 @@ class PlainScheme:
         self.eta = np.where(h > 0, eta, 0.0)
         gx, gy = self.gradient(self.eta)
         self.U, self.V = dt / 2 * GRAVITY * self.hx * gx, dt / 2 * GRAVITY * self.hy * gy
-        along = [(self.sponge(0, faces), self.sponge(0, centres)), (self.sponge(1, faces), self.sponge(1, centres))]
-        drag = (1 - solver.drag * dt / 2) / (1 + solver.drag * dt / 2)
-        self.factor_x, self.factor_y = drag * along[0][0], drag * along[1][0][:, None]
-        self.factor = along[0][1] * along[1][1][:, None]
-
-    def sponge(self, axis: int, points) -> np.ndarray:
-        """exp(−σ Δt), σ = 15/4 c/w d²: the celerity c of the deepest water in the layer, its width w, depth d in it."""
-        s, n = self.s, (self.s.nx, self.s.ny)[axis]
-        length = n * (s.dx, s.dy)[axis]
-        rate = 0 * points(n, length)
-        for side in SIDES[2 * axis : 2 * axis + 2]:
-            if s.boundaries.kind[side] == "sponge":
-                distance = lambda x, end=side: x if end in ("west", "south") else length - x  # noqa: E731
-                layer = distance(centres(n, length)) - (s.dx, s.dy)[axis] / 2 < s.boundaries.sponge_width
-                deepest = self.h[:, layer].max() if axis == 0 else self.h[layer].max()
-                d = np.maximum(1 - distance(points(n, length)) / s.boundaries.sponge_width, 0)
-                rate = rate + 15 / 4 * math.sqrt(GRAVITY * deepest) / s.boundaries.sponge_width * d**2
-        return np.exp(-rate * self.dt)
+        self.factor = (1 - solver.drag * dt / 2) / (1 + solver.drag * dt / 2)
 
     def gradient(self, field: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Differences on the faces; at an open boundary to the elevation outside, over half a cell."""
@@ -105,15 +81,13 @@ class PlainScheme:
         for _ in range(substeps):
             gx, gy = self.gradient(self.eta)
             old = self.U, self.V
-            self.U = self.factor_x * self.U - (1 + self.factor_x) / 2 * dt * GRAVITY * self.hx * gx
-            self.V = self.factor_y * self.V - (1 + self.factor_y) / 2 * dt * GRAVITY * self.hy * gy
+            self.U = self.factor * self.U - (1 + self.factor) / 2 * dt * GRAVITY * self.hx * gx
+            self.V = self.factor * self.V - (1 + self.factor) / 2 * dt * GRAVITY * self.hy * gy
             for kind, at_side, across_x, _ in self.open:
                 if kind != "forced":  # U/c at the face, mean of the old and the new transport
                     W, before, size = (self.U, old[0], self.s.dx) if across_x else (self.V, old[1], self.s.dy)
-                    factor = np.broadcast_to(self.factor_x if across_x else self.factor_y, W.shape)[at_side]
-                    passing = (1 + factor) / 2 * dt / size * np.sqrt(GRAVITY * self.h[at_side])
+                    passing = (1 + self.factor) / 2 * dt / size * np.sqrt(GRAVITY * self.h[at_side])
                     W[at_side] = (W[at_side] - passing * before[at_side]) / (1 + passing)
-            flow = dt * (np.diff(self.U, axis=1) / self.s.dx + np.diff(self.V, axis=0) / self.s.dy)
-            self.eta = self.factor * self.eta - (1 + self.factor) / 2 * flow
+            self.eta = self.eta - dt * (np.diff(self.U, axis=1) / self.s.dx + np.diff(self.V, axis=0) / self.s.dy)
             self.steps += 1
         return self.eta

@@ -1,9 +1,8 @@
-"""Policies and runs on disk: round trip, files of version 0.2, refusal of what is damaged or cannot be resumed."""
+"""Policies and runs on disk: round trip, refusal of what is damaged or cannot be resumed."""
 
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 import os
 import resource
@@ -59,18 +58,6 @@ def edit(path, part, about=None, tensors=None):
     checkpoint.write(path, parts)
 
 
-def as_version_0_2(path):
-    """The checkpoint in a file as the folder that version 0.2 would have written, in its place."""
-    folder = path.with_suffix("")
-    folder.mkdir()
-    for part in (POLICY, TRAINING):
-        about, tensors = checkpoint.read(path, part)
-        (folder / f"{part}.json").write_text(json.dumps(about))
-        save_file(tensors, folder / f"{part}.safetensors")
-    path.unlink()
-    return folder
-
-
 class TestRoundTrip:
     @pytest.mark.parametrize(("algorithm", "shared"), [("sac", False), ("td3", True), ("ddpg", False)])
     def test_actions_are_bit_equal(self, tmp_path, algorithm, shared):
@@ -105,22 +92,6 @@ class TestRoundTrip:
             checkpoint.write(last.with_name(f"{number}.safetensors"), parts)
         assert len({last.with_name(f"{number}.safetensors").read_bytes() for number in range(4)}) == 1
 
-    def test_a_run_of_version_0_2_acts_and_goes_on(self, saved):
-        run, last = saved
-        observation = run.world.reset().clone()
-        folder = as_version_0_2(last)
-        for path in (folder, folder.parent):
-            assert torch.equal(policies.load_learned(path).act(observation), run.policy().act(observation))
-        again = training_run(last.parent)
-        resume(again)
-        assert (again.steps, again.learner.updates) == (800, run.learner.updates)
-        Trainer(again).train(808)
-        assert checkpoint.read_run(last.parent)[2]["steps"] == 808
-        checkpoint.close_run(last.parent)
-        assert policies.read_history(last.parent) == []
-        with pytest.raises(PolicyError, match="cannot be resumed"):
-            resume(training_run(last.parent))
-
 
 class TestRefusal:
     def refused(self, path, part, toy=None):
@@ -134,8 +105,6 @@ class TestRefusal:
         (tmp_path / "empty").mkdir()
         self.refused(tmp_path / "empty", "holds no best.safetensors")
         self.refused(tmp_path / "nowhere", "allowed are ppo-wide-torpedo, sac-ideal")
-        (tmp_path / "empty" / "policy.json").write_text('{"format": 2}')
-        self.refused(tmp_path / "empty", "damaged")
         with pytest.raises(PolicyError, match=r"last\.safetensors: checkpoint is missing"):
             resume(training_run(tmp_path))
 

@@ -3,7 +3,6 @@
 import dataclasses
 import math
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
@@ -71,20 +70,6 @@ def test_an_algorithm_trains_and_its_policy_is_kept(tmp_path):
     observation = run.world.reset()
     kept = policies.load(tmp_path / "run", run.world)
     assert torch.equal(kept.act(observation), run.policy().act(observation))
-
-
-def test_a_plugin_of_version_02_is_told_the_new_name(tmp_path):
-    """In a process of its own: in that of the tests folders have the old names."""
-    (tmp_path / "one.py").write_text("from kernels.errors import UserError")
-    (tmp_path / "other.py").write_text("import usvauv_env.scenario")
-    begin = "import sys; from usvauv.cli import app; codes = []\nfor name in ('one.py', 'other.py'):\n"
-    each = "    sys.argv = ['usvauv', 'scenarios', '--plugin', name]; codes.append(app.run())\nassert codes == [2, 2]"
-    done = subprocess.run(
-        [sys.executable, "-c", begin + each], cwd=tmp_path, capture_output=True, text=True, check=True
-    )
-    said = " ".join(done.stderr.split())
-    assert "imports kernels, whose name since 0.3 is usvauv.kernels" in said
-    assert "imports usvauv_env, whose name since 0.3 is usvauv.env" in said
 
 
 TEXT = """

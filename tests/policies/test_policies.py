@@ -45,7 +45,7 @@ ACTING = [
     *(("wide-torpedo", name, ()) for name in ("pass", "loiter", "random")),
     ("wide", "crab", ()),
 ]
-LONG = ("paper-ideal", ""), ("paper-extreme", ""), ("extreme-torpedo", ""), ("ideal", "sac-ideal")
+LONG = ("paper-ideal", ""), ("paper-extreme", ""), ("extreme-torpedo", ""), ("ideal", "sac-ideal"), ("bore", "")
 LONG += ("wide-torpedo", "loiter"), ("wide", "crab")
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from usvauv.cli.boat_placement import ship_log
 from usvauv.cli.boat_placement.fixes import DAY, LATE, NEEDED, Contents, Fix, near, read_table
-from usvauv.env import Scenario
+from usvauv.env.scenario import Scenario
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site
 from usvauv.kernels.errors import UserError

@@ -99,9 +99,9 @@ def evaluate(
     from usvauv.cli.evaluation.comparison import Comparison
     from usvauv.cli.evaluation.comparison_tables import intervals, metrics_tables
     from usvauv.cli.web_report.episodes import Recordings, front_episodes
-    from usvauv.env import Scenario
     from usvauv.env.record.evaluation import WORLDS_PER_BATCH, batch_size
     from usvauv.env.record.metrics import FIGURES, task_metrics
+    from usvauv.env.scenario import Scenario
     from usvauv.env.storage.result_tables import growing_table
     from usvauv.policies import loading
 
@@ -131,8 +131,7 @@ def evaluate(
         decides = definition(setting, scenarios, seed, arch)
         about = table.about
         if about is None:
-            kinds = {which[1:]: chosen for which, chosen in scenarios.items()}
-            size = min(batch_size(chosen, episodes, strategy, arch) for (strategy, _), chosen in kinds.items())
+            size = min(batch_size(chosen, episodes) for chosen in scenarios.values())
             if size < min(WORLDS_PER_BATCH, episodes):
                 typer.echo(f"batches of {counted(size, 'episode')}: memory holds no more", err=True)
             about = {"definition": decides, "batch": size}

@@ -80,7 +80,7 @@ def export(
         from usvauv.env.exchange import WRITERS
 
         raise UserError(f"{source}: is a trace, which needs --to: {', '.join(WRITERS)}")
-    from usvauv.env import Scenario
+    from usvauv.env.scenario import Scenario
     from usvauv.env.world.observation_layout import ObservationLayout
     from usvauv.policies import loading
     from usvauv.policies.export import export as write

@@ -22,7 +22,7 @@ from usvauv.cli.terminal import counted, duration
 from usvauv.kernels.errors import UserError
 
 if TYPE_CHECKING:
-    from usvauv.env import Scenario
+    from usvauv.env.scenario import Scenario
     from usvauv.kernels.registry import Registry
 
 PACKAGES = ("usvauv", "taichi", "torch", "numpy", "pydantic", "gymnasium", "av", "opencv-python-headless")
@@ -82,7 +82,7 @@ def scenarios(
 
     `usvauv scenarios mine.toml --check`
     """
-    from usvauv.env import Scenario
+    from usvauv.env.scenario import Scenario
 
     for option, given in (("--check", check), ("--set", overrides)):
         if given and not scenario:
@@ -263,7 +263,7 @@ def targets(plugins: Plugins = None) -> None:
 
 def _users(default: Callable[[Scenario], str]) -> dict[str, str]:
     """In which shipped scenarios an item is the default, a sentence for each that is."""
-    from usvauv.env import Scenario
+    from usvauv.env.scenario import Scenario
 
     users: dict[str, list[str]] = {}
     for name in Scenario.shipped():

@@ -20,8 +20,11 @@ from usvauv.cli.usage import expect
 from usvauv.kernels.errors import UserError, choices
 
 if TYPE_CHECKING:
-    from usvauv.env import Scenario, Trace
+    from usvauv.env.record.trace import Trace
     from usvauv.env.render.video import Video
+    from usvauv.env.scenario import Scenario
+
+LONGEST = 10_000_000  # s, of what a command simulates, as of mission.duration
 
 
 def bounded(least: float, most: float = math.inf) -> Callable[[typer.CallbackParam, float | None], float | None]:
@@ -40,7 +43,7 @@ def of_kind(kind: str) -> Callable[[Any], Any]:
     """A callback of an argument or option that refuses files of another kind; a shipped name is no file."""
 
     def check(value: Any) -> Any:
-        from usvauv.env import Scenario
+        from usvauv.env.scenario import Scenario
 
         for name in value if isinstance(value, list) else [value]:
             if name is not None and name not in Scenario.shipped():
@@ -342,7 +345,7 @@ def check_shown(video: Video, length: float, *scenarios: Scenario) -> None:
 
 def loaded(path: Path, episode: int) -> Trace:
     """The trace in a file, which must have an episode of that number."""
-    from usvauv.env import Trace
+    from usvauv.env.record.trace import Trace
 
     trace = Trace.load(path)
     if not 0 <= episode < (count := trace.power.shape[1]):

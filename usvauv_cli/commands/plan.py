@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from usvauv.cli import terminal
-from usvauv.cli.commands.options import Arch, Force, Overrides, Plugins, choice, of_kind, writable
+from usvauv.cli.commands.options import Arch, Force, Overrides, Plugins, of_kind, writable
 from usvauv.kernels.errors import UserError
 
 if TYPE_CHECKING:
     from usvauv.cli.boat_placement.fix_log import Log, PositionEstimate
-    from usvauv.env import Scenario
     from usvauv.env.accuracy.boat_place import BoatPlace, Plan
+    from usvauv.env.scenario import Scenario
 
 FORMATS = (".png", ".pdf", ".svg", ".geojson")
 LONGEST_NAME = 40  # characters of a name in the table
@@ -52,21 +52,6 @@ def plan(
             help="Array, sonar, noise and area: shipped name or path of a TOML file.",
         ),
     ] = "extreme",
-    objective: Annotated[
-        str | None,
-        typer.Option(
-            help="For the information on all positions, d: largest determinant; a: least sum of all variances. sum:"
-            " largest determinant of the information on one offset common to all fixes, the paper's Eq. 2; paper: the"
-            " paper's Eq. 3 as printed. Default: the scenario's."
-        ),
-    ] = None,
-    measurement: Annotated[
-        str | None,
-        typer.Option(
-            help="What the USBL measures. fix: two phases and the slant range; phase: the phases alone, the depth being"
-            " known from a gauge. Default: the scenario's."
-        ),
-    ] = None,
     compare: Annotated[
         list[str] | None,
         typer.Option(
@@ -98,14 +83,15 @@ def plan(
 ) -> None:
     """Where should the boat be? Find the place from which a USBL locates its AUVs best, and the errors to expect.
 
-    Nothing is learned or simulated: the place maximises `--objective` of the fixes' Fisher information (in metres) over
-    the whole area, each AUV's weighted by the probability of a good fix. The table gives the error of one good fix of
-    each AUV from this place, from the AUVs' centroid and from every `--compare`: standard deviations along the axes of
-    its horizontal error ellipse, and their geometric mean and rms over the located AUVs. They include all causes in the
-    tables. The array is level; `--slope` tilts it for the errors. Objective d minimises the mean, a the rms; figures
-    show the minimised one. "detected" is the probability that the tone of a fix is detected, "good" that in addition
-    the fix is unambiguous (no phase has wrapped) and has a real depth. An AUV is located if at least 90 % of its fixes
-    are good; a line on standard error lists the AUVs not located from the optimum, with the reason and a remedy.
+    Nothing is learned or simulated: the place maximises the scenario's `planner.objective` of the fixes' Fisher
+    information (in metres) over the whole area, each AUV's weighted by the probability of a good fix. The table gives
+    the error of one good fix of each AUV from this place, from the AUVs' centroid and from every `--compare`: standard
+    deviations along the axes of its horizontal error ellipse, and their geometric mean and rms over the located AUVs.
+    They include all causes in the tables. The array is level; `--slope` tilts it for the errors. Objective d minimises
+    the mean, a the rms; figures show the minimised one. "detected" is the probability that the tone of a fix is
+    detected, "good" that in addition the fix is unambiguous (no phase has wrapped) and has a real depth. An AUV is
+    located if at least 90 % of its fixes are good; a line on standard error lists the AUVs not located from the
+    optimum, with the reason and a remedy.
 
     Numbers are metres from the area's south-west corner. A scenario has a place on Earth where `water.latitude` and
     `water.longitude` of that corner are set or `water` names a file; then positions can be latitudes and longitudes
@@ -150,19 +136,15 @@ def plan(
     import json
     from dataclasses import asdict, replace
 
-    from usvauv.env import Scenario
     from usvauv.env.accuracy.boat_place import solve
     from usvauv.env.exchange import geojson
+    from usvauv.env.scenario import Scenario
     from usvauv.env.site.positions import DEGREES, auv_position, boat_position, look_geographic
     from usvauv.env.storage.files import atomic_write
-    from usvauv.kernels.planning.information import MEASUREMENTS
-    from usvauv.kernels.planning.objectives import OBJECTIVES
 
     setting = Scenario.load(scenario, overrides or ())
     estimates: list[PositionEstimate] = []
     read: Log | None = None
-    objective = choice("--objective", objective or setting.planner.objective, OBJECTIVES)
-    measurement = choice("--measurement", measurement or setting.planner.measurement, MEASUREMENTS)
     hint = DEGREES if look_geographic(auv or (), setting) else ""
     auvs = [auv_position(text, setting, hint) for text in auv or ()]
     if log:
@@ -195,7 +177,10 @@ def plan(
         writable(context, Path(json_file), "--json", (".json",))
 
     uncertainty = [found.uncertainty for found in estimates]
-    result, landscape = solve(setting, auvs, others, objective, measurement, gradient, arch, uncertainty)
+    planner = setting.planner
+    result, landscape = solve(
+        setting, auvs, others, planner.objective, planner.measurement, gradient, arch, uncertainty
+    )
     first = read.warnings if read else [f"--auv: {hint}"] if hint else []
     result = replace(result, warnings=[*first, *result.warnings])
     for warning in result.warnings:

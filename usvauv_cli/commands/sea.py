@@ -31,7 +31,9 @@ FIGURE_INTERVAL = 0.5  # s between records of a figure; the shortest waves of a 
 def sea(
     context: typer.Context,
     scenario: options.ScenarioName = "extreme",
-    duration: Annotated[float, typer.Option(callback=options.bounded(0.1), help="Seconds of sea.")] = 60.0,
+    duration: Annotated[
+        float, typer.Option(callback=options.bounded(0.1, options.LONGEST), help="Seconds of sea.")
+    ] = 60.0,
     resolution: Annotated[
         float | None, typer.Option(metavar="M", help="Grid spacing, m. Default: the scenario's sea.fine_cells.")
     ] = None,
@@ -82,8 +84,8 @@ def sea(
 
     `usvauv sea --out calm.png --set storm.spectrum=none --set sea.irregular_rms=0.5`
     """
-    from usvauv.env import Scenario
     from usvauv.env.render.style import clock
+    from usvauv.env.scenario import Scenario
     from usvauv.env.sea.simulation import SeaSimulation, cells
     from usvauv.env.world.mission_parameters import first_vortices
 

@@ -33,7 +33,8 @@ def simulate(
     duration: Annotated[
         float | None,
         typer.Option(
-            callback=options.bounded(0.1), help="Seconds to simulate, in whole mission steps; default an episode."
+            callback=options.bounded(0.1, options.LONGEST),
+            help="Seconds to simulate, in whole mission steps; default an episode.",
         ),
     ] = None,
     compare: Annotated[
@@ -79,6 +80,7 @@ def simulate(
     """
     from usvauv.env import Scenario
     from usvauv.env.record.metrics import episode_metrics
+    from usvauv.env.record.recorder import check_room
     from usvauv.env.world.strategy_choice import StrategyChoice
     from usvauv.policies import loading
 
@@ -90,6 +92,7 @@ def simulate(
     step = setting.mission.step
     steps = max(1, round(duration / step)) if duration else setting.mission.steps
     options.check_shown(video, steps * step, setting)
+    check_room(setting, 1, steps)
     steering = policy or loading.default(setting)
     runs: list[Run] = [(steering, usv, targets)]
     if compare and compare.startswith("usv="):

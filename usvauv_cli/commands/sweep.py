@@ -58,7 +58,7 @@ def sweep(
     from usvauv.cli.sweep import results
     from usvauv.cli.sweep.perform import engine
     from usvauv.cli.sweep.study import read
-    from usvauv.env import Scenario
+    from usvauv.env.scenario import Scenario
 
     _check(ray, slurm)
     wanted = read(study)

@@ -25,7 +25,7 @@ class Snapshot:
     boat: np.ndarray  # (B, F)
     node: np.ndarray  # (M, N)
     estimate: np.ndarray  # (K, E)
-    heading: np.ndarray  # of the boats, (B,), rad, see `usvauv.env.record.trace.turned`; NaN before the first
+    heading: np.ndarray  # of the boats, (B,), rad, see `usvauv.env.record.headings.turned`; NaN before the first
     depth: np.ndarray  # of the AUVs, (K,), m
     attitude: np.ndarray  # of the AUVs, (K, 3), rad, as in a trace
     fins: np.ndarray  # of the AUVs, (K, 3), rad and 1/s, as in a trace

@@ -14,11 +14,10 @@ import numpy as np
 import torch
 
 from usvauv.cli.live.history import POINTS, History, Moment, Snapshot, SurfaceGrid
+from usvauv.env.record.headings import AT_REST, turned
 from usvauv.env.record.metrics import EpisodeMetrics, episode_metrics
-from usvauv.env.record.recorder import Recorder, of_bodies, trace_bytes
-from usvauv.env.record.trace import AT_REST, turned
+from usvauv.env.record.recorder import Recorder, check_room, of_bodies
 from usvauv.env.scenario import Scenario
-from usvauv.env.storage.memory import require
 from usvauv.env.world.strategy_choice import StrategyChoice
 from usvauv.env.world.world import World
 from usvauv.kernels.errors import DivergenceError, UserError
@@ -122,8 +121,8 @@ class Session:
         self.sliders = sliders(scenario)
         self.values = {name: slider.value(scenario) for name, slider in self.sliders.items()}
         self._arch = arch
+        check_room(scenario, 1, scenario.mission.steps)
         self.world = World(scenario, 1, seed, fine_sea=True, arch=arch)
-        require(trace_bytes(self.world, self.world.steps), f"a record of {self.world.steps} steps")
         self._act = loading.acting(self.policy, self.world)
         self.grid = SurfaceGrid(self.world)
         area = scenario.area

@@ -21,11 +21,12 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from usvauv import env
 from usvauv.cli.sweep.engine import Signs, Stopped
-from usvauv.env import Scenario, World
+from usvauv.env.record.evaluation import run_episodes
+from usvauv.env.scenario import Scenario
 from usvauv.env.storage.files import OutputError, atomic_write, inside, locked, read_text, writing
 from usvauv.env.storage.result_tables import read_rows, write_rows
+from usvauv.env.world.world import World
 from usvauv.kernels.errors import UserError
 from usvauv.policies import checkpoint, loading
 from usvauv.policies.checkpoint import provenance
@@ -54,7 +55,7 @@ def episodes(definition: Mapping[str, Any], place: Path, step: Callable[[int], N
     """
     wanted, config = definition["evaluation"], definition["training"]
     name = config["algorithm"] if config else definition["policy"]
-    rows = env.run_episodes(
+    rows = run_episodes(
         Scenario.from_dict(definition["scenario"], str(place)),
         {name: partial(loading.acting, place if config else name)},
         episodes=wanted["episodes"],

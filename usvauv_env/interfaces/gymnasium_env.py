@@ -27,10 +27,9 @@ from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 
-from usvauv.env.record.recorder import SURFACE_PIXELS, Recorder, trace_bytes
+from usvauv.env.record.recorder import SURFACE_PIXELS, Recorder, check_room
 from usvauv.env.scenario.fields import ScenarioError
 from usvauv.env.scenario.scenario import Scenario
-from usvauv.env.storage.memory import require
 from usvauv.env.world.agents import action_space, auv_observation_space
 from usvauv.env.world.state import Numbers, numbers_of
 from usvauv.env.world.world import NOT_BEGUN, World
@@ -72,8 +71,7 @@ class Camera:
     """Pictures for `render`: records the states of each world's episode, and draws the last one."""
 
     def __init__(self, world: World) -> None:
-        what = f"render_mode: a record of {world.steps} steps of {world.num_worlds} worlds"
-        require(trace_bytes(world, world.steps), what)
+        check_room(world.scenario, world.num_worlds, world.steps)
         self._recorder = Recorder(world)
         self._first = np.zeros(world.num_worlds, int)
 

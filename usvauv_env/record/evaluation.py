@@ -9,7 +9,7 @@ from typing import Any, Protocol
 from torch import Tensor
 
 from usvauv.env.record.metrics import EpisodeMetrics, episode_metrics
-from usvauv.env.record.recorder import EACH, record, trace_bytes
+from usvauv.env.record.recorder import EACH, check_room, record, trace_bytes
 from usvauv.env.record.trace import Trace
 from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.storage import memory
@@ -67,7 +67,7 @@ def run_episodes(
         raise UserError(f"episodes = {episodes}: must be at least 1")
     scenario = Scenario.of(scenario)
     scenario = scenario.with_targets(targets)
-    rows, size = [], batch_size(scenario, episodes, usv, arch)
+    rows, size = [], batch_size(scenario, episodes)
     for name, make in policies.items():
         for first in range(0, episodes, size):
             worlds = World(scenario, min(size, episodes - first), seed, usv, first_world=first, arch=arch)
@@ -77,18 +77,18 @@ def run_episodes(
     return rows
 
 
-def batch_size(scenario: Scenario, episodes: int, usv: str | None = None, arch: str = "auto") -> int:
-    """Number of worlds that are stepped together: `WORLDS_PER_BATCH`, halved until their records fit into memory, or 1.
+def batch_size(scenario: Scenario, episodes: int) -> int:
+    """Number of worlds that are stepped together: `WORLDS_PER_BATCH`, halved until their records fit into memory.
 
     The batch changes no episode, unless a policy of your own acts otherwise in another one, see `docs/extending.md`.
 
     Raises:
-        UserError: as `World`.
+        MemoryNeeded: the record of one does not.
     """
-    size = min(WORLDS_PER_BATCH, episodes)
-    world = World(scenario, 1, usv=usv, arch=arch)
-    shared, free = EACH * world.steps, memory.SHARE * memory.available()
-    one = trace_bytes(world, world.steps) - shared
+    size, steps = min(WORLDS_PER_BATCH, episodes), scenario.mission.steps
+    check_room(scenario, 1, steps)
+    shared, free = EACH * steps, memory.SHARE * memory.available()
+    one = trace_bytes(scenario, 1, steps) - shared
     while size > 1 and shared + size * one > free:
         size = (size + 1) // 2
     return size

@@ -19,7 +19,8 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from usvauv.env.record.trace import Trace, latest
+from usvauv.env.record.headings import latest
+from usvauv.env.record.trace import Trace
 from usvauv.kernels.positioning.usbl import DETECTED, UNUSABLE, WRAPPED
 from usvauv.kernels.registry import Registry
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -9,8 +10,11 @@ from contextlib import nullcontext
 import numpy as np
 import torch
 
-from usvauv.env.record.trace import Trace, headings
+from usvauv.env.record.headings import headings
+from usvauv.env.record.trace import Trace
+from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.storage.memory import RowsOnDisk, require
+from usvauv.env.world.state import array_shapes
 from usvauv.env.world.world import World
 from usvauv.kernels.errors import DivergenceError
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, BodyColumn, EstimateColumn, NodeColumn, TallyColumn
@@ -37,11 +41,22 @@ class Diverged(DivergenceError):
         self.trace = trace
 
 
-def trace_bytes(world: World, steps: int) -> float:
-    """Estimated peak memory for recording some steps, bytes; the surface is on the disk."""
-    states = world.auv, world.boat, world.node[..., NodeColumn.backlog], world.reward_terms, world.estimate
-    numbers = sum(tensor.numel() for tensor in states) + 4 * world.num_worlds * world.scenario.current.vortices
+def trace_bytes(scenario: Scenario, num_worlds: int, steps: int) -> float:
+    """Estimated peak memory for recording some steps of worlds, bytes; the surface is on the disk."""
+    shapes = array_shapes(scenario, num_worlds, foresees=False)
+    numbers = sum(math.prod(shapes[name]) for name in ("auv", "boat", "reward_terms", "estimate"))
+    numbers += num_worlds * (scenario.targets + 4 * scenario.current.vortices)
     return steps * (EACH + 4.0 * COPIES * numbers)
+
+
+def check_room(scenario: Scenario, num_worlds: int, steps: int) -> None:
+    """Refuse a record that does not fit into memory.
+
+    Raises:
+        MemoryNeeded: it does not.
+    """
+    what = f"mission.duration or --duration: a record of {steps} steps of {num_worlds} worlds"
+    require(trace_bytes(scenario, num_worlds, steps), what)
 
 
 class Recorder:
@@ -207,11 +222,11 @@ def record(
     """
     world.seeds.common()  # refuses, before the run, worlds of which there can be no trace
     steps = steps or world.steps
-    what = f"a record of {steps} steps of {world.num_worlds} worlds"
-    require(trace_bytes(world, steps), what)
+    check_room(world.scenario, world.num_worlds, steps)
     recorder, problem = Recorder(world), None
     observation = world.reset()
-    with RowsOnDisk(steps, world.surface(SURFACE_PIXELS).shape, what) if surface else nullcontext() as sea:
+    where = f"the sea of {steps} steps"
+    with RowsOnDisk(steps, world.surface(SURFACE_PIXELS).shape, where) if surface else nullcontext() as sea:
         for done in range(1, steps + 1):
             action = act(observation)
             try:

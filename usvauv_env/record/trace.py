@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from usvauv.env.record.headings import directions, headings
 from usvauv.env.scenario.fields import ScenarioError
 from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.site import place
@@ -76,9 +77,6 @@ INTEGERS = (
 LARGEST = 1e12  # of any number in a trace
 DENSEST = 1032  # bytes that one of a file compressed by DEFLATE can stand for
 # For `turned`; conventions of this model, not measurements of a boat: at 4 m/s the turn has a radius of 11 m.
-TURN_RATE = math.radians(20)  # rad/s
-SLOWEST = 0.1  # m/s
-AT_REST = 1e-3  # m/s; up to this speed a point AUV keeps its direction
 TOGETHER = 64  # steps of the surface that are read together
 
 
@@ -461,52 +459,3 @@ def _check_indices(arrays: Mapping[str, np.ndarray], scenario: Scenario) -> None
         index = arrays[name]
         if not ((index >= 0) & (index < count)).all():
             raise TraceError(f"{name} is from {index.min()} to {index.max()}; expected 0 to {count - 1}")
-
-
-def turned(heading: np.ndarray, velocity: np.ndarray, step: float) -> np.ndarray:
-    """Headings (…) of boats simulated as points, after a step of some seconds; NaN: none yet.
-
-    A heading is the bow's direction; nothing in a mission depends on it, and an Otter has its own. The boat turns
-    towards its velocity through the water v, at most at `TURN_RATE`, and keeps its heading while |v| does not exceed
-    `SLOWEST`, so that a boat on station in a current points against it:
-
-        ψ(t + Δt) = ψ(t) + clip(wrap(arg v − ψ(t)), ±TURN_RATE Δt),   wrap(α) in [−π, π).
-
-    ψ is in rad, anticlockwise from east, and not wrapped, so that it can be interpolated.
-
-    Args:
-        velocity: v, (…, 2), m/s.
-    """
-    aim = np.arctan2(velocity[..., 1], velocity[..., 0])
-    most = TURN_RATE * step
-    off = np.remainder(aim - heading + math.pi, 2 * math.pi) - math.pi
-    after = np.where(np.isnan(heading), aim, heading + np.clip(off, -most, most))
-    return np.where(np.hypot(velocity[..., 0], velocity[..., 1]) > SLOWEST, after, heading)
-
-
-def headings(velocity: np.ndarray, step: float) -> np.ndarray:
-    """Headings (T, …) float32 of `turned` after steps in which boats move through the water at (T, …, 2), m/s.
-
-    The first is that of the first velocity above `SLOWEST`, also before it, and east without one.
-    """
-    made = np.full(velocity.shape[:-1], np.nan)
-    now = np.full(velocity.shape[1:-1], np.nan)
-    for row, moving in zip(made, velocity.astype(float), strict=True):
-        row[...] = now = turned(now, moving, step)
-    begins = np.take_along_axis(made, np.argmax(~np.isnan(made), axis=0)[None], axis=0)
-    return np.nan_to_num(np.where(np.isnan(made), begins, made)).astype(np.float32)
-
-
-def latest(happened: np.ndarray) -> np.ndarray:
-    """Last row (T, …) with a flag set, for each row of flags (T, …); −1 before the first."""
-    rows = np.arange(len(happened)).reshape(-1, *[1] * (happened.ndim - 1))
-    return np.maximum.accumulate(np.where(happened, rows, -1))
-
-
-def directions(velocity: np.ndarray) -> np.ndarray:
-    """Directions (T, …) of velocities (T, …, 2), rad, continuous; at rest the last one, before the first the next."""
-    angle = np.arctan2(velocity[..., 1], velocity[..., 0])
-    moving = np.hypot(velocity[..., 0], velocity[..., 1]) > AT_REST
-    last = latest(moving)
-    first = np.where(moving.any(axis=0), moving.argmax(axis=0), 0)
-    return np.unwrap(np.take_along_axis(angle, np.where(last < 0, first, last), axis=0), axis=0)

@@ -18,8 +18,9 @@ import torch
 from contourpy import contour_generator
 
 from usvauv.env.accuracy.fix_errors import reception
+from usvauv.env.record.headings import latest
 from usvauv.env.record.metrics import age, energy_consumption, position_error, target_distance
-from usvauv.env.record.trace import Trace, latest
+from usvauv.env.record.trace import Trace
 from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.sea.storm import elevation
 from usvauv.env.site.site import Site

@@ -112,8 +112,6 @@ class Sea(Section):
     radiating_edges: tuple[Side, ...] = Field(
         (), description="edges that long waves leave through; edges not named anywhere are reflecting walls"
     )
-    sponge_edges: tuple[Side, ...] = Field((), description="edges with an absorbing layer in front")
-    sponge_width: float = Field(40.0, ge=0.1, le=20000, description="width of that layer, m")
     regular_amplitude: float = Field(
         0.0, ge=0, le=30, description="amplitude of the regular wave or tide at the forced edge, m"
     )
@@ -133,12 +131,10 @@ class Sea(Section):
             raise ValueError("irregular_period_max must not be below irregular_period_min")
         if self.forced_edge == "none" and (self.regular_amplitude > 0 or self.irregular_rms != 0):
             raise ValueError("forced_edge must name an edge when regular_amplitude or irregular_rms is above 0")
-        named = (self.forced_edge, *self.radiating_edges, *self.sponge_edges)
+        named = (self.forced_edge, *self.radiating_edges)
         for side in named:
             if named.count(side) > 1:
-                raise ValueError(f"forced_edge, radiating_edges and sponge_edges must not name an edge twice: {side}")
-        if self.equations == "nonlinear" and self.sponge_edges:
-            raise ValueError('equations = "nonlinear" must go without sponge_edges')
+                raise ValueError(f"forced_edge and radiating_edges must not name an edge twice: {side}")
         if self.manning > 0 and self.equations == "linear":
             raise ValueError(f'manning = {self.manning:g}: needs equations = "nonlinear"; linear ones have drag')
         return self

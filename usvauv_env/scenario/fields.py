@@ -52,6 +52,8 @@ RETIRED: dict[str, tuple[str, tuple[object, ...]]] = {
     "acoustics.sediment": (ONE_MODEL, ("sand",)),
     "sea.start_rms": ("0.4", (0.0,)),
     "sea.start_modes": ("0.4", (4,)),
+    "sea.sponge_edges": ("0.4: sea.radiating_edges let waves leave", ([],)),
+    "sea.sponge_width": ("0.4", (40.0,)),
     "reference.zermelo_speed": ("0.4: with the policy zermelo", (1.1, 1.2, 1.3, 1.5, 1.6, 1.7, 1.8)),
 }
 BASE = "base"  # key of a file with the name of the scenario that it differs from

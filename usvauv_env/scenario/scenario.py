@@ -187,15 +187,7 @@ class Scenario(Section):
         return self.sea.regular_amplitude + 4 * rms
 
     def _check_long_waves(self) -> None:
-        sea, area = self.sea, self.area
-        for side, edges in ((area.width, {"west", "east"}), (area.length, {"south", "north"})):
-            count = len(edges.intersection(sea.sponge_edges))
-            if count * sea.sponge_width > side:
-                raise ValueError(f"sea.sponge_width must not be above {side / count:g} m, or the layers overlap")
-        if sea.sponge_edges and sea.sponge_width < 2 * sea.cell_size:
-            raise ValueError(
-                f"sea.sponge_width = {sea.sponge_width:g}: must be at least two sea.cell_size, {2 * sea.cell_size:g} m"
-            )
+        area = self.area
         if not self.water.bathymetry and self.highest_long_wave > area.depth / 2:
             raise ValueError(
                 f"sea.regular_amplitude + 4 sea.irregular_rms = {self.highest_long_wave:.3g} m: must not be above half"

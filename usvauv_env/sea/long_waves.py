@@ -201,9 +201,8 @@ def build_sea(site: Site, seas: Sequence[tuple[int, int]], cells: tuple[int, int
             solver.set_state(eta[row], (u[row, :, 1:] + u[row, :, :-1]) / 2, (v[row, 1:] + v[row, :-1]) / 2)
             solvers.append(solver)
         return NonlinearSeas(solvers)
-    sponge = sea.sponge_width if sea.sponge_edges else None
     depth = np.maximum(depth, 0)
-    solver = ShallowWater(depth=depth, sponge_width=sponge, num_seas=len(seas), largest=float(depth.max()), **like)
+    solver = ShallowWater(depth=depth, num_seas=len(seas), largest=float(depth.max()), **like)
     solver.set_forcing(*waves)
     solver.set_state(eta, u, v)
     return solver
@@ -213,7 +212,6 @@ def boundaries(scenario: Scenario) -> dict[Side, Boundary]:
     """Kind of each boundary that is not a wall, as the solvers name them."""
     sea = scenario.sea
     kinds: dict[Side, Boundary] = dict.fromkeys(sea.radiating_edges, "radiating")
-    kinds |= dict.fromkeys(sea.sponge_edges, "sponge")
     if sea.forced_edge != "none":
         kinds[sea.forced_edge] = "forced" if sea.forcing == "elevation" else "incident"
     return kinds
@@ -357,7 +355,7 @@ def _response(scenario: Scenario, omega: np.ndarray, depth: float) -> tuple[np.n
     """Wave number k, reflection R opposite to the forced boundary, and Z/B there; see `start`."""
     sea = scenario.sea
     opposite = {"west": "east", "east": "west", "south": "north", "north": "south"}[sea.forced_edge]
-    R = 0.0 if opposite in (*sea.radiating_edges, *sea.sponge_edges) else 1.0
+    R = 0.0 if opposite in sea.radiating_edges else 1.0
     k = np.sqrt((omega**2 - 1j * omega * sea.drag) / (sea.gravity * depth))
     arriving = np.exp(1j * k * _fetch(scenario))
     return k, R, arriving if sea.forcing == "incident" else arriving + R / arriving

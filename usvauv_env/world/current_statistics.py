@@ -86,7 +86,7 @@ def _forced_share(scenario: Scenario, period: float) -> float:
     """
     sea, area = scenario.sea, scenario.area
     progressive = 0.5 * sea.gravity / area.depth
-    if sea.forcing == "incident" or sea.radiating_edges or sea.sponge_edges:
+    if sea.forcing == "incident" or sea.radiating_edges:
         return progressive
     across = area.width if sea.forced_edge in ("west", "east") else area.length
     turn = 2 * math.pi * across / (period * math.sqrt(sea.gravity * area.depth))

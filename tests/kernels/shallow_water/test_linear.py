@@ -17,17 +17,14 @@ from tests.cases.plain import ROUNDING, SIDES, PlainScheme, centres, rough_bed, 
 from usvauv.kernels.shallow_water import linear
 from usvauv.kernels.shallow_water.linear import ShallowWater
 
-KINDS = ("forced", "incident", "radiating", "sponge")
+KINDS = ("wall", "forced", "incident", "radiating")
 # Every kind at two sides and opposite two others.
 MIXED = [dict(zip(SIDES, order, strict=True)) for order in (KINDS, (*KINDS[2:], *KINDS[:2]), KINDS[::-1])]
 
 
 def open_sea(boundaries: dict[str, str], **others) -> ShallowWater:
-    """A sea of 200 m × 150 m, with sponges of 60 m where there are any."""
-    width = 60.0 if "sponge" in boundaries.values() else None
-    return ShallowWater(
-        **{"size": (200, 150), "cells": (37, 29), "boundaries": boundaries, "sponge_width": width} | others
-    )
+    """A sea of 200 m × 150 m."""
+    return ShallowWater(**{"size": (200, 150), "cells": (37, 29), "boundaries": boundaries} | others)
 
 
 class TestStep:
@@ -37,15 +34,13 @@ class TestStep:
         assert solver.substeps >= 122
         assert solver.time_step * solver.substeps == pytest.approx(10)
 
-    @pytest.mark.parametrize("boundaries", [{}, *(dict.fromkeys(SIDES, kind) for kind in KINDS)])
+    @pytest.mark.parametrize("boundaries", [dict.fromkeys(SIDES, kind) for kind in KINDS])
     def test_limit_is_sharp_for_every_boundary(self, boundaries, monkeypatch):
         """Noise stays bounded just below the limit, also at open boundaries, and explodes just above it."""
         growth = {}
         for courant in (0.999, 1.02):
             monkeypatch.setattr(linear, "COURANT", courant)
-            # 12 m of sponge reach into the middle rows, but leave water beside them.
             common = {"size": (60, 40), "cells": (18, 12), "depth": 10, "boundaries": boundaries}
-            common |= {"sponge_width": 12.0} if "sponge" in boundaries.values() else {}
             solver = ShallowWater(**common, interval=1)
             # A whole number of substeps, so that rounding up does not shorten them.
             solver = ShallowWater(**common, interval=2000 * courant * solver.limit * (1 - 1e-9))
@@ -65,8 +60,6 @@ class TestStep:
             ({"depth": math.nan}, "depth"),
             ({"boundaries": {"up": "wall"}}, "up"),
             ({"boundaries": {"west": "none"}}, "none"),
-            ({"boundaries": {"west": "sponge"}}, "sponge_width"),
-            ({"boundaries": {"south": "sponge", "north": "sponge"}, "sponge_width": 5.0}, "sponge_width"),
         ],
     )
     def test_refuses_what_it_cannot_solve(self, changed, message):
@@ -248,10 +241,10 @@ MIRRORS = {
 def test_mirrored_sea_stays_mirrored(mirror):
     """With an incoming wave at one side and every other kind of boundary round about."""
     turn, side = MIRRORS[mirror]
-    boundaries = {"west": "incident", "east": "radiating", "south": "sponge", "north": "forced"}
+    boundaries = {"west": "incident", "east": "radiating", "north": "forced"}
     depth = rough_bed(31, 31)
     depth[:, [0, -1]] = depth[[0, -1]] = 60.0
-    common = {"size": (310, 310), "cells": (31, 31), "interval": 1.0, "sponge_width": 60.0}
+    common = {"size": (310, 310), "cells": (31, 31), "interval": 1.0}
     one = ShallowWater(depth=depth, boundaries=boundaries, **common)
     mirrored = {side.get(name, name): kind for name, kind in boundaries.items()}
     other = ShallowWater(depth=np.ascontiguousarray(turn(depth)), boundaries=mirrored, **common)

@@ -346,7 +346,7 @@ class TestRoughGround:
     [
         ({"cells": (2, 9)}, "cells"),
         ({"bed": math.nan}, "bed"),
-        ({"boundaries": {"west": "sponge"}}, "sponge"),
+        ({"boundaries": {"west": "open"}}, "open"),
         ({"boundaries": {"up": "wall"}}, "up"),
     ],
 )

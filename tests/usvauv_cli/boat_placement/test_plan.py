@@ -26,6 +26,10 @@ ERROR_KEYS = {
 }
 
 
+def planner(objective: str, measurement: str) -> list[str]:
+    return [f"--set=planner.objective={objective}", f"--set=planner.measurement={measurement}"]
+
+
 def link(scenario, count, depth, *changes):
     team = f"auv.count={count}", f"auv.depth={depth}"
     return torch.from_numpy(link_table(Site(Scenario.load(scenario, [*TILTING, *team, *changes]))))
@@ -40,7 +44,7 @@ def plan(run_usvauv):
 class TestOptimum:
     @pytest.mark.parametrize(("objective", "measurement"), [("d", "fix"), ("a", "phase")])
     def test_is_that_of_the_planner(self, solve, device, objective, measurement):
-        result = solve(*TEAM, "--objective", objective, "--measurement", measurement, "--compare", "20,180")
+        result = solve(*TEAM, *planner(objective, measurement), "--compare", "20,180")
         code = objectives.objective_code(measurement, objective)
         table, points = link("extreme", 2, 70).to(device), torch.tensor([POSITIONS], device=device)
         expected = search.plan_batch(table, points, code=code)[0].tolist()
@@ -117,7 +121,7 @@ class TestErrors:
     )
     def test_ellipses_are_those_of_drawn_fixes(self, solve, device, measurement, attitude_error, slope):
         """200,000 fixes by the kernel; for phases alone each is moved along its direction to the known depth."""
-        options = ["--measurement", measurement, "--set", f"usbl.attitude_error={attitude_error}"]
+        options = [f"--set=planner.measurement={measurement}", "--set", f"usbl.attitude_error={attitude_error}"]
         options += ["--slope", f"{slope[0]},{slope[1]}"]
         result = solve(*TEAM, *options, "--compare", "100,20")
         draws = 200_000
@@ -152,7 +156,7 @@ class TestErrors:
         auvs = [argument for auv in ("40,80,100", "150,120,25", "120,30,60") for argument in ("--auv", auv)]
         places = [f"--compare={x},{y}" for x in range(10, 200, 45) for y in range(10, 200, 45)]
         loud = ("--set", "acoustics.source_level=210")  # so that all fixes are good
-        result = solve(*auvs, *places, *loud, "--objective", objective, "--measurement", measurement)
+        result = solve(*auvs, *places, *loud, *planner(objective, measurement))
         best = result["optimum"]
         for place in (result["centroid"], *result["compare"]):
             assert best[measure] < place[measure]
@@ -161,7 +165,7 @@ class TestErrors:
 
     def test_an_auv_in_the_plane_of_the_array_has_no_bounded_error(self, plan, solve, tmp_path):
         """From (50, 100) it is 50 m east and 50 m below, in the plane of an array that falls by 1 in 1 to the east."""
-        phases = ["--auv", "100,100,50", "--compare", "50,100", "--slope=-1,0", "--measurement", "phase"]
+        phases = ["--auv", "100,100,50", "--compare", "50,100", "--slope=-1,0", "--set=planner.measurement=phase"]
         there = solve(*phases)["compare"][0]
         assert there["rms"] is None
         assert (there["errors"][0]["major"], there["errors"][0]["angle"]) == (None, None)
@@ -303,7 +307,7 @@ class TestRemedies:
         for part in (*parts, "located from the optimum", "would change it"):
             assert part in line
 
-    @pytest.mark.parametrize("more", [["--objective", "a"]])
+    @pytest.mark.parametrize("more", [["--set=planner.objective=a"]])
     def test_the_source_level_is_the_least_that_does(self, solve, more):
         """At the same place: the optimum can move a little with the level."""
         result = solve(*APART, *more)

@@ -270,7 +270,8 @@ def test_ctrl_c_keeps_what_there_is(tmp_path):
     [
         (["--out", "a.gif"], ["--out a.gif", ".mp4, .nc, .png"]),
         (["--resolution", "90"], ["resolution 90 m", "79.6 m"]),
-        (["--duration", "nan"], ["--duration nan", "at least"]),
+        (["--duration", "nan"], ["--duration nan", "from 0.1 to"]),
+        (["--duration", "1e12"], ["--duration 1000000000000.0", "from 0.1 to 10000000"]),
         (["--duration", "1", "--interval", "2"], ["--duration 1", "--interval, 2 s"]),
         (["--fps", "10", "--out", "a.nc"], ["--fps 10", "a.nc"]),
     ],

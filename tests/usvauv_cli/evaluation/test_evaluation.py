@@ -330,7 +330,7 @@ def test_batches_are_halved_until_they_fit_into_memory(run_usvauv, tmp_path, mon
     few = (*EVAL[:4], *EVAL[6:], "--episodes", 7)
     run_usvauv(*few, "--out", "a.csv")
     a_third = 0.3 * memory.SHARE * memory.available()
-    monkeypatch.setattr(evaluation, "trace_bytes", lambda world, steps: EACH * steps + a_third * world.num_worlds)
+    monkeypatch.setattr(evaluation, "trace_bytes", lambda scenario, worlds, steps: EACH * steps + a_third * worlds)
     code, _, error = run_usvauv(*few, "--out", "b.csv")
     assert (code, error) == (0, "batches of 2 episodes: memory holds no more\n")
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()

@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from usvauv.env.record.trace import Trace, headings
+from usvauv.env.record.headings import headings
+from usvauv.env.record.trace import Trace
 from usvauv.env.render.frames import Frames, frames_of
 from usvauv.env.scenario import Scenario
 

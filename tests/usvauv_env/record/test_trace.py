@@ -11,8 +11,9 @@ import xarray
 from tests.usvauv_env.record.made_traces import synthetic_trace
 from usvauv import policies
 from usvauv.env import Scenario, Trace, TraceError, World
+from usvauv.env.record.headings import SLOWEST, TURN_RATE, headings, turned
 from usvauv.env.record.recorder import record
-from usvauv.env.record.trace import INTEGERS, LARGEST, SLOWEST, TURN_RATE, VARIABLES, headings, turned
+from usvauv.env.record.trace import INTEGERS, LARGEST, VARIABLES
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site
 from usvauv.env.storage import memory

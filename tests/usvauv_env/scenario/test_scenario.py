@@ -94,6 +94,7 @@ def test_what_is_gone_is_refused_in_a_file_and_read_from_what_was_stored(tmp_pat
 def test_a_file_that_an_earlier_version_printed_is_read(tmp_path):
     (tmp_path / "printed.toml").write_text(
         '[planner]\nhorizon = 10\n[auv]\nrefused_power = "hovering"\n[reference]\nzermelo_speed = 1.7\n'
+        "[sea]\nsponge_edges = []\nsponge_width = 40.0\n"
         '[usbl]\nmodel = "statistical"\n[acoustics]\nmultipath = false\nsediment = "sand"\n'
     )
     assert Scenario.load(tmp_path / "printed.toml") == Scenario.from_dict({})
@@ -142,9 +143,6 @@ MUTUAL = "current.mutual=true current.count=3 current.core_radius_min=1 mission.
         ("mission.step=5", "nodes.arrival_rates", [1, 16, 2], [1, 17, 2], "up to 17: must not be above 16 at mission"),
         ("mission.step=0.01", "mission.duration", 1e5, 100000.01, "10000001 steps: must be at most 10000000"),
         ("task=station-keeping area.length=100", "stations.radius", 50, 50.1, "half the area's smaller side, 50 m"),
-        ('area.width=100 sea.sponge_edges=["west"]', "sea.sponge_width", 100, 100.1, "not be above 100 m"),
-        ('area.width=100 sea.sponge_edges=["west","east"]', "sea.sponge_width", 50, 50.1, "not be above 50 m"),
-        ('sea.cell_size=6 sea.sponge_edges=["west"]', "sea.sponge_width", 12, 11.9, "two sea.cell_size, 12 m"),
         (LONG, "sea.irregular_rms", 5, 5.1, "= 25.4 m: must not be above half of area.depth, 25 m"),
         (f"{TIDE}16 area.depth=20 auv.depth=19", "water.bathymetry", "a.nc", "", "half of area.depth, 10 m"),
         (f"{SEA} {TIDE}20", "auv.depth", 21.1, 21, "must be below the troughs of the waves, 21 m"),
@@ -171,8 +169,7 @@ MUTUAL = "current.mutual=true current.count=3 current.core_radius_min=1 mission.
         ("", "sea.manning", 0, 0.01, 'needs equations = "nonlinear"'),
         ("sea.manning=0.01", "sea.equations", "nonlinear", "linear", 'needs equations = "nonlinear"'),
         ("", "sea.regular_amplitude", 0, 0.1, "forced_edge must name an edge"),
-        ('sea.radiating_edges=["west"]', "sea.sponge_edges", ["east"], ["west"], "not name an edge twice: west"),
-        ("sea.equations=nonlinear", "sea.sponge_edges", [], ["east"], "must go without sponge_edges"),
+        ("sea.forced_edge=west", "sea.radiating_edges", ["east"], ["west"], "not name an edge twice: west"),
         ("navigation.sensor=ground", "channel.schedule", "by-need", "every-step", "needs a channel.schedule other"),
         ("navigation.sensor=none tracker.enabled=true", "channel.schedule", "every-step", "all", "goes with channel"),
     ],

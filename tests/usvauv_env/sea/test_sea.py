@@ -8,6 +8,7 @@ from scipy.integrate import quad
 
 from usvauv.env import Scenario
 from usvauv.env.sea.long_waves import boundary_waves, build_sea, long_wave_rms
+from usvauv.env.sea.simulation import SeaSimulation
 from usvauv.env.site.site import Site
 
 SIDES = ["west", "east", "south", "north"]
@@ -194,6 +195,24 @@ class TestOpenWater:
         deep = ["area.depth=480", "storm.swells=[[6.5, 11.0, 2.2, 0.0, 10.0]]"]  # twice the energy
         assert 4 * long_wave_rms(Site(Scenario.load("extreme", deep))) == pytest.approx(height / math.sqrt(2), rel=1e-3)
         assert long_wave_rms(Site(Scenario.load("extreme", ["storm.spectrum=none"]))) == 0.0
+
+
+def test_the_swell_of_bore_breaks_into_fronts_that_conserve_water():
+    """A front moves at [h u]/[h] (Rankine and Hugoniot), the jumps of transport and depth between its two sides."""
+    sea = SeaSimulation(Scenario.load("bore"), 0, (400, 4), 0.5)
+    x, demanded, heights = [], [], []
+    for step in range(80):
+        sea.advance()
+        if step >= 60:
+            eta, u = sea.surface().elevation[1], sea.velocity()[0][1]
+            front = np.argmin(np.diff(eta))
+            sides = front + np.array([-4, 5])
+            h = 6.0 + eta[sides]
+            x.append(sea.x[front])
+            demanded.append(np.diff(h * u[sides])[0] / np.diff(h)[0])
+            heights.append(eta[sides[0]] - eta[sides[1]])
+    assert min(heights) > 1.5
+    assert np.polyfit(0.5 * np.arange(20), x, 1)[0] == pytest.approx(np.mean(demanded), rel=0.02)
 
 
 def test_table_1_tide_is_flat():

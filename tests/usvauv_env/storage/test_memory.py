@@ -103,7 +103,7 @@ def learn(**changes):
         (lambda: SeaSimulation(Scenario.load("extreme"), 0, (8192, 8192), 1.0), "8192 × 8192 cells"),
         (
             lambda: record(World(Scenario.load("extreme"), 64), None, "x", steps=10**6),
-            "^a record of 1000000 steps of 64",
+            "a record of 1000000 steps of 64",
         ),
         (lambda: video_file(Path("x.mp4"), 7680, 7680, 30).__enter__(), "^x.mp4: frames of 7680x7680"),
         (lambda: learn(hidden=(8192,) * 16), "^training: hidden, batch or n_step"),
