@@ -49,8 +49,9 @@ SMALLEST: dict[str, tuple[str, dict[str, object]]] = {  # options, and constants
 }
 SLOW = list(SMALLEST).index("benchmarks.curves")
 # They install packages, need a graphics card or a browser, write into the repository, or have tests of their own.
-OTHERS = {f"tests.{name}" for name in ("golden", "pictures", "trials.conventions", "trials.versions")}
+OTHERS = {f"tests.{name}" for name in ("golden", "trials.conventions", "trials.versions")}
 OTHERS |= {f"benchmarks.{name}" for name in ("gpu", "live", "ranks", "studies.pendulum")}
+OTHERS.add("tests.usvauv_env.render.reference_frames")
 
 
 def test_each_program_of_a_page_is_run_or_left_out_for_a_reason():

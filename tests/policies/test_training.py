@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from tests.nothing_waits import NothingWaits
+from tests.kernels.nothing_waits import NothingWaits
 from tests.policies.toy import LEARNING, ToyWorld, mean_reward, scenario, seeded
 from usvauv import policies
 from usvauv.env import Scenario, World

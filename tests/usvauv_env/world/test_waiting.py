@@ -5,8 +5,8 @@ import math
 import pytest
 import torch
 
+from tests.kernels.nothing_waits import NothingWaits
 from tests.links import EVERY_STEP
-from tests.nothing_waits import NothingWaits
 from usvauv.env import Scenario, World
 from usvauv.kernels import runtime
 from usvauv.kernels.errors import DivergenceError
