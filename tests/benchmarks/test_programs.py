@@ -10,16 +10,16 @@ from usvauv.env import Scenario
 
 SHORT = "mission.duration=4"
 SMALLEST: dict[str, tuple[str, dict[str, object]]] = {  # options, and constants of the module
-    "benchmarks.digest": ("", {"MISSIONS": [("ideal", [], "fim")], "SEAS": [[]], "STEPS": 2}),
     "benchmarks.plan": ("--trials 40 --tables 1 --seconds 0", {"TEAMS": (2,), "STEPS": 2}),
     "benchmarks.sea": ("--largest 64", {}),
-    "benchmarks.stream": ("--episodes 2", {}),
     "benchmarks.studies.buoy": ("", {}),
     "benchmarks.studies.eddies": ("--draws 1 --points 16", {"TIMES": (1,)}),
-    "benchmarks.studies.front": ("--episodes 2", {}),
     "benchmarks.usbl": ("--seconds 0", {}),
     # In slow tests: half a minute to minutes, most of it for compiling.
     "benchmarks.curves": ("--worlds 1 --seconds 0", {"SIZE": 8, "TRIAD": 1 << 10}),
+    "benchmarks.digest": ("", {"MISSIONS": [("ideal", [], "fim")], "SEAS": [[]], "STEPS": 2}),
+    "benchmarks.stream": ("--episodes 2", {}),
+    "benchmarks.studies.front": ("--episodes 2", {}),
     "benchmarks.learning": ("--updates 50 --largest 128", {}),
     "benchmarks.scale": ("--jobs 1", {"TASKS": 4}),
     "benchmarks.seeds": ("--seeds 2 --pairs 1 --updates 200 --learn batch=8 --learn hidden=8", {}),

@@ -46,12 +46,15 @@ ACTING = [
     ("wide", "crab", ()),
 ]
 LONG = ("paper-ideal", ""), ("paper-extreme", ""), ("extreme-torpedo", ""), ("ideal", "sac-ideal")
-LONG += ("wide-torpedo", "loiter"), ("wide", "crab")
+LONG += ("wide-torpedo", "loiter"), ("wide", "crab"), ("survey", "")
 
 
 @pytest.mark.parametrize(
     ("name", "policy", "changes"),
-    [pytest.param(*each, marks=[pytest.mark.slow] * (each[:2] in LONG)) for each in ACTING],
+    [
+        pytest.param(*each, marks=[pytest.mark.slow] * (each[:2] in LONG or "auv.action=fins" in each[2]))
+        for each in ACTING
+    ],
 )
 def test_an_episode_is_the_same_in_any_batch(name, policy, changes):
     """Bit for bit: actions of `policy` or the default one, and what comes of them."""

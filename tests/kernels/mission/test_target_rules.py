@@ -137,7 +137,7 @@ def rollout(scenario: Scenario, seen: Seen, w: int, k: int, discount: float = 90
 @pytest.mark.parametrize(
     ("rule", "value"),
     [
-        ("greedy:0.1", greedy),
+        pytest.param("greedy:0.1", greedy, marks=pytest.mark.slow),
         pytest.param("nearest", nearest, marks=pytest.mark.slow),
         pytest.param("rate", rate, marks=pytest.mark.slow),
         ("rollout", rollout),

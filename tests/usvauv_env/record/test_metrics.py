@@ -247,9 +247,9 @@ def east(world):
 
 
 def test_each_policy_has_the_episodes_of_the_seed(scenario):
-    rows = run_episodes(scenario, {"object": East, "function": east}, episodes=3, seed=5, usv="centroid")
+    rows = run_episodes(scenario, {"object": East, "function": east}, episodes=3, seed=5)
     assert [(row.policy, row.episode) for row in rows] == [*product(("object", "function"), range(3))]
-    world = World(scenario, 3, 5, "centroid")
+    world = World(scenario, 3, 5)
     expected = episode_metrics(record(world, east(world), "expected"))
     for of_one in (rows[:3], rows[3:]):
         assert texts(replace(row, policy="expected") for row in of_one) == texts(expected)

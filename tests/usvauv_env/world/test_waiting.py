@@ -26,7 +26,9 @@ def elsewhere(monkeypatch, device):
     ("name", "settings"),
     [
         ("extreme", []),
-        ("extreme", [*EVERY_STEP, "tracker.enabled=true", "boat.strategy=centroid"]),
+        pytest.param(
+            "extreme", [*EVERY_STEP, "tracker.enabled=true", "boat.strategy=centroid"], marks=pytest.mark.slow
+        ),
         pytest.param("paper-extreme", [], marks=pytest.mark.slow),
         pytest.param("station-keeping", [], marks=pytest.mark.slow),
     ],
