@@ -126,15 +126,6 @@ class TestActing:
 
 
 class TestFace:
-    def test_heuristics_come_after_the_trained_ones(self):
-        names = policies.available()
-        steering = ["straight", "crab", "pace", "clear", "loiter", "pass", "keep", "random"]
-        assert names == [*policies.trained(), steering[0], "helm", *steering[1:]]
-        world = ToyWorld(scenario(nodes={"service": "passing"}), 2)
-        for name in steering:
-            assert policies.load(name, world).name == name
-        assert policies.load("clear", world).argument == world.scenario.reference.clear_price
-
     @pytest.mark.parametrize(
         ("name", "part"),
         [
