@@ -20,6 +20,8 @@ from usvauv.kernels.registry import Registry
 LONG = (
     (
         "usvauv_env/world/test_invariants.py",
+        "usvauv_env/world/test_world.py",
+        "usvauv_env/world/faults/test_faults.py",
         "golden/test_golden.py",
         "usvauv_env/world/test_vehicles.py",
         "policies/test_guidance.py",
@@ -32,18 +34,28 @@ LONG = (
         "kernels/mission/test_packets.py",
         "kernels/mission/test_demonstration.py",
     ),
-    ("usvauv_cli/commands/test_cli.py",),
+    (
+        "usvauv_cli/commands/test_cli.py",
+        "usvauv_cli/commands/test_sea_command.py",
+        "usvauv_cli/web_report/test_web_report.py",
+        "usvauv_cli/evaluation/test_evaluation.py",
+        "usvauv_cli/sweep/test_sweep.py",
+    ),
     ("test_tour.py",),
     ("test_docs.py",),
     ("usvauv_env/world/test_fixes_in_missions.py",),
     ("usvauv_cli/sweep/test_engines.py",),
     ("kernels/test_runtime.py",),
     ("kernels/mission/test_target_rules.py",),
-    ("usvauv_cli/sweep/test_sweep.py",),
     ("policies/test_training.py",),
     ("kernels/planning/test_search.py",),
     ("usvauv_env/interfaces/test_interfaces.py",),
-    ("usvauv_env/world/test_world.py",),
+    ("test_examples.py",),
+    ("usvauv_env/world/test_beside.py",),
+    ("usvauv_cli/reproduction/test_reproduce.py",),
+    ("usvauv_cli/live/test_live.py",),
+    ("usvauv_env/world/test_channel.py",),
+    ("usvauv_env/world/test_mission.py",),
 )
 GROUP = {f"tests/{file}": group for group, files in enumerate(LONG) for file in files}
 
