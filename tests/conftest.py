@@ -33,6 +33,8 @@ LONG = (
         "kernels/mission/test_motion.py",
         "kernels/mission/test_packets.py",
         "kernels/mission/test_demonstration.py",
+        "usvauv_env/world/test_mission.py",
+        "usvauv_env/record/test_metrics.py",
     ),
     (
         "usvauv_cli/commands/test_cli.py",
@@ -55,7 +57,6 @@ LONG = (
     ("usvauv_cli/reproduction/test_reproduce.py",),
     ("usvauv_cli/live/test_live.py",),
     ("usvauv_env/world/test_channel.py",),
-    ("usvauv_env/world/test_mission.py",),
 )
 GROUP = {f"tests/{file}": group for group, files in enumerate(LONG) for file in files}
 

@@ -12,7 +12,6 @@ from scipy.special import gammainc
 
 from tests.kernels.mission.test_packets import steer
 from tests.links import EVERY_STEP
-from tests.slowly import slowly
 from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.site.site import Site
 from usvauv.env.world.mission_parameters import reference_rate
@@ -383,6 +382,7 @@ class TestKnowledge:
         noise = (error / (rates * waited).clamp_min(1.0).sqrt())[visited]
         assert 0.9 < noise.std() < 1.1  # that of a Poisson number
 
+    @pytest.mark.slow
     def test_without_communication_each_knows_its_own_visits(self):
         overrides = [*PLAIN, "nodes.information=own-visits", "nodes.count=20", "auv.count=2"]
         world = World(Scenario.load("ideal", overrides), 4, seed=2, targets="rollout")
@@ -393,10 +393,8 @@ class TestKnowledge:
         assert ((world.belief[..., BeliefColumn.since] > 0).cpu().numpy() == visits).all()
         assert not (visits[:, 0] == visits[:, 1]).all()
 
-    @pytest.mark.parametrize(
-        "rule",
-        slowly(["greedy", "nearest", "rate", "rollout"], "greedy", "nearest", "rate"),
-    )
+    @pytest.mark.slow
+    @pytest.mark.parametrize("rule", ["greedy", "nearest", "rate", "rollout"])
     def test_without_communication_each_keeps_to_its_sector(self, rule):
         """Sectors are the cycles of the rule `sectors`; they do not depend on the rule."""
         changes = [*VISITS, "auv.count=3"]

@@ -159,6 +159,7 @@ def test_ec_leaves_out_the_exact_length_of_services(trace):
 def test_usable_fixes_are_those_that_the_boat_uses():
     """Without a tracker the estimate is the last usable fix: it changes when there is one, and to it."""
     noisy = [*EVERY_STEP, "auv.count=3", "acoustics.source_level=146", "usbl.packet_loss=0.2", "usbl.spacing=0.052"]
+    noisy += ["observation.current=vector"]  # compiled as where an array is wide
     world = World(Scenario.load("extreme", ["mission.duration=60", *noisy]), num_worlds=4, seed=1, usv="hold:0,0")
     trace = record(world, lambda _: torch.zeros(4, 3, 2), "still")
     had = usable(trace)
