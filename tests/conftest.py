@@ -7,32 +7,58 @@ from collections.abc import Generator
 
 import pytest
 import torch
+from xdist.remote import Producer
+from xdist.scheduler import LoadFileScheduling
 
 from usvauv.cli import app
 from usvauv.env import plugins
 from usvauv.kernels import runtime
 from usvauv.kernels.registry import Registry
 
-# Files that take longest, first: at the end a worker would wait for another one's. The commands of the first leave
-# compiled kernels for those of the others.
+# Files that take longest, first: at the end a worker would wait for another one's. A group, whose worlds are compiled
+# alike, has one worker.
 LONG = (
-    "usvauv_cli/commands/test_cli.py",
-    "usvauv_env/world/test_invariants.py",
-    "usvauv_env/world/test_fixes_in_missions.py",
-    "test_tour.py",
-    "test_docs.py",
-    "kernels/mission/test_fixes.py",
-    "usvauv_env/world/boats/test_boats.py",
-    "usvauv_cli/sweep/test_engines.py",
-    "kernels/test_runtime.py",
-    "kernels/mission/test_target_rules.py",
-    "usvauv_cli/sweep/test_sweep.py",
-    "policies/test_training.py",
-    "kernels/planning/test_search.py",
-    "policies/test_guidance.py",
-    "usvauv_env/interfaces/test_interfaces.py",
-    "usvauv_env/world/test_world.py",
+    (
+        "usvauv_env/world/test_invariants.py",
+        "usvauv_env/world/test_world.py",
+        "usvauv_env/world/faults/test_faults.py",
+        "golden/test_golden.py",
+        "usvauv_env/world/test_vehicles.py",
+        "policies/test_guidance.py",
+        "policies/test_policies.py",
+        "kernels/mission/test_belief_planner.py",
+        "usvauv_env/world/boats/test_boats.py",
+        "kernels/mission/test_fixes.py",
+        "kernels/mission/test_validation.py",
+        "kernels/mission/test_motion.py",
+        "kernels/mission/test_packets.py",
+        "kernels/mission/test_demonstration.py",
+        "usvauv_env/world/test_mission.py",
+        "usvauv_env/record/test_metrics.py",
+    ),
+    (
+        "usvauv_cli/commands/test_cli.py",
+        "usvauv_cli/commands/test_sea_command.py",
+        "usvauv_cli/web_report/test_web_report.py",
+        "usvauv_cli/evaluation/test_evaluation.py",
+        "usvauv_cli/sweep/test_sweep.py",
+    ),
+    ("test_tour.py",),
+    ("test_docs.py",),
+    ("usvauv_env/world/test_fixes_in_missions.py",),
+    ("usvauv_cli/sweep/test_engines.py",),
+    ("kernels/test_runtime.py",),
+    ("kernels/mission/test_target_rules.py",),
+    ("policies/test_training.py",),
+    ("kernels/planning/test_search.py",),
+    ("usvauv_env/interfaces/test_interfaces.py",),
+    ("test_examples.py",),
+    ("usvauv_env/world/test_beside.py",),
+    ("usvauv_cli/reproduction/test_reproduce.py",),
+    ("usvauv_cli/live/test_live.py",),
+    ("usvauv_env/world/test_channel.py",),
 )
+GROUP = {f"tests/{file}": group for group, files in enumerate(LONG) for file in files}
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -50,8 +76,20 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    order = {f"tests/{file}": place for place, file in enumerate(LONG)}
-    items.sort(key=lambda item: order.get(item.nodeid.partition("::")[0], len(LONG)))
+    order = {file: place for place, file in enumerate(GROUP)}
+    items.sort(key=lambda item: order.get(item.nodeid.partition("::")[0], len(order)))
+
+
+class GroupScheduling(LoadFileScheduling):
+    """Gives a worker whole files, and those of a group to the same one."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        file = super()._split_scope(nodeid)
+        return f"group {GROUP[file]}" if file in GROUP else file
+
+
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> LoadFileScheduling:
+    return GroupScheduling(config, log)
 
 
 def pytest_collection_finish() -> None:

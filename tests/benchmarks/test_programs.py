@@ -10,16 +10,16 @@ from usvauv.env import Scenario
 
 SHORT = "mission.duration=4"
 SMALLEST: dict[str, tuple[str, dict[str, object]]] = {  # options, and constants of the module
-    "benchmarks.digest": ("", {"MISSIONS": [("ideal", [], "fim")], "SEAS": [[]], "STEPS": 2}),
     "benchmarks.plan": ("--trials 40 --tables 1 --seconds 0", {"TEAMS": (2,), "STEPS": 2}),
     "benchmarks.sea": ("--largest 64", {}),
-    "benchmarks.stream": ("--episodes 2", {}),
     "benchmarks.studies.buoy": ("", {}),
     "benchmarks.studies.eddies": ("--draws 1 --points 16", {"TIMES": (1,)}),
-    "benchmarks.studies.front": ("--episodes 2", {}),
     "benchmarks.usbl": ("--seconds 0", {}),
     # In slow tests: half a minute to minutes, most of it for compiling.
     "benchmarks.curves": ("--worlds 1 --seconds 0", {"SIZE": 8, "TRIAD": 1 << 10}),
+    "benchmarks.digest": ("", {"MISSIONS": [("ideal", [], "fim")], "SEAS": [[]], "STEPS": 2}),
+    "benchmarks.stream": ("--episodes 2", {}),
+    "benchmarks.studies.front": ("--episodes 2", {}),
     "benchmarks.learning": ("--updates 50 --largest 128", {}),
     "benchmarks.scale": ("--jobs 1", {"TASKS": 4}),
     "benchmarks.seeds": ("--seeds 2 --pairs 1 --updates 200 --learn batch=8 --learn hidden=8", {}),
@@ -49,8 +49,9 @@ SMALLEST: dict[str, tuple[str, dict[str, object]]] = {  # options, and constants
 }
 SLOW = list(SMALLEST).index("benchmarks.curves")
 # They install packages, need a graphics card or a browser, write into the repository, or have tests of their own.
-OTHERS = {f"tests.{name}" for name in ("golden", "pictures", "trials.conventions", "trials.versions")}
+OTHERS = {f"tests.{name}" for name in ("golden", "trials.conventions", "trials.versions")}
 OTHERS |= {f"benchmarks.{name}" for name in ("gpu", "live", "ranks", "studies.pendulum")}
+OTHERS.add("tests.usvauv_env.render.reference_frames")
 
 
 def test_each_program_of_a_page_is_run_or_left_out_for_a_reason():

@@ -221,6 +221,7 @@ world.reset()
 """
 
 
+@pytest.mark.slow
 @pytest.mark.cpu("files of compiled kernels")
 def test_a_program_that_leaves_its_worlds_alone_keeps_what_it_compiled(tmp_path):
     """It serves other depths, areas and decays of vortices too."""

@@ -210,7 +210,8 @@ class TestGuidedFrame:
 
 class TestPassingFrame:
     def test_no_action_is_the_heuristic_pass_and_actions_are_offsets_from_it(self):
-        world = World(Scenario.load("extreme-torpedo"), 8, 3, "centroid")
+        observed = 'observation.extra=["attitude", "motion", "depth"]'  # as in the tests of vehicles in worlds
+        world = World(Scenario.load("extreme-torpedo", [observed]), 8, 3, "centroid")
         frame, heuristic = PassingFrame(world.scenario), policies.load(f"pass:{PASS_PRICE}", world)
         observation, same = world.reset(), []
         for _ in range(40):

@@ -46,12 +46,15 @@ ACTING = [
     ("wide", "crab", ()),
 ]
 LONG = ("paper-ideal", ""), ("paper-extreme", ""), ("extreme-torpedo", ""), ("ideal", "sac-ideal"), ("bore", "")
-LONG += ("wide-torpedo", "loiter"), ("wide", "crab")
+LONG += ("wide-torpedo", "loiter"), ("wide", "crab"), ("survey", "")
 
 
 @pytest.mark.parametrize(
     ("name", "policy", "changes"),
-    [pytest.param(*each, marks=[pytest.mark.slow] * (each[:2] in LONG)) for each in ACTING],
+    [
+        pytest.param(*each, marks=[pytest.mark.slow] * (each[:2] in LONG or "auv.action=fins" in each[2]))
+        for each in ACTING
+    ],
 )
 def test_an_episode_is_the_same_in_any_batch(name, policy, changes):
     """Bit for bit: actions of `policy` or the default one, and what comes of them."""
@@ -123,15 +126,6 @@ class TestActing:
 
 
 class TestFace:
-    def test_heuristics_come_after_the_trained_ones(self):
-        names = policies.available()
-        steering = ["straight", "crab", "pace", "clear", "loiter", "pass", "keep", "random"]
-        assert names == [*policies.trained(), steering[0], "helm", *steering[1:]]
-        world = ToyWorld(scenario(nodes={"service": "passing"}), 2)
-        for name in steering:
-            assert policies.load(name, world).name == name
-        assert policies.load("clear", world).argument == world.scenario.reference.clear_price
-
     @pytest.mark.parametrize(
         ("name", "part"),
         [

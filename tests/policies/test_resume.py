@@ -107,7 +107,7 @@ def test_the_runs_compared_have_learned(whole):
 def test_ctrl_c_then_resume_of_the_command_equals_a_run_never_stopped(tmp_path, monkeypatch, run_usvauv):
     settings = {"hidden": "16,16", "batch": 32, "n_step": 3, "warmup": WARMUP, "updates": 2, "replay": 4000}
     learn = [text for name, value in settings.items() for text in ("--learn", f"{name}={value}")]
-    short = ["--usv", "centroid", "--set", "mission.duration=12"]
+    short = ["--set", "mission.duration=12"]
     begin = ["train", "extreme", "--steps", "400", "--worlds", "8", "--algorithm", "td3", *short, *learn, "--out"]
     assert run_usvauv(*begin, "whole")[0] == 0
     step, done = World.step, []

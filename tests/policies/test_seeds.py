@@ -16,7 +16,6 @@ from usvauv.policies import PolicyError, Trainer, TrainingConfig, TrainingRun, r
 from usvauv.policies.algorithms import algorithms
 from usvauv.policies.algorithms.deterministic import DDPG
 from usvauv.policies.checkpoint import POLICY, TRAINING, read
-from usvauv.policies.networks import stack, unstack
 
 SEEDS = (3, 4, 9)
 SHORT = dataclasses.replace(LEARNING, num_worlds=8, hidden=(16, 16), batch=32, warmup=160, replay=8 * 64)
@@ -191,13 +190,3 @@ class TestRefused:
         with pytest.raises(DivergenceError, match=rf"^seed {SEEDS[1]}: training: \S+ is not finite after"):
             trainer.train(STEPS)
         assert [saved(run.directory)[0]["steps"] for run in runs] == before
-
-
-@pytest.mark.parametrize("shared", [False, True])
-def test_networks_of_seeds_follow_one_another(shared):
-    value = torch.arange(2.0 * 5 * 3).view(2 * 5, 3)
-    stacked = stack(value, shared, seeds=2)
-    assert stacked.shape == ((2, 15) if shared else (6, 5))
-    halves = [stack(half, shared) for half in value.chunk(2)]
-    assert torch.equal(stacked, torch.cat(halves))
-    assert torch.equal(unstack(stacked, 3, seeds=2), value)

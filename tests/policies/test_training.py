@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from tests.nothing_waits import NothingWaits
+from tests.kernels.nothing_waits import NothingWaits
 from tests.policies.toy import LEARNING, ToyWorld, mean_reward, scenario, seeded
 from usvauv import policies
 from usvauv.env import Scenario, World
@@ -25,7 +25,7 @@ class TestTraining:
         [
             ("sac", {}),
             ("td3", {}),
-            ("ddpg", {}),
+            pytest.param("ddpg", {}, marks=pytest.mark.slow),
             ("ppo", {"n_step": 2, "rollout": 10, "updates": 5, "learning_rate": 3e-3, "shared": True, "seed": 11}),
             pytest.param("ddpg", {"shared": True}, marks=pytest.mark.slow),
             pytest.param("sac", {"frame": "world"}, marks=pytest.mark.slow),
@@ -68,7 +68,10 @@ class TestTraining:
         ("name", "algorithm", "heuristic", "changes"),
         [
             ("extreme", "sac", "clear", {"hidden": (8,), "batch": 8, "replay": 64, "warmup": 4}),
-            ("extreme-torpedo", "ppo", "loiter", {"shared": True, "batch": 8, "rollout": 6}),
+            pytest.param(
+                *("extreme-torpedo", "ppo", "loiter", {"shared": True, "batch": 8, "rollout": 6}),
+                marks=pytest.mark.slow,
+            ),
         ],
     )
     def test_what_torch_makes_by_default_changes_nothing(self, name, algorithm, heuristic, changes):

@@ -96,7 +96,9 @@ def test_above_its_thrust_a_hovering_auv_drifts_and_its_service_waits():
     assert world.node[0, 0, NodeColumn.backlog] == 0
 
 
-@pytest.mark.parametrize(("sensor", "measured", "adrift"), [("ground", 0.8, 1.0), ("water", -2.2, 1.0)])
+@pytest.mark.parametrize(
+    ("sensor", "measured", "adrift"), [("ground", 0.8, 1.0), pytest.param("water", -2.2, 1.0, marks=pytest.mark.slow)]
+)
 def test_dead_reckoning_sees_the_drift(sensor, measured, adrift):
     exact = ["navigation.velocity_noise=0", "navigation.velocity_bias=0", "channel.interval=60"]
     world = serving(20.0, f"navigation.sensor={sensor}", *exact)

@@ -12,7 +12,6 @@ from scipy.special import gammainc
 
 from tests.kernels.mission.test_packets import steer
 from tests.links import EVERY_STEP
-from tests.slowly import slowly
 from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.site.site import Site
 from usvauv.env.world.mission_parameters import reference_rate
@@ -137,7 +136,7 @@ def rollout(scenario: Scenario, seen: Seen, w: int, k: int, discount: float = 90
 @pytest.mark.parametrize(
     ("rule", "value"),
     [
-        ("greedy:0.1", greedy),
+        pytest.param("greedy:0.1", greedy, marks=pytest.mark.slow),
         pytest.param("nearest", nearest, marks=pytest.mark.slow),
         pytest.param("rate", rate, marks=pytest.mark.slow),
         ("rollout", rollout),
@@ -383,6 +382,7 @@ class TestKnowledge:
         noise = (error / (rates * waited).clamp_min(1.0).sqrt())[visited]
         assert 0.9 < noise.std() < 1.1  # that of a Poisson number
 
+    @pytest.mark.slow
     def test_without_communication_each_knows_its_own_visits(self):
         overrides = [*PLAIN, "nodes.information=own-visits", "nodes.count=20", "auv.count=2"]
         world = World(Scenario.load("ideal", overrides), 4, seed=2, targets="rollout")
@@ -393,10 +393,8 @@ class TestKnowledge:
         assert ((world.belief[..., BeliefColumn.since] > 0).cpu().numpy() == visits).all()
         assert not (visits[:, 0] == visits[:, 1]).all()
 
-    @pytest.mark.parametrize(
-        "rule",
-        slowly(["greedy", "nearest", "rate", "rollout"], "greedy", "nearest", "rate"),
-    )
+    @pytest.mark.slow
+    @pytest.mark.parametrize("rule", ["greedy", "nearest", "rate", "rollout"])
     def test_without_communication_each_keeps_to_its_sector(self, rule):
         """Sectors are the cycles of the rule `sectors`; they do not depend on the rule."""
         changes = [*VISITS, "auv.count=3"]

@@ -8,8 +8,8 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from tests.pictures import LIMITS, cases, differences, drawn
 from tests.usvauv_env.record.made_traces import keeping_station, paint, synthetic_trace
+from tests.usvauv_env.render.reference_frames import LIMITS, cases, differences, drawn
 from usvauv.env import Scenario
 from usvauv.env.record.metrics import episode_metrics
 from usvauv.env.render import style

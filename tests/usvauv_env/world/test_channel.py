@@ -13,8 +13,8 @@ from usvauv.kernels.mission.columns import AuvColumn, ExchangeColumn, Reply
 from usvauv.kernels.positioning import tracker, usbl
 
 SOUND = [*CODED, "channel.schedule=round-robin", "navigation.sensor=ground", "usbl.spacing=0.025"]
-# With it calm water is compiled as the storm of `extreme` and `wide`.
-CALM = [*SOUND, "current.period=300", "observation.current=profile"]
+# With it calm water, which has no vortices to spread, is compiled as the storm of `extreme` and `wide`.
+CALM = [*SOUND, "current.period=300", "current.viscosity=0.01", "observation.current=profile"]
 TILTED = ["usbl.attitude_error=0.002"]
 SPEED = 1500.0
 

@@ -18,7 +18,8 @@ from usvauv.kernels.positioning.sonar import coates
 
 QUIET = [*CODED, "acoustics.spreading=20", "usbl.propagation=false", "task=station-keeping"]
 # The storm with currents that are compiled as those of "ideal".
-STORM = ["current.period=0", "current.decay_depth=0", "observation.current=vector"]
+STORM = ["current.period=0", "current.decay_depth=0", "current.mutual=false", "current.viscosity=0"]
+STORM += ["observation.current=vector"]
 ERRORS = {
     "noise": ["usbl.pulse_length=0.0005", "acoustics.source_level=165"],
     "attitude": ["usbl.attitude_error=0.002"],

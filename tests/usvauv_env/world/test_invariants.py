@@ -21,7 +21,7 @@ RACE += ["current.core_radius_min=40", "current.core_radius_max=40"]
 CASES = {
     "extreme": ("extreme", ["nodes.start_backlog=5000"], "fim"),
     "tracked in a strong current": ("extreme", [*TRACKED, *RACE], "hold:0,200"),
-    "paper-extreme": ("paper-extreme", [], "fim"),
+    "paper-extreme": ("paper-extreme", [], "hold:100,100"),
     "station-keeping": ("station-keeping", [], "fim"),
 }
 
@@ -150,7 +150,7 @@ def test_alone_as_in_a_batch(case):
 
 
 MANY = {
-    "extreme": ("extreme", [], None),
+    "extreme": ("extreme", ["auv.count=5", "usbl.packet_loss=0.2"], None),
     "two boats": ("wide", ["boat.count=2"], None),
     "in turn": (
         "extreme",
@@ -165,7 +165,7 @@ MANY = {
 
 
 @pytest.mark.cpu("many worlds side by side")
-@pytest.mark.parametrize("case", slowly(MANY, "greedy", "two boats", "paper"))
+@pytest.mark.parametrize("case", slowly(MANY, "in turn", "greedy", "two boats", "paper"))
 @pytest.mark.usefixtures("own_registries")
 def test_alone_as_among_many(case, monkeypatch):
     """So many worlds that several are side by side in vectors: the first, one between and the last have equal bits."""

@@ -271,8 +271,8 @@ class TestReward:
         assert scores["shuttle"] < scores["tour"] - 0.2
 
     def test_termination_and_truncation(self):
-        for name, ends in (("paper-ideal", True), ("ideal", False)):
-            world = World(Scenario.load(name, ["mission.duration=300"]), num_worlds=16, seed=1)
+        for name, usv, ends in (("paper-ideal", "centroid", True), ("ideal", None, False)):
+            world = World(Scenario.load(name, ["mission.duration=300"]), 16, seed=1, usv=usv)
             observation = world.reset()
             ended = 0
             for step in range(1, 301):

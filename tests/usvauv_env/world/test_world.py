@@ -1,7 +1,6 @@
 """The batched world: random numbers, states, starts and what is refused."""
 
 import math
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -315,23 +314,3 @@ def test_other_team_sizes(auvs, nodes):
     world = World(Scenario.load("extreme", sizes), num_worlds=3)
     state = run(world, 30)
     assert all(np.isfinite(value).all() for value in state.values())
-
-
-@pytest.mark.slow
-def test_memory_is_flat_over_a_million_steps(extreme):
-    """A thousand episodes of a thousand steps: what the process holds does not grow."""
-
-    def resident():
-        return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGESIZE")
-
-    if not Path("/proc/self/statm").exists():
-        pytest.skip("no /proc here")
-    world, still = World(extreme, 1, seed=1), torch.zeros(1, 2, 2)
-    sizes = []
-    for episode in range(1000):
-        world.reset()
-        for _ in range(world.steps):
-            world.step(still)
-        if episode % 100 == 99:
-            sizes.append(resident())
-    assert sizes[-1] - sizes[0] < 2e6

@@ -164,6 +164,7 @@ def test_it_gets_as_far_as_planners_reckon():
     assert seconds.max() > seconds.min() + 8
 
 
+@pytest.mark.slow
 def test_the_goals_of_fim_greedy_are_all_reached_in_the_same_time():
     """Towards an AUV far to the east they lie twice as far ahead as astern."""
     world = world_of("fim-greedy", 8, area={"width": 3000})

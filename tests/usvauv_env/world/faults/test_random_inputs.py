@@ -5,13 +5,14 @@ import random
 import pytest
 import torch
 
+from tests.slowly import slowly
 from tests.trials.fuzz import run_case
 from tests.trials.scenarios import LONGEST, effort, random_overrides, run
 from usvauv.env import Scenario, ScenarioError, World
 from usvauv.kernels.mission.columns import AuvColumn
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", slowly(range(4), 1, 2, 3))
 def test_what_a_scenario_takes_runs(seed):
     """Three that are not refused: finite, nobody outside, power above 0."""
     source, done = random.Random(seed), 0

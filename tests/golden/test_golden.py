@@ -2,7 +2,7 @@
 
 import json
 
-from tests import golden
+from tests.golden import __main__ as golden
 
 
 def test_as_written_down():

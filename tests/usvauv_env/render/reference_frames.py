@@ -1,6 +1,6 @@
 """Stored pictures of missions, with which tests compare frames.
 
-    python -m tests.pictures [--renew]
+    python -m tests.usvauv_env.render.reference_frames [--renew]
 
 compares them, or writes them anew. A picture is kept as WebP without loss, its colours rounded to sixteen levels a
 channel; differences are those beyond the 8 of 255 that rounding makes. A pixel differs if that of a channel is above
@@ -25,7 +25,7 @@ from tests.usvauv_env.record.made_traces import diving, keeping_station, synthet
 from usvauv.env.record.trace import Trace
 from usvauv.env.render.frames import frames_of
 
-FOLDER = Path(__file__).parent / "usvauv_env" / "render" / "pictures"
+FOLDER = Path(__file__).with_name("pictures")
 FREETYPE = "2.14.3"  # with which the pictures were written
 FAR = 16
 LIMITS = (5e-4, 0.1) if __freetype_version__ == FREETYPE else (0.1, 8.0)  # share of the pixels, mean

@@ -1,0 +1,1 @@
+"""The golden trace, which `python -m tests.golden` compares and writes."""
