@@ -345,12 +345,12 @@ class TestResultsThatAreThere:
         assert run_usvauv(*self.PLAN)[0] == 0
         before = [path.read_bytes() for path in files]
         assert run_usvauv(*self.PLAN, "--json", "a.json", "--arch", "auto")[0] == 0  # the same in other words
-        said = refused(*self.PLAN, "--objective", "a")
-        assert said.startswith('--out plan.png: exists, made with --objective not given, here "a"; --force replaces')
+        said = refused(*self.PLAN, "--slope", "0.1,0")
+        assert said.startswith('--out plan.png: exists, made with --slope = "0,0", here "0.1,0"; --force replaces')
         assert [path.read_bytes() for path in files] == before
         assert 'made with command = "plan", here "sea"' in refused("sea", "--out", "plan.png")
-        assert run_usvauv(*self.PLAN, "--objective", "a", "--force")[0] == 0
-        assert run_usvauv(*self.PLAN, "--objective", "a")[0] == 0
+        assert run_usvauv(*self.PLAN, "--slope", "0.1,0", "--force")[0] == 0
+        assert run_usvauv(*self.PLAN, "--slope", "0.1,0")[0] == 0
 
     def test_a_file_that_was_changed_is_another_argument(self, tmp_path, run_usvauv, refused):
         scenario, log = tmp_path / "base.toml", tmp_path / "a.csv"
