@@ -1,4 +1,4 @@
-"""The tours run: README's first, in an empty folder, and after it the quick lines of docs/tour.md."""
+"""The tours run: README's first, in an empty folder, and after it, in a slow test, the quick lines of docs/tour.md."""
 
 import re
 import shlex
@@ -31,10 +31,13 @@ def lines(page: Path, *headings: str) -> list[tuple[str, str]]:
     return found
 
 
-def test_the_tours_run(tmp_path, run_usvauv, monkeypatch):
+@pytest.mark.parametrize("whole", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["README", "both"])
+def test_the_tours_run(tmp_path, run_usvauv, monkeypatch, whole):
     monkeypatch.setattr(sys, "path", [*sys.path])  # which gets the working directory
     monkeypatch.delitem(sys.modules, "mine", raising=False)  # of another test
-    commands = [*lines(README, "A first tour"), *lines(TOUR, "A closer look", "Without a mission")]
+    commands = lines(README, "A first tour")
+    if whole:
+        commands += lines(TOUR, "A closer look", "Without a mission")
     for file, text in commands:
         if file:
             (tmp_path / file).write_text(text)
@@ -46,5 +49,5 @@ def test_the_tours_run(tmp_path, run_usvauv, monkeypatch):
         if into:
             (tmp_path / into).write_text(out)
     made = re.findall(r"--(?:out|trace|report) (\S+)", "\n".join(text for file, text in commands if not file))
-    assert len(made) >= 12
+    assert len(made) >= (12 if whole else 4)
     assert [name for name in made if not (tmp_path / name).exists()] == []

@@ -205,6 +205,7 @@ class TestRayEngine:
         assert sorted((tmp_path / "ended").read_text().split()) == ["a", "b", "c"]
         assert len(list(tmp_path.glob("?-*"))) == 4  # one of them on both nodes
 
+    @pytest.mark.slow
     def test_gives_failures_and_what_is_lost(self, tmp_path):
         pytest.importorskip("ray", reason="needs the extra scale")
         pieces = {"fails": work.failing, "once": partial(work.killed, tmp_path / "once", 1)}

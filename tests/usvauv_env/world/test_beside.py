@@ -146,6 +146,7 @@ world.reset()
 """
 
 
+@pytest.mark.slow
 @pytest.mark.cpu("forks")
 def test_a_forked_process_starts_anew_or_is_refused(tmp_path):
     """Taichi's threads, which compile and run kernels, are not forked."""
@@ -179,6 +180,7 @@ for others in (False, True):
 """
 
 
+@pytest.mark.slow
 @pytest.mark.cpu("threads")
 def test_worlds_in_threads_start_one_after_another(tmp_path):
     """Taichi starts and compiles in one thread at a time, and makes fields in the thread of `ti.init` alone."""

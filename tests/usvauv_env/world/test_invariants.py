@@ -118,7 +118,7 @@ SEEDS = (4, (1 << 64) - 1, 4 + (1 << 32), 4)
 
 
 @pytest.mark.usefixtures("_plugin")
-@pytest.mark.parametrize("case", ALONE)
+@pytest.mark.parametrize("case", slowly(ALONE, "plugin"))
 def test_alone_as_in_a_batch(case):
     """World 9 has the same bits in another batch, where others are reset in between, and alone and brought back.
 

@@ -144,6 +144,7 @@ class TestChannel:
     LONG = (*CHANNEL, "channel.turn_around=1.2")
     AUVS = torch.tensor([[60.0, 200.0], [330.0, 200.0], [350.0, 180.0], [370.0, 200.0]])
 
+    @pytest.mark.slow
     def test_boats_ask_in_turn_and_one_at_a_time(self):
         """The one AUV of the first boat has half the exchanges, the three of the other a sixth each."""
         world = world_of([*self.LONG, "channel.schedule=round-robin"], APART)
