@@ -346,7 +346,7 @@ class TestResultsThatAreThere:
         before = [path.read_bytes() for path in files]
         assert run_usvauv(*self.PLAN, "--json", "a.json", "--arch", "auto")[0] == 0  # the same in other words
         said = refused(*self.PLAN, "--slope", "0.1,0")
-        assert said.startswith('--out plan.png: exists, made with --slope not given, here "0.1,0"; --force replaces')
+        assert said.startswith('--out plan.png: exists, made with --slope = "0,0", here "0.1,0"; --force')
         assert [path.read_bytes() for path in files] == before
         assert 'made with command = "plan", here "sea"' in refused("sea", "--out", "plan.png")
         assert run_usvauv(*self.PLAN, "--slope", "0.1,0", "--force")[0] == 0
