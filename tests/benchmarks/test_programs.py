@@ -3,8 +3,10 @@
 import importlib
 import sys
 
+import numpy as np
 import pytest
 
+from benchmarks.studies import front
 from tests.test_docs import commands
 from usvauv.env import Scenario
 
@@ -83,3 +85,12 @@ def test_a_program_runs(name, tmp_path, monkeypatch, capsys):
         code = end.code
     assert not code
     assert capsys.readouterr().out.strip()
+
+
+def test_a_ratio_to_no_data_is_no_number():
+    empty = {f"clear:{price:g}": (0.0, 40.0 + step) for step, price in enumerate(front.CURVES["clear"])}
+    both = {"learned": (50.0, 42.5), **empty}
+    table = {
+        name: {front.DATA: np.full(3, data), front.ENERGY: np.full(3, energy)} for name, (data, energy) in both.items()
+    }
+    assert np.isnan(front.ratio("learned", table, "clear")).all()

@@ -346,7 +346,7 @@ class TestResultsThatAreThere:
         before = [path.read_bytes() for path in files]
         assert run_usvauv(*self.PLAN, "--json", "a.json", "--arch", "auto")[0] == 0  # the same in other words
         said = refused(*self.PLAN, "--slope", "0.1,0")
-        assert said.startswith('--out plan.png: exists, made with --slope = "0,0", here "0.1,0"; --force replaces')
+        assert said.startswith('--out plan.png: exists, made with --slope = "0,0", here "0.1,0"; --force')
         assert [path.read_bytes() for path in files] == before
         assert 'made with command = "plan", here "sea"' in refused("sea", "--out", "plan.png")
         assert run_usvauv(*self.PLAN, "--slope", "0.1,0", "--force")[0] == 0
@@ -418,6 +418,7 @@ def test_a_folder_with_the_name_of_a_scenario_hides_nothing(tmp_path, run_usvauv
         (["simulate", "--policy", "straight:9"], ["straight:9", "2.2"]),
         (["simulate", "--policy", "json:Best"], ["json:Best", "json/__init__.py", "no class or function 'Best'"]),
         (["simulate", "--seed", "-1"], ["--seed -1: must be from 0 to"]),
+        (["simulate", "--duration", "1e12"], ["--duration 1000000000000.0: must be from 0.1 to 10000000"]),
         (["train", "--arch", "gpu"], ["--arch 'gpu': allowed are auto, cpu"]),
         (["sim"], ["command 'sim'", "did you mean 'simulate'?"]),
         (["eval", "--until", "2"], ["eval has no option --until", "did you mean '--until-halfwidth'?"]),

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pyproj import CRS, Transformer
 from scipy import stats
 
 from tests.usvauv_cli.web_report.pages import (
@@ -23,7 +22,7 @@ from tests.usvauv_cli.web_report.pages import (
 from usvauv import play, policies
 from usvauv.cli.evaluation.comparison import Comparison
 from usvauv.cli.evaluation.comparison_tables import column_tables, sentences
-from usvauv.cli.web_report import document, maps, page
+from usvauv.cli.web_report import page
 from usvauv.cli.web_report.episodes import (
     ERRORS,
     Recordings,
@@ -32,8 +31,6 @@ from usvauv.cli.web_report.episodes import (
 )
 from usvauv.env import Scenario, run_episodes
 from usvauv.env.record.metrics import EpisodeMetrics, usable
-from usvauv.env.site.place import grid_mapping
-from usvauv.env.site.site import Site
 from usvauv.env.storage.result_tables import Combination, read_rows
 from usvauv.kernels.errors import UserError
 
@@ -290,35 +287,3 @@ def test_a_cell_of_a_notebook_has_the_player_and_needs_nothing_else(made):
     elsewhere = Scenario.load("extreme", ["area.width=300"])
     with pytest.raises(UserError, match="2 areas"):
         play(made.traces[0], replace(made.traces[0], scenario=elsewhere))
-
-
-class TestPlaceOnEarth:
-    """Maps of a scenario with a place, against PROJ."""
-
-    def drawn(self, *changes: str):
-        scenario = Scenario.load("extreme", changes)
-        with document.drawing("map"):
-            return scenario, maps.maps(["one"], scenario, ())[1][0]
-
-    @pytest.mark.parametrize(("longitude", "latitude"), [(114.02, 22.51), (179.95, -80.0), (-0.05, 60.0)])
-    def test_lines_are_parallels_and_meridians(self, longitude, latitude):
-        there = f"water.longitude={longitude}", f"water.latitude={latitude}"
-        scenario, axes = self.drawn(*there, "area.width=20000", "area.length=12000", "sea.cell_size=200")
-        plane = CRS.from_wkt(grid_mapping(Site(scenario).frame)["crs_wkt"])
-        to_degrees = Transformer.from_crs(plane, 4326, always_xy=True)
-        found = {"longitude": set(), "latitude": set()}
-        for line in axes.lines:
-            x, y = line.get_data()
-            if len(x) > 2:  # the scale bar has two
-                degrees = dict(zip(found, np.array(to_degrees.transform(x, y)), strict=True))
-                (along,) = (kind for kind, values in degrees.items() if np.ptp(values) < 1e-7)
-                found[along].add(round(float(degrees[along].mean()), 6))
-        for kind, ticks in (("longitude", axes.get_xticklabels()), ("latitude", axes.get_yticklabels())):
-            assert found[kind]
-            said = {float(t.get_text()[:-2]) * (-1 if t.get_text()[-1] in "WS" else 1) for t in ticks}
-            assert said <= {value if kind == "latitude" else -180 if value == 180 else value for value in found[kind]}
-
-    def test_scale_bar(self):
-        _, axes = self.drawn("water.longitude=114.02", "water.latitude=22.51")
-        (bar,) = (line for line in axes.lines if len(line.get_xdata()) == 2)
-        assert [text.get_text() for text in axes.texts] == [f"{np.ptp(bar.get_xdata()):g} m"] == ["50 m"]
