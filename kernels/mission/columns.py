@@ -483,10 +483,11 @@ class Action(Columns):
 class Division(Columns):
     """Division of the worlds of a launch among threads.
 
-    `lanes`: worlds on a CPU take a step side by side (`usvauv.kernels.mission.run`); `one_block`: so few that the
-    calling thread takes them all, because waking another one takes longer; `threads`: on a GPU the parts of a step are
-    launches of their own, some with a thread for each AUV or each goal. `worlds`, `calling_thread`: a reset on a CPU,
-    and stages with functions that do not compile with vectors, take one world after another.
+    `lanes`: many worlds on a CPU take a step side by side (`usvauv.kernels.mission.run`); `one_block`: so few that one
+    thread takes them all; `threads`: on a GPU the parts of a step are launches of their own, some with a thread for
+    each AUV or each goal. On a CPU the calling thread alone takes few worlds (`calling_thread`, `one_block`), because
+    waking another one takes longer; the fewest without lanes, most of which would be idle. `worlds`: stages with
+    functions that do not compile with vectors take one world after another, as resets do.
     """
 
     worlds: int

@@ -102,8 +102,12 @@ class MissionKernels:
         self._site = site
         program = mission_parameters.program(site, self._strategy.strategy, uploaded["link"])
         worlds, auvs = self.action.shape[:2]
-        few = worlds <= WORLDS_PER_BLOCK or runtime.too_few_for_threads(AUV_STEP * worlds * auvs)
-        division = Division.threads if not self._on_cpu else Division.one_block if few else Division.lanes
+        few = runtime.too_few_for_threads(AUV_STEP * worlds * auvs)
+        division = Division.one_block if worlds <= WORLDS_PER_BLOCK else Division.lanes
+        if few:
+            division = Division.calling_thread
+        elif not self._on_cpu:
+            division = Division.threads
         program = program._replace(
             division=division,
             vortices_move=self._on_cpu and self._vortices_move,

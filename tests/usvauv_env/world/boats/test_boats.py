@@ -209,9 +209,7 @@ class TestPlans:
 
     def test_fim_leaves_a_lower_maximum_within_four_seconds(self):
         """Its goal is above one AUV, while two others are close together and far away."""
-        place = ["area.width=400", "area.length=400", "auv.count=3", "auv.depth=30"]
-        world = World(Scenario.load("station-keeping", place), 4, 1, "fim")
-        world.reset()
+        world = world_of([*TWO, "boat.count=1", "auv.count=3", "auv.depth=30"], "fim")
         auvs = torch.tensor([[40.0, 200.0], [40.0, 200.0], [360.0, 200.0]])
         step(world, auvs)
         goal = world.boat[..., BoatColumn.span("goal_x", "goal_y")]
