@@ -90,7 +90,7 @@ def target_of(worlds: ti.template(), w, k):
 def check_target(worlds: ti.template(), w, k):
     """Set `fault` where AUV k's target is no node's index."""
     if ti.cast(target_of(worlds, w, k), ti.f32) != worlds.auv.target[w, k]:
-        worlds.fault[0] = 1
+        worlds.fault[0] = ti.max(worlds.fault[0], 1)  # read, or a Vulkan device does not get what it has not written
 
 
 @func

@@ -116,6 +116,12 @@ def begin_chosen(worlds: ti.template(), w):
     """Begin the next episode of world w where it is chosen."""
     if worlds.chosen[w] != 0:
         begin_episode(worlds, w)
+
+
+@func
+def observe_chosen(worlds: ti.template(), w):
+    """What the AUVs of world w meet and observe at the beginning of an episode, where one is chosen."""
+    if worlds.chosen[w] != 0:
         water.add_storm_currents(worlds, w)
         water.add_currents(worlds, w)
         estimates.prepare_next_step(worlds, w)
@@ -127,7 +133,7 @@ OF_MEMBERS = *OF_AUVS, weigh
 Stage = Callable[..., None]
 Stages = tuple[Stage, ...]
 
-RESET: Stages = begin_chosen, check
+RESET: Stages = begin_chosen, observe_chosen, check
 BEGIN: Stages = begin_step, move_auvs, prepare
 LOCATE: Stages = channel.hear, fixes.fix, estimates.estimate, estimates.add_common_errors
 END: Stages = (plan, move_boats, ride, *LOCATE, end_step)
@@ -140,7 +146,7 @@ CALLING: dict[str, Stages] = {
     "task": (begin_chosen, move_auvs, end_step),
     "usv": (begin_chosen, weigh, plan),
     "target rule": (begin_chosen, prepare, end_step),
-    "observation term": (begin_chosen, observation.observe, observation.observe_auv),
+    "observation term": (observe_chosen, observation.observe, observation.observe_auv),
 }
 
 
@@ -157,6 +163,11 @@ def parts(stages: Stages, apart: Set[str]) -> list[Part]:
     """Launches that run some stages one after another; `apart`: kinds of the plugins that are compiled apart."""
     calling = {stage for kind in apart for stage in CALLING.get(kind, ())}
     return [Part(tuple(group), plain) for plain, group in groupby(stages, calling.__contains__)]
+
+
+def reset_launches(program: Program, apart: Set[str]) -> list[Part]:
+    """Launches that begin episodes; on a GPU one for each stage, as some devices bind no more than 32 arrays."""
+    return [Part((stage,), False) for stage in RESET[:-1]] if program.in_threads else parts(RESET, apart)
 
 
 def launches(program: Program, plugins: Set[str], apart: Set[str]) -> list[Part]:

@@ -25,7 +25,7 @@ from usvauv.kernels.mission.boats.boat_strategies import boat_strategies
 from usvauv.kernels.mission.boats.rollouts import STEPS, WAY
 from usvauv.kernels.mission.columns import Division, ReceptionColumn
 from usvauv.kernels.mission.observation import observation_terms
-from usvauv.kernels.mission.run import RESET, Part, launches, parts, run
+from usvauv.kernels.mission.run import Part, launches, reset_launches, run
 from usvauv.kernels.mission.target_rules import target_rules
 from usvauv.kernels.mission.tasks.task import tasks
 from usvauv.kernels.mission.vehicles import ROWS, move
@@ -198,7 +198,7 @@ class MissionKernels:
         """Make the launches of a reset and a step, with plugins of some kinds."""
         program = arguments["program"]
         alone = {**arguments, "program": program.world_by_world}  # a reset draws for itself
-        self._reset = tuple(self._mission(alone, part) for part in parts(RESET, self._apart))
+        self._reset = tuple(self._mission(alone, part) for part in reset_launches(program, self._apart))
         self._step = tuple(self._mission(arguments, part) for part in launches(program, plugins, self._apart))
 
     def _mission(self, arguments: Mapping[str, Any], part: Part) -> Launch:
