@@ -87,7 +87,8 @@ def test_stopped_or_killed_they_go_on(tmp_path, run_usvauv, quick, monkeypatch):
     ],
 )
 def test_what_is_wrong_is_one_line(tmp_path, refused, options, said):
-    (tmp_path / "held/seed-7/last").mkdir(parents=True)
+    (tmp_path / "held/seed-7").mkdir(parents=True)
+    (tmp_path / "held/seed-7/last.safetensors").touch()
     (tmp_path / "empty/seed-5").mkdir(parents=True)
     assert said in refused("train", *options)
 

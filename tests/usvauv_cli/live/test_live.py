@@ -16,7 +16,7 @@ from usvauv.kernels.flow.vortex import Vortex
 from usvauv.kernels.mission.columns import BoatColumn, BodyColumn, NodeColumn
 
 SMALL = ["sea.fine_cells=32", "mission.duration=60", "current.mutual=false", "current.viscosity=0"]
-SMALL += ["boat.strategy=hold:100,100", "nodes.target_rule=nearest"]  # all tests share what is compiled
+SMALL += ["boat.strategy=hold:100,100"]  # with one strategy and one rule all tests share what is compiled
 
 
 def scenario(*overrides: str) -> Scenario:
@@ -130,7 +130,7 @@ def test_another_strategy_or_rule_goes_on_with_the_state():
     session.set("current", 2.0)
     before = session.world.state()
     elevation = session.world.sea.elevation()
-    for change in (lambda: session.set_strategy("hold:20,30"), lambda: session.set_rule("nearest:200")):
+    for change in (lambda: session.set_strategy("hold:20,30"), lambda: session.set_rule("nearest")):
         change()
         after = session.world.state()
         for name in ("auv", "body", "boat", "vortex", "estimate", "track", "own", "exchange", "clock", "tally"):
@@ -142,7 +142,7 @@ def test_another_strategy_or_rule_goes_on_with_the_state():
         assert session.time == 5.0
     stepped(session, 3)
     assert session.world.strategy.name == "hold:20,30"
-    assert session.scenario.nodes.target_rule == "nearest:200"
+    assert session.scenario.nodes.target_rule == "nearest"
     assert session.figures() is not None
     assert session.figures().usv == "hold:20,30"
     old = session.world
