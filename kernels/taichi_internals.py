@@ -19,7 +19,6 @@ import ast
 import gc
 import linecache
 import sys
-import weakref
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -218,18 +217,13 @@ def _packed(annotation: Any, value: Any) -> Any:
     """An argument of a kernel as Taichi's compiler takes it."""
     if isinstance(annotation, ArgPackType):
         members = annotation.members.items()
-        # Of those that Taichi makes itself, which have no `__del__`: that of others fails where Python ends.
+        # Of those that Taichi makes itself, which have no `__del__`: that of others fails where Python ends. Its
+        # memory, some 2 kB, is freed with Taichi's program, which another `ti.init` may have ended before.
         pack = annotation.from_taichi_object({name: _packed(kind, value[name]) for name, kind in members})
         for index, (name, kind) in enumerate(members):
             pack._write_to_device(kind, type(pack[name]), pack[name], pack._calc_element_true_index(index))
         return pack
     return value.tensor if isinstance(value, DeviceArray) else value
-
-
-def _delete(program: Any, pack: Any) -> None:
-    """Free a pack's memory, unless its program has ended."""
-    if impl.get_runtime().prog is program:
-        program.delete_argpack(pack)
 
 
 class BoundKernel:
@@ -258,7 +252,6 @@ class BoundKernel:
             self._position[index] = position = len(self._position)
             if isinstance(annotation, ArgPackType):
                 pack = self._given[index]._ArgPack__argpack
-                weakref.finalize(self, _delete, impl.get_runtime().prog, pack).atexit = False
                 self._calls.set_arg_argpack((position,), pack)
                 members = annotation.members.items()
                 arrays += [(name, kind, value[name]) for name, kind in members if isinstance(kind, NdarrayType)]

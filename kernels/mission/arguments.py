@@ -1,5 +1,6 @@
-"""Arguments of the mission's kernel: one pack of all arrays, and what its functions make of it, `Worlds`."""
+"""Arguments of the mission's kernel: all arrays by name, and what its functions make of it, `Worlds`."""
 
+from collections import namedtuple
 from typing import Any
 
 import taichi as ti
@@ -26,8 +27,8 @@ WATER = {
     "since": array1,
     "felt": index1,
 }
-# An array in a pack costs what it costs by itself; numbers are read from the pack's memory.
-PACK = ti.types.argpack(**WATER, **{name: array.type for name, array in ARRAYS.items()})
+PARAMETERS = {**WATER, **{name: array.type for name, array in ARRAYS.items()}}
+Given: Any = namedtuple("Given", PARAMETERS)  # all of them
 
 
 def worlds_of(program: Program, given: Any) -> Worlds:

@@ -12,7 +12,7 @@ import taichi as ti
 
 from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.mission import channel, estimates, fixes, motion, observation, water
-from usvauv.kernels.mission.arguments import PACK, worlds_of
+from usvauv.kernels.mission.arguments import PARAMETERS, Given, worlds_of
 from usvauv.kernels.mission.boats import boat_motion, foresight
 from usvauv.kernels.mission.boats.belief_planner import OTHER_GOALS
 from usvauv.kernels.mission.episode import begin_episode
@@ -207,8 +207,16 @@ def run_stage(worlds: ti.template(), stage: ti.template(), n, threads):
             stage(worlds, w)
 
 
-@kernel
-def run(stages: ti.template(), program: ti.template(), given: PACK):
+# fmt: off
+def _run(
+    stages, program,
+    stream, bed, eta, U, V, unit_x, unit_y, nx, ny, sea_index, wave, since, felt, p, flag, link, links, layers,
+    arrivals, fixed_vortex, strategy_arguments, rule_numbers, task_parameters, otter, reward_weights,
+    observation_first, key, draw_numbers, vortex, drift, hull, body, auv, node, boat, tally, estimate, track,
+    own, exchange, foresight, belief, observation, reward, reward_terms, clock, chosen, action, horizon_ended,
+    truncated, workspace, drawn, numbers, vortex_rows, drift_rows, due, spans, which, bounds, fault, ways,
+    profile, reception,
+):
     """Run stages of a step for all worlds, or `RESET` for those with `chosen[w]` ≠ 0.
 
     On a CPU vectors stay in registers, for which plugins' functions may not compile, and many worlds take the step side
@@ -218,16 +226,35 @@ def run(stages: ti.template(), program: ti.template(), given: PACK):
     Args:
         stages: of `STEP` or `RESET`, one after another.
         program: a `Program`.
-        given: `ARRAYS`, and parts of `Water`.
+        others: `PARAMETERS`, by name.
     """
     count = ti.static(worlds_per_block(program))
     threads = 1  # of a world: one, or one for each AUV or each goal of each boat
     if ti.static(stages[0] in OF_AUVS):
-        threads = given.auv.shape[1]
+        threads = auv.shape[1]
     elif ti.static(stages[0] == weigh):
-        threads = given.boat.shape[1] * (given.auv.shape[1] + OTHER_GOALS)
+        threads = boat.shape[1] * (auv.shape[1] + OTHER_GOALS)
     ti.loop_config(serialize=program.serial, block_dim=ti.static(block(program)))
-    for n in range((given.clock.shape[0] * threads + count - 1) // count):
-        worlds = ti.static(worlds_of(program, given))
+    for n in range((clock.shape[0] * threads + count - 1) // count):
+        worlds = ti.static(
+            worlds_of(
+                program,
+                Given(
+                    stream, bed, eta, U, V, unit_x, unit_y, nx, ny, sea_index, wave, since, felt, p,
+                    flag, link, links, layers, arrivals, fixed_vortex, strategy_arguments,
+                    rule_numbers, task_parameters, otter, reward_weights, observation_first, key,
+                    draw_numbers, vortex, drift, hull, body, auv, node, boat, tally, estimate,
+                    track, own, exchange, foresight, belief, observation, reward, reward_terms,
+                    clock, chosen, action, horizon_ended, truncated, workspace, drawn, numbers,
+                    vortex_rows, drift_rows, due, spans, which, bounds, fault, ways, profile,
+                    reception,
+                ),
+            )
+        )
         for stage in ti.static(stages):
             run_stage(worlds, stage, n, threads)
+# fmt: on
+
+
+_run.__annotations__ = {"stages": ti.template(), "program": ti.template(), **PARAMETERS}
+run = kernel(_run)

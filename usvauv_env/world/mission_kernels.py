@@ -20,6 +20,7 @@ from usvauv.kernels import random, runtime
 from usvauv.kernels.errors import blaming
 from usvauv.kernels.flow import vortex_motion
 from usvauv.kernels.functions import LANES, DeviceFlag, Launch, WholeVector, copy_finite
+from usvauv.kernels.mission.arguments import PARAMETERS
 from usvauv.kernels.mission.boats.belief_planner import OTHER_GOALS
 from usvauv.kernels.mission.boats.boat_strategies import boat_strategies
 from usvauv.kernels.mission.boats.rollouts import STEPS, WAY
@@ -206,7 +207,8 @@ class MissionKernels:
         program, settings = arguments["program"], runtime.vectors_in_registers()
         if part.plain:
             program, settings = program.world_by_world, runtime.NONE
-        return Launch(run, part.stages, program, arguments, settings={**runtime.fast_compilation(), **settings})
+        given = (arguments[name] for name in PARAMETERS)
+        return Launch(run, part.stages, program, *given, settings={**runtime.fast_compilation(), **settings})
 
     def _moving(self, deploys: bool, arguments: Mapping[str, Any]) -> Launch:
         """The kernel that deploys the vehicles with dynamics, or moves them through a mission step."""
