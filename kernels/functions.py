@@ -13,7 +13,7 @@ device and back at each launch. For arrays that only kernels use, launch after l
 """
 
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -116,9 +116,8 @@ class Launch:
 
     Args:
         kernel: one without return value.
-        arguments: all its arguments by position, that of a pack as a mapping. Tensors must be contiguous, stay on the
-            kernel's device and keep their memory: they are held, and read and written at each call. A `DeviceArray` is
-            not copied.
+        arguments: all its arguments by position. Tensors must be contiguous, stay on the kernel's device and keep their
+            memory: they are held, and read and written at each call. A `DeviceArray` is not copied.
         settings: of Taichi's compiler, see `usvauv.kernels.runtime.settings`.
 
     Raises:
@@ -128,8 +127,7 @@ class Launch:
     def __init__(self, kernel: Callable, *arguments: Any, settings: runtime.Settings = runtime.NONE) -> None:
         self._primal: Any = kernel._primal
         self._held, self._settings = arguments, settings
-        single = (value for a in arguments for value in (a.values() if isinstance(a, Mapping) else (a,)))
-        self._on_device: dict[DeviceArrays, None] = {a.owner: None for a in single if isinstance(a, DeviceArray)}
+        self._on_device: dict[DeviceArrays, None] = {a.owner: None for a in arguments if isinstance(a, DeviceArray)}
         self._launched_in: runtime.Runtime | None = None
         with runtime.settings(settings):
             self._compile()

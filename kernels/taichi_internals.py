@@ -29,11 +29,9 @@ import torch
 from taichi._lib import core as core
 from taichi.lang import impl as impl
 from taichi.lang import kernel_impl, matrix_ops, ops  # noqa: F401  # or the first kernel that is read imports `matrix_ops`
-from taichi.lang.argpack import ArgPackType
 from taichi.lang.ast import ASTTransformerContext
 from taichi.lang.enums import AutodiffMode
 from taichi.lang.expr import Expr as Expr
-from taichi.types.ndarray_type import NdarrayType
 
 SHAPE = 0  # member of an array argument that holds its shape, as in Taichi's `SHAPE_POS_IN_NDARRAY`
 ALIGNMENT = 64  # bytes, of arrays of vectors: that of the widest registers, which torch's memory has, NumPy's need not
@@ -213,19 +211,6 @@ class _Calls:
         return context
 
 
-def _packed(annotation: Any, value: Any) -> Any:
-    """An argument of a kernel as Taichi's compiler takes it."""
-    if isinstance(annotation, ArgPackType):
-        members = annotation.members.items()
-        # Of those that Taichi makes itself, which have no `__del__`: that of others fails where Python ends. Its
-        # memory, some 2 kB, is freed with Taichi's program, which another `ti.init` may have ended before.
-        pack = annotation.from_taichi_object({name: _packed(kind, value[name]) for name, kind in members})
-        for index, (name, kind) in enumerate(members):
-            pack._write_to_device(kind, type(pack[name]), pack[name], pack._calc_element_true_index(index))
-        return pack
-    return value.tensor if isinstance(value, DeviceArray) else value
-
-
 class BoundKernel:
     """A kernel compiled for fixed arguments, launched as `taichi.lang.kernel_impl.Kernel.launch_kernel` does.
 
@@ -240,25 +225,14 @@ class BoundKernel:
     """
 
     def __init__(self, primal: Any, arguments: Sequence[Any]) -> None:
-        parameters = [(parameter.annotation, parameter.name) for parameter in primal.arguments]
-        self._given = [_packed(annotation, value) for (annotation, _), value in zip(parameters, arguments, strict=True)]
+        self._given = [value.tensor if isinstance(value, DeviceArray) else value for value in arguments]
         made = primal.compiled_kernels[primal.ensure_compiled(*self._given)]
         self._calls = _Calls()
         self._position: dict[int, int] = {}  # among the arguments that are not templates
-        arrays: list[tuple[str, Any, Any]] = []  # of packs, which come last
-        for index, ((annotation, name), value) in enumerate(zip(parameters, arguments, strict=True)):
-            if isinstance(annotation, ti.template):
-                continue
-            self._position[index] = position = len(self._position)
-            if isinstance(annotation, ArgPackType):
-                pack = self._given[index]._ArgPack__argpack
-                self._calls.set_arg_argpack((position,), pack)
-                members = annotation.members.items()
-                arrays += [(name, kind, value[name]) for name, kind in members if isinstance(kind, NdarrayType)]
-            else:
-                self._set(position, name, annotation, value)
-        for position, array in enumerate(arrays, len(self._position)):
-            self._set(position, *array)
+        for index, (parameter, value) in enumerate(zip(primal.arguments, arguments, strict=True)):
+            if not isinstance(parameter.annotation, ti.template):
+                self._position[index] = len(self._position)
+                self._set(self._position[index], parameter.name, parameter.annotation, value)
         self._new_context = made.make_launch_context
         self._kept: Any = None if impl.current_cfg().arch == ti.cuda else self._calls.on(self._new_context())
         program: Any = impl.get_runtime().prog

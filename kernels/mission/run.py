@@ -4,6 +4,7 @@ Everything in a world happens in program order and every random number is addres
 a world's history does not depend on the number of other worlds or on threads.
 """
 
+import inspect
 from collections.abc import Callable, Set
 from itertools import groupby
 from typing import NamedTuple
@@ -226,7 +227,7 @@ def _run(
     Args:
         stages: of `STEP` or `RESET`, one after another.
         program: a `Program`.
-        others: `PARAMETERS`, by name.
+        The others are `PARAMETERS`, each in its place.
     """
     count = ti.static(worlds_per_block(program))
     threads = 1  # of a world: one, or one for each AUV or each goal of each boat
@@ -256,5 +257,7 @@ def _run(
 # fmt: on
 
 
+if [*inspect.signature(_run).parameters][2:] != [*PARAMETERS]:
+    raise TypeError(f"the kernel's parameters must be {', '.join(PARAMETERS)}, in this order")
 _run.__annotations__ = {"stages": ti.template(), "program": ti.template(), **PARAMETERS}
 run = kernel(_run)

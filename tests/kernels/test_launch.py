@@ -54,20 +54,6 @@ def test_same_as_the_call(device, doubled):
     np.testing.assert_allclose(bound[0].cpu(), expected, rtol=1e-6)
 
 
-@ti.kernel
-def mix_pack(shift: ti.f32, given: ti.types.argpack(scale=ti.f32, **dict.fromkeys("xy", ti.types.ndarray(ti.f32, 1)))):
-    for i in range(given.x.shape[0]):
-        given.x[i] = given.scale * given.x[i] + given.y[i] + shift
-
-
-def test_arrays_and_numbers_of_a_pack(device):
-    x, y = torch.arange(5.0, device=device), torch.full((5,), 100.0, device=device)
-    launch = Launch(mix_pack, 0.5, {"x": x, "unused": None, "y": y, "scale": 2.0})
-    for _ in range(2):
-        launch()
-    assert x.tolist() == [4.0 * n + 301.5 for n in range(5)]
-
-
 def test_a_tensor_that_kernels_cannot_read_is_refused(device):
     """Strided, or with vectors that begin where the processor's wide loads would end the process."""
     x, lanes, *rest = arguments(device)
