@@ -97,7 +97,7 @@ def place_auv(worlds: ti.template(), w, k):
 
 
 @func
-def begin_estimate(worlds: ti.template(), w, k):
+def place_estimate(worlds: ti.template(), w, k):
     """Estimate AUV k where it is deployed, which is known."""
     estimate = ti.static(worlds.estimate)
     for c in range(estimate.shape[2]):
@@ -126,7 +126,7 @@ def begin_episode(worlds: ti.template(), w):
         if ti.static(worlds.program.vehicle):
             vehicles.place(worlds, w, k)
         motion.renew_depth_error(worlds, w, k)
-        begin_estimate(worlds, w, k)
+        place_estimate(worlds, w, k)
     for c in range(worlds.tally.shape[1]):
         worlds.tally[w, c] = 0.0
     boat_motion.place_boats(worlds, w)

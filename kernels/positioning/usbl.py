@@ -135,21 +135,10 @@ def turned_numbers(axes: ti.template(), by):
 
 
 @func
-def matrix_of(numbers) -> mat3:
-    """Nine numbers as a matrix."""
-    return mat3([[numbers[3 * row + column] for column in ti.static(range(3))] for row in ti.static(range(3))])
-
-
-@func
 def array_axes(angles) -> mat3:
     """The array's axes in the world's frame, one a row: forward, left, up; `angles` as of `attitude`."""
-    return matrix_of(axis_numbers(angles))
-
-
-@func
-def turned(axes: mat3, heading: ti.f32) -> mat3:
-    """The array's axes after a turn, or as they seem with an error of the heading (rad, anticlockwise)."""
-    return matrix_of(turned_numbers(axes, circle(heading)))
+    numbers = axis_numbers(angles)
+    return mat3([[numbers[3 * row + column] for column in ti.static(range(3))] for row in ti.static(range(3))])
 
 
 @func
