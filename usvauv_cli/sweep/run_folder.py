@@ -199,7 +199,7 @@ def _record_time(path: Path) -> Iterator[None]:
     try:
         yield
     finally:
-        took = round(before + time.monotonic() - begun, 1)
+        took = round(before + time.monotonic() - begun, 3)
         about = {"seconds": took, "host": platform.node(), "usvauv": metadata.version("usvauv")}
         with atomic_write(path) as partial_file:
             partial_file.write_text(json.dumps(about) + "\n", encoding="utf-8")
