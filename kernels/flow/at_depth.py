@@ -1,8 +1,9 @@
 """The water around a vehicle at any depth: velocity, gradient and rate of change, axes x east, y north, z up.
 
 Vortices decay with the depth d as e^{−d/D}, D = `current.decay_depth`. Real currents are linear between the two levels
-at which they are given, the surface and cruise depth, and constant below. Long waves are equal at all depths; their
-vertical velocity, at most that of the surface, is neglected. For each component of the storm,
+at which they are given, the surface and cruise depth, and constant below; with `current.shear` n they change in
+proportion to the height over the mean bed to the power of n, down to the height `LEAST_HEIGHT`. Long waves are equal at
+all depths; their vertical velocity, at most that of the surface, is neglected. For each component of the storm,
 
     C = (e^{−kd} + e^{−k(2h − d)})/(1 − e^{−2kh}),   D = (e^{−kd} − e^{−k(2h − d)})/(1 − e^{−2kh})
 
@@ -22,6 +23,7 @@ from usvauv.kernels.functions import func
 from usvauv.kernels.trigonometry import TWO_PI, half_cosine, half_sine
 from usvauv.kernels.types import Level, columns, mat3, vec2, vec3
 
+LEAST_HEIGHT = 1.0  # m over the mean bed, below which a sheared current is constant
 REACH = 1.0  # m, of the differences; cores are at least as large
 EAST = [0.0, REACH, -REACH, *(PLACES - 3) * [0.0]]  # from a place, the places of the differences
 NORTH = [0.0, 0.0, 0.0, REACH, -REACH, *(PLACES - 5) * [0.0]]
@@ -114,31 +116,40 @@ def storm(wave: ti.template(), since: ti.template(), sea: ti.i32, x: ti.f32, y: 
 
 
 @func
-def at(depth: ti.f32, cruise: ti.f32, decay: ti.f32):
-    """`fade` and `share` of `current.without_waves` at a depth; arguments as of `around`."""
+def at(profile: ti.template(), depth: ti.f32):
+    """`fade` and `share` of `current.without_waves` at a depth (m), and the share's change with depth, 1/m."""
     fade = 1.0
-    if decay > 0.0:
-        fade = ti.exp(-depth / decay)
-    return fade, ti.math.clamp(depth / cruise, 0.0, 1.0)
+    if profile.decay > 0.0:
+        fade = ti.exp(-depth / profile.decay)
+    share = ti.math.clamp(depth / profile.cruise, 0.0, 1.0)
+    growth = ti.select(depth < profile.cruise, 1.0 / profile.cruise, 0.0)
+    if profile.shear > 0.0:
+        height = ti.math.clamp(profile.bed - depth, LEAST_HEIGHT, profile.bed)
+        at_cruise = ti.max(profile.bed - profile.cruise, LEAST_HEIGHT)
+        slower = (height / profile.bed) ** profile.shear
+        span = 1.0 - (at_cruise / profile.bed) ** profile.shear
+        share = (1.0 - slower) / span
+        growth = ti.select(height > LEAST_HEIGHT, profile.shear * slower / (height * span), 0.0)
+    return fade, share, growth
 
 
 @func
-def around(water: ti.template(), w: ti.i32, x: ti.f32, y: ti.f32, depth: ti.f32, cruise: ti.f32, decay: ti.f32) -> Flow:
+def around(water: ti.template(), w: ti.i32, x: ti.f32, y: ti.f32, depth: ti.f32) -> Flow:
     """All of the water of world w at (x, y) and a depth, m.
 
     Args:
-        water: `usvauv.kernels.flow.current.Water` whose waves have the columns `Deep`.
-        cruise: depth of `Level.cruise`, m. decay: in which vortices fade, m; 0: they do not.
+        water: `usvauv.kernels.flow.current.Water` whose waves have the columns `Deep`, with a profile.
     """
     found = storm(water.wave, water.since, water.sea_index[w], x, y, depth)
-    fade, share = at(depth, cruise, decay)
+    decay = water.profile.decay
+    fade, share, growth = at(water.profile, depth)
     fading = ti.select(decay > 0.0, 1.0 / decay, 0.0)
     u, v = current.without_waves(water, w, x + ti.Vector(ti.static(EAST)), y + ti.Vector(ti.static(NORTH)), fade, share)
     here = vec2(u[0], v[0])
     along_x, along_y = vec2(u[1] - u[2], v[1] - v[2]), vec2(u[3] - u[4], v[3] - v[4])
     shear = fading * (here - current.real_current(water, x, y, share))
-    if depth < cruise:
-        shear += (current.real_current(water, x, y, 0.0) - current.real_current(water, x, y, 1.0)) / cruise
+    if growth > 0.0:
+        shear += growth * (current.real_current(water, x, y, 0.0) - current.real_current(water, x, y, 1.0))
     waves = current.long_wave_velocity(water, water.sea_index[w], x, y)
     for axis in ti.static(range(2)):
         found.velocity[axis] += here[axis] + waves[axis]

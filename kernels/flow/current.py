@@ -21,6 +21,22 @@ LANE = [float(n) for n in range(PLACES)]
 SHALLOWEST = 1.0  # m; over less water a transport makes no velocity that a vehicle would meet
 
 
+class Profile(NamedTuple):
+    """How currents change with depth.
+
+    Attributes:
+        cruise: depth of `Level.cruise`, m.
+        decay: in which vortices fade, m; 0: they do not.
+        shear: exponent of the height over the bed in real currents; 0: they are linear between the two levels.
+        bed: mean depth of the bed, m.
+    """
+
+    cruise: Any
+    decay: Any = 0.0
+    shear: Any = 0.0
+    bed: Any = 1.0
+
+
 class Water(NamedTuple):
     """The water of all worlds; a function reads only the part it needs.
 
@@ -38,6 +54,7 @@ class Water(NamedTuple):
         since: (1,) time since that of the components' phases, s.
         felt: (seas,) int32, groups of the components that are felt at cruise level, `airy.felt`.
         pattern: of the vortices.
+        profile: of the current at depths between and below the levels.
     """
 
     vortex: Any
@@ -57,6 +74,7 @@ class Water(NamedTuple):
     since: Any = None
     felt: Any = None
     pattern: Pattern = ENDLESS.pattern
+    profile: Profile | None = None
 
 
 @func

@@ -63,12 +63,14 @@ class Eddies(NamedTuple):
         centre: of the square of side L that holds the vortices, m.
         cruise: velocity at cruise depth over that at the surface, 1.
         column: velocity with which the vortices carry one another over that at the surface, 1.
+        carried: velocity (x, y) with which a uniform current carries vortices that move one another, m/s.
     """
 
     period: float = 0.0
     centre: tuple[float, float] = (0.0, 0.0)
     cruise: float = 1.0
     column: float = 1.0
+    carried: tuple[float, float] = (0.0, 0.0)
 
     @property
     def pattern(self) -> Pattern:

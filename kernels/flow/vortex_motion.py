@@ -5,6 +5,7 @@ the Navier–Stokes equations. With mutual advection a centre moves with the oth
 of its own core, which is the velocity of a vortex with δ² = δ_i² + δ_j² at the centre (a Gaussian convolved with a
 Gaussian). This is the exact motion of the centroid of a circular core (Euler's equations, first moment), and it
 conserves the impulse Σ Γ_i X_i and, in ideal fluid, the energy; cores do not deform.
+A uniform current carries all centres alike, which changes nothing in what they do to one another.
 In a periodic pattern centres follow Hamilton's equations on a torus, so by Liouville's theorem centres that are once
 uniform and independent remain so: the field is stationary.
 """
@@ -42,10 +43,10 @@ class VortexDrift(Columns):
     v_rate: int
 
 
-# A step: its time, s; ν, m²/s; numbers of `Pattern`, with the speed of columns; L and centre of `Eddies`, m; and the
-# number of steps from one renewal of a world's `VortexDrift` to the next.
+# A step: its time, s; ν, m²/s; numbers of `Pattern`, with the speed of columns; L and centre of `Eddies`, m; the number
+# of steps from one renewal of a world's `VortexDrift` to the next; and the uniform current of `Eddies`, m/s.
 Step = ti.types.struct(
-    dt=ti.f32, viscosity=ti.f32, scale=ti.f32, share=ti.f32, period=ti.f32, middle=vec2, renewal=ti.i32
+    dt=ti.f32, viscosity=ti.f32, scale=ti.f32, share=ti.f32, period=ti.f32, middle=vec2, renewal=ti.i32, carried=vec2
 )
 Moving = namedtuple("Moving", "dt viscosity scale period middle")  # the part of it that `move` reads
 # Rows of the workspace: vortices with δ², what `carry` finds, where centres are, and their `VortexDrift`.
@@ -153,7 +154,7 @@ def advance(work: ti.template(), b: ti.i32, stage: ti.i32, step: ti.template()):
             velocity = step.share * work[b, Work.u + axis, g]
             rate = weight * velocity
             if stage == 0:
-                work[b, Work.drift_u + axis, g] = velocity
+                work[b, Work.drift_u + axis, g] = velocity + step.carried[axis]
             else:
                 rate += work[b, Work.u_rate + axis, g]
             work[b, Work.u_rate + axis, g] = rate
@@ -304,7 +305,7 @@ def _renew_each(
             slopes = ti.Vector([velocity[stage, w, i, axis] for stage in ti.static(range(STAGES))])
             rate = slopes.dot(ti.Vector([-5.0, 2.0, 2.0, 1.0])) / (3.0 * step.dt * step.renewal)
             # What stays is read, because Vulkan takes the whole array back, and sends it only where it is read.
-            drift[w, i, axis] = ti.select(due, slopes[0], drift[w, i, axis])
+            drift[w, i, axis] = ti.select(due, slopes[0] + step.carried[axis], drift[w, i, axis])
             drift[w, i, VortexDrift.u_rate + axis] = ti.select(due, rate, drift[w, i, VortexDrift.u_rate + axis])
 
 
@@ -371,7 +372,8 @@ def steps_of_renewal(dt: float) -> int:
 def _step(dt: float, viscosity: float, eddies: Eddies) -> tuple[Any, ...]:
     """Numbers of `Step`."""
     _, scale, share, _ = eddies.pattern
-    return dt, viscosity, scale, share * eddies.column, eddies.period, eddies.centre, steps_of_renewal(dt)
+    renewal = steps_of_renewal(dt)
+    return dt, viscosity, scale, share * eddies.column, eddies.period, eddies.centre, renewal, eddies.carried
 
 
 def renewal(

@@ -6,7 +6,7 @@ from typing import Any
 import taichi as ti
 
 from usvauv.kernels.flow import airy
-from usvauv.kernels.flow.current import Water
+from usvauv.kernels.flow.current import Profile, Water
 from usvauv.kernels.flow.vortex import Pattern
 from usvauv.kernels.mission.worlds import ARRAYS, Array, Numbers, Program, Rows, Worlds
 from usvauv.kernels.types import array1, array4, index1
@@ -46,4 +46,5 @@ def worlds_of(program: Program, given: Any) -> Worlds:
     p = arrays["p"]
     water |= {"vortex": Rows.of(given.vortex), "width": p.width, "length": p.length}
     pattern = Pattern(program.repeats, p.eddy_scale, p.eddy_share, p.eddies_at_cruise)
-    return Worlds(program, Water(**water, pattern=pattern), **arrays)
+    profile = Profile(p.cruise, p.decay_depth, p.shear, p.mean_depth)
+    return Worlds(program, Water(**water, pattern=pattern, profile=profile), **arrays)

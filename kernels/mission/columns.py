@@ -128,6 +128,8 @@ class Parameter(Columns):
     depth_max: int
     variation: int  # of a vehicle's body, as a share
     decay_depth: int
+    shear: int  # exponent of the height over the bed in the uniform current
+    mean_depth: int  # of the bed
     separation_node: int
     speed_memory: int  # of an AUV's velocity through the water, see `motion.respond`
     speed_share: int

@@ -160,12 +160,6 @@ def place(worlds: ti.template(), w, k):
 
 
 @func
-def depths(worlds: ti.template(), w, k):
-    """Depth of the vehicle of AUV k, and what `at_depth.around` asks besides, m."""
-    return worlds.body.depth[w, k], worlds.p.cruise, worlds.p.decay_depth
-
-
-@func
 def attitude(body: ti.template(), w, k) -> vec3:
     """Heading (anticlockwise from east), pitch (nose up) and roll (starboard down) of the vehicle of AUV k, rad."""
     q0, q1 = body.q0[w, k], body.q1[w, k]
@@ -183,7 +177,7 @@ def sense(worlds: ti.template(), w, k) -> vec2:
     water = ti.static(worlds.water)
     x = worlds.auv.x[w, k]
     y = worlds.auv.y[w, k]
-    found = at_depth.around(water, w, x, y, *depths(worlds, w, k))
+    found = at_depth.around(water, w, x, y, body.depth[w, k])
     velocity = turned(found.velocity)
     rate = turned(found.rate)
     gradient = turned_gradient(found.gradient)

@@ -106,7 +106,7 @@ def take_profile(worlds: ti.template(), w, k, x: places, y: places, u: places, v
     """
     fade, share = current.at_level(worlds.water, Level.cruise)
     if ti.static(worlds.program.vehicle):
-        fade, share = at_depth.at(*vehicles.depths(worlds, w, k))
+        fade, share, _ = at_depth.at(worlds.water.profile, worlds.body.depth[w, k])
     if k < worlds.boat.shape[1]:
         boat_motion.drift_along(worlds, w, k, vec2(u[PLACES - 1], v[PLACES - 1]))
     along_x, along_y = current.at_share(worlds.water, x, y, u, v, fade, share)

@@ -162,7 +162,7 @@ class Trace:
     stream: np.ndarray = _array(
         ("stream_time", "stream_y", "stream_x", "axis"),
         "m s-1",
-        "real current at cruise depth on a grid over the area; linear in time",
+        "uniform and real current at cruise depth on a grid over the area; linear in time",
     )
     surface: np.ndarray = _array(
         ("time", "y", "x"), "m", "elevation of world 0's sea over the area, row 0 in the south"

@@ -7,9 +7,11 @@ from datetime import date, datetime
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
 from usvauv.env.scenario.fields import Bandwidth, Carrier, FileName, Number, Place, Section, one_of
+from usvauv.kernels.flow.at_depth import LEAST_HEIGHT
 from usvauv.kernels.planning.information import MAX_AUVS
 from usvauv.kernels.positioning.sonar import absorption_laws, ambient_noise_laws
 from usvauv.kernels.shallow_water.discretisation import Side
@@ -20,7 +22,7 @@ SMALLEST_PERIOD = 7.5  # core radii δ; the images' cores, left out, are then e^
 TOGETHER = 16  # vortices; at most so many are assumed to lie at one place
 VORTEX_PEAK = 0.6382 / (2 * math.pi)  # largest speed of a Lamb–Oseen vortex over Γ/δ
 INFRAGRAVITY = 1.2e-3  # 1/s, α1 of `usvauv.env.sea.long_waves.long_wave_rms`
-FASTEST_WATER = 40.0  # m/s, of all vortices at one place, which is unlikely; the fastest tidal streams reach 11
+FASTEST_WATER = 40.0  # m/s, with all vortices at one place, which is unlikely; the fastest tidal streams reach 11
 
 WaveHeight = Annotated[float, Field(ge=0.001, le=30)]
 WavePeriod = Annotated[float, Field(ge=0.5, le=30)]
@@ -199,8 +201,17 @@ class Water(Section):
 
 
 class Current(Section):
-    """Superposed Lamb–Oseen vortices (Eq. 8)."""
+    """A uniform current, and superposed Lamb–Oseen vortices (Eq. 8)."""
 
+    speed: float = Field(0.0, ge=0, le=20, description="speed of a uniform, steady current at the surface, m/s")
+    direction: Direction = Field(0.0, description="direction that it flows to, from east towards north, rad")
+    shear: float = Field(
+        0.0,
+        ge=0,
+        le=1,
+        description="its speed goes with the height over the mean bed to this power; 0: the same at all depths;"
+        " tidal streams about 1/7",
+    )
     centres: tuple[Centre, ...] = Field(
         (),
         max_length=MAX_VORTICES,
@@ -233,12 +244,19 @@ class Current(Section):
             raise ValueError("circulation_max must not be below circulation_min")
         if self.core_radius_max < self.core_radius_min:
             raise ValueError("core_radius_max must not be below core_radius_min")
-        if self.fastest > FASTEST_WATER:
+        if self.fastest + self.speed > FASTEST_WATER:
             raise ValueError(
-                f"circulation_max = {self.circulation_max:g} at core_radius_min = {self.core_radius_min:g}:"
-                f" the vortices together turn at up to {self.fastest:.3g} m/s; allowed are {FASTEST_WATER:g} m/s"
+                f"circulation_max = {self.circulation_max:g} at core_radius_min = {self.core_radius_min:g}: the"
+                f" vortices together, with speed = {self.speed:g}, flow at up to {self.fastest + self.speed:.3g} m/s;"
+                f" allowed are {FASTEST_WATER:g} m/s"
             )
         return self
+
+    def uniform(self, depths: ArrayLike, bed: float) -> np.ndarray:
+        """The uniform current at depths over a bed at a mean depth, m: (..., 2), m/s."""
+        height = np.maximum(bed - np.asarray(depths, float), LEAST_HEIGHT)
+        speed = self.speed * (height / bed) ** self.shear
+        return speed[..., None] * [math.cos(self.direction), math.sin(self.direction)]
 
     @property
     def fastest(self) -> float:

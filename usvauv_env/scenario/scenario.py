@@ -144,7 +144,7 @@ class Scenario(Section):
         self._check_long_waves()
         if not self.water.waves:
             self._check_storm()
-        self._check_vortices()
+        self._check_current()
         return self
 
     def _check_vehicle(self) -> None:
@@ -210,8 +210,12 @@ class Scenario(Section):
         """Ratio of the vortices' speed at the AUVs' depth to that at the surface."""
         return math.exp(-self.auv.depth / self.current.decay_depth) if self.current.decay_depth else 1.0
 
-    def _check_vortices(self) -> None:
+    def _check_current(self) -> None:
         current = self.current
+        if current.shear and self.water.currents:
+            raise ValueError(
+                f"current.shear = {current.shear:g}: must be 0 with water.currents, whose currents change with depth"
+            )
         spread = 4 * current.viscosity * self.mission.steps * self.mission.step
         least = SMALLEST_PERIOD * math.sqrt(current.core_radius_max**2 + spread)
         if current.vortices and 0 < current.period < least:

@@ -331,7 +331,8 @@ class WorldWater:
 def current_bound(site: Site) -> float:
     """Largest speed of the water at an AUV, m/s.
 
-    The sum of all vortices' peak speeds, which no superposition exceeds, the fastest real current, the bound of the
+    The sum of all vortices' peak speeds, which no superposition exceeds, the fastest real current, at the surface too
+    where AUVs may be shallower than `auv.depth`, the bound of the
     long waves, and six times the rms orbital speed of the storm at cruise depth, exceeded less than once in 10⁸ if
     Gaussian.
     """
@@ -341,7 +342,8 @@ def current_bound(site: Site) -> float:
     fade = math.exp(-shallowest / current.decay_depth) if current.decay_depth else 1.0
     peak = current.fastest * fade + speed_bound(site)
     if (flow := site.current) is not None:
-        peak += float(np.linalg.norm(flow.velocity[:, Level.cruise], axis=-1).max())
+        above = flow.velocity if shallowest < scenario.auv.depth else flow.velocity[:, Level.cruise]
+        peak += float(np.linalg.norm(above, axis=-1).max())
     orbital = []
     for waves in wave_systems(site):
         depth, gravity = site.mean_depth, scenario.sea.gravity

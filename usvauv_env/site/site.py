@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -22,6 +22,7 @@ from usvauv.kernels.flow.vortex import Eddies
 from usvauv.kernels.types import Level
 
 BED_WAVES = 256  # of a random bed
+COLUMN = 1000  # depths over which a current has its mean
 BED_CELLS = 256  # along the longer side of the area, of the bed that nodes lie on
 
 
@@ -132,14 +133,24 @@ class Site:
 
     @cached_property
     def current(self) -> Flow | None:
-        """The real current at the depths of `usvauv.kernels.types.Level` during a mission; None without a file."""
+        """The uniform current and that of the file at the depths of `usvauv.kernels.types.Level` during a mission.
+
+        None without either.
+        """
         area, water, mission = self.scenario.area, self.scenario.water, self.scenario.mission
-        if not water.currents:
-            return None
         depths = {Level.surface: 0.0, Level.cruise: self.scenario.auv.depth}
         levels = [depths[level] for level in sorted(depths)]
-        duration = mission.steps * mission.step
-        return read_flow(water.currents, self._frame, area.width, area.length, levels, water.start, duration)
+        if water.currents:
+            duration = mission.steps * mission.step
+            flow = read_flow(water.currents, self._frame, area.width, area.length, levels, water.start, duration)
+        elif self.scenario.current.speed:
+            start = iso(parse_time(water.start)) if water.start else ""
+            still = np.zeros((1, len(levels), 2, 2, 2), np.float32)
+            flow = Flow(area.width, area.length, tuple(levels), np.zeros(1), still, start)
+        else:
+            return None
+        uniform = self.scenario.current.uniform(levels, self.mean_depth)[:, None, None]
+        return replace(flow, velocity=(flow.velocity + uniform).astype(np.float32))
 
     @cached_property
     def eddies(self) -> Eddies:
@@ -147,14 +158,18 @@ class Site:
 
         A column of water cannot shear and keep its eddies' profile φ(z) = e^{z/D}: vorticity φ ζ_0 carried by φ V_0 is,
         over the depth h, that of a column that moves with V_0 ∫φ² dz/∫φ dz = V_0 (1 + e^{−h/D})/2, the mean of the
-        velocity over its vorticity, as in equivalent-barotropic flow (Charney 1949, J. Meteorology 6, 371–385).
+        velocity over its vorticity, as in equivalent-barotropic flow (Charney 1949, J. Meteorology 6, 371–385). The
+        uniform current carries it with the same mean of its own velocity.
         """
         area, current = self.scenario.area, self.scenario.current
-        column = 1.0
+        column, vorticity = 1.0, np.ones(COLUMN)
+        depths = (np.arange(COLUMN) + 0.5) / COLUMN * self.mean_depth
         if current.decay_depth:
             column = 0.5 + 0.5 * math.exp(-self.mean_depth / current.decay_depth)
+            vorticity = np.exp(-depths / current.decay_depth)
         centre = (area.width / 2, area.length / 2) if current.period else (0.0, 0.0)
-        return Eddies(current.period, centre, self.scenario.eddies_at_cruise, column)
+        x, y = np.average(current.uniform(depths, self.mean_depth), axis=0, weights=vorticity)
+        return Eddies(current.period, centre, self.scenario.eddies_at_cruise, column, (float(x), float(y)))
 
     @cached_property
     def waves(self) -> Waves | None:
@@ -193,7 +208,7 @@ class Site:
     @cached_property
     def start(self) -> str:
         """Date and time at which a mission begins, ISO 8601, UTC; "" where neither scenario nor files say it."""
-        if self.current is not None:
+        if self.current is not None and self.current.start:
             return self.current.start
         if self.scenario.water.start:
             return iso(parse_time(self.scenario.water.start))

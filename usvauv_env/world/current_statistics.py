@@ -25,6 +25,7 @@ from usvauv.kernels.positioning import acoustic_link
 from usvauv.kernels.types import Level
 
 LATTICE = 0.7716  # limit of Σ' e^{−α n²}/n² + π ln α at small α, over the points n of the square lattice but 0
+QUANTILES = 500  # of a Rayleigh distribution, and of directions
 FOREVER = 1e9  # s, correlation time of a current that does not change
 
 
@@ -46,16 +47,24 @@ def current_parts(site: Site) -> list[tuple[float, float]]:
     return parts
 
 
-def drift_speed(site: Site, level: int) -> float:
-    """Root mean square speed of eddies, real currents and long waves at a `Level`, m/s; without orbital motion."""
+def drift_speeds(site: Site, level: int, probabilities: Sequence[float]) -> np.ndarray:
+    """Quantiles of the speed of eddies, real currents and long waves at a `Level`, m/s; without orbital motion.
+
+    The velocity is normal, with the mean of the real current over the area and the sum of all variances, half of it in
+    each direction: a Rice distribution (Rice 1945, doi 10.1002/j.1538-7305.1945.tb00453.x).
+    """
     scenario = site.scenario
     variance, _ = _eddy_part(scenario)
-    square = 2 * variance * (scenario.eddies_at_cruise**2 if level == Level.cruise else 1.0)
+    mean, square = 0.0, 2 * variance * (scenario.eddies_at_cruise**2 if level == Level.cruise else 1.0)
     for mean_square, period in _forced_waves(site):
         square += 2 * mean_square * _forced_share(scenario, period)
     if site.current is not None:
-        square += float(np.square(site.current.at(0.0)[level]).sum(axis=-1).mean())
-    return math.sqrt(square)
+        stream = site.current.at(0.0)[level].astype(float)
+        mean = float(np.linalg.norm(stream.mean(axis=(0, 1))))
+        square += float(stream.var(axis=(0, 1)).sum())
+    middles = (np.arange(QUANTILES) + 0.5) / QUANTILES
+    radius = np.sqrt(-square * np.log(middles))
+    return np.quantile(np.abs(mean + np.outer(radius, np.exp(2j * np.pi * middles))), probabilities)
 
 
 def _eddy_part(scenario: Scenario) -> tuple[float, float]:

@@ -352,6 +352,7 @@ def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
         "eddy_scale": site.eddies.pattern.scale,
         "eddy_share": site.eddies.pattern.share,
         "eddies_at_cruise": site.eddies.cruise,
+        "mean_depth": site.mean_depth,
         "renewal": steps_of_renewal(s.mission.step),
         "sound_speed_error": s.acoustics.sound_speed_error / s.acoustics.sound_speed,
         "gnss_memory": math.exp(-s.mission.step / s.usbl.gnss_correlation_time),

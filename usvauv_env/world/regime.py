@@ -18,7 +18,7 @@ from usvauv.env.sea.long_waves import forced_gain, long_wave_rms
 from usvauv.env.sea.storm import uneven_bed_warning, wave_systems
 from usvauv.env.site.site import Site
 from usvauv.env.world import mission_parameters
-from usvauv.env.world.current_statistics import drift_speed
+from usvauv.env.world.current_statistics import drift_speeds
 from usvauv.kernels.mission.tasks.data_collection import LEAST_RATE
 from usvauv.kernels.positioning import acoustic_link
 from usvauv.kernels.types import Level
@@ -31,7 +31,6 @@ LARGEST_AMPLITUDE = 0.1  # of long waves over the depth, with linear equations
 LARGEST_LONG_STEEPNESS = 0.01  # 2a/λ of long waves; ocean swell of that steepness has periods of 20 s
 LARGEST_STEEPNESS = 0.06  # Hs/(g Tp²/2π) of a storm; DNV-RP-C205 has 0.067 for its shortest periods
 LARGEST_EFFICIENCY = 2.0  # bit/s/Hz of a modem under water
-MEDIAN, TAIL = 0.83, 2.15  # of a Rayleigh distribution's root mean square: its median, and its 99 % quantile
 
 
 class Finding(NamedTuple):
@@ -123,10 +122,9 @@ def _currents(site: Site) -> Iterator[Finding]:
         ("auv.speed_max", scenario.auv.speed_max, Level.cruise, "at the AUVs' depth"),
         ("boat.top_speed", scenario.boat.top_speed, Level.surface, "at the surface"),
     ):
-        rms = drift_speed(site, level)
-        median, tail = MEDIAN * rms, TAIL * rms
+        median, tail = drift_speeds(site, level, (0.5, 0.99))
         verdict = "error" if median >= top else _judge(tail >= top)
-        if rms > 0:
+        if tail > 0:
             check, value = f"current {where}, median and 99 %:", f"{median:.2g} and {tail:.2g} m/s"
             yield Finding(check, value, f"below the top speed, {top:g} m/s", verdict, field)
 

@@ -9,7 +9,7 @@ import torch
 
 from usvauv.env.sea.water import AirySea
 from usvauv.kernels.flow import airy, at_depth
-from usvauv.kernels.flow.current import Water
+from usvauv.kernels.flow.current import Profile, Water
 from usvauv.kernels.flow.vortex import Eddies, sample_current
 from usvauv.kernels.functions import kernel
 from usvauv.kernels.types import Level, array1, array2, array3, array4, index1
@@ -48,6 +48,7 @@ def sample(
     sea: index1,
     wave: airy.waves,
     since: array1,
+    shear: ti.f32,
     points: array2,
     out: array3,
 ):
@@ -57,9 +58,10 @@ def sample(
                 *(vortices, stream, SIDE, SIDE, bed, still, still, still, 1.0, 1.0, NX, NY),
                 *(sea, wave, since),
                 pattern=EDDIES.pattern,
+                profile=Profile(CRUISE, DECAY, shear, H),
             )
         )
-        found = at_depth.around(water, 0, points[n, 0], points[n, 1], points[n, 2], CRUISE, DECAY)
+        found = at_depth.around(water, 0, points[n, 0], points[n, 1], points[n, 2])
         for i in ti.static(range(3)):
             out[n, i, 0] = found.velocity[i]
             out[n, i, 4] = found.rate[i]
@@ -93,7 +95,7 @@ class Scene:
     def velocity(self, place: np.ndarray, time: float) -> np.ndarray:
         return orbital(self.waves, 1, place, time) + self.vortex(place) + self.real(place)
 
-    def computed(self, places: np.ndarray, time: float) -> np.ndarray:
+    def computed(self, places: np.ndarray, time: float, shear: float = 0.0) -> np.ndarray:
         """(P, 3, 5): velocity, gradient, rate."""
         self.sea.set_time(time)
         still = torch.zeros((1, NY + 1, NX + 1, 8), device=self.device)
@@ -102,7 +104,7 @@ class Scene:
         index = torch.tensor([1], dtype=torch.int32, device=self.device)
         points = torch.tensor(places * [1, 1, -1], dtype=torch.float32, device=self.device)
         out = torch.zeros((len(places), 3, 5), device=self.device)
-        sample(self.vortices, stream, bed, still, index, self.sea.wave, self.sea.since, points, out)
+        sample(self.vortices, stream, bed, still, index, self.sea.wave, self.sea.since, shear, points, out)
         return out.double().cpu().numpy()
 
 
@@ -127,6 +129,19 @@ def test_gradient(scene):
             step = h * np.eye(3)[axis]
             slope = (scene.velocity(place + step, 7.0) - scene.velocity(place - step, 7.0)) / (2 * h)
             np.testing.assert_allclose(part[:, 1 + axis], slope, atol=5e-5, err_msg=f"{place} {axis}")
+
+
+def test_a_sheared_current_goes_with_the_height_over_the_bed(device):
+    """V (1 − d/h)^n between, above and below the two levels of its grid, and its vertical gradient."""
+    scene, n, surface = Scene(device), 1 / 7, np.array([0.6, -0.3])
+    scene.vortices[..., 2] *= 0.0
+    scene.stream *= 0.0
+    still = scene.computed(PLACES, 7.0, n)
+    scene.stream += (surface * [[1.0], [(1 - CRUISE / H) ** n]])[:, None, None]
+    found = scene.computed(PLACES, 7.0, n) - still
+    relative = 1 + PLACES[:, 2:] / H
+    np.testing.assert_allclose(found[:, :2, 0], surface * relative**n, atol=1e-5)
+    np.testing.assert_allclose(found[:, :2, 3], surface * n * relative ** (n - 1) / H, atol=1e-5)
 
 
 def test_the_storm_has_no_divergence_and_no_rotation(scene):

@@ -10,7 +10,9 @@ import xarray
 from tests.links import EVERY_STEP
 from tests.usvauv_env.site.ocean_files import bed_depth, cmems, eastward, northward, sloping, write
 from usvauv.env import Scenario, ScenarioError, World
+from usvauv.env.record.recorder import record
 from usvauv.env.sea.long_waves import build_sea
+from usvauv.env.sea.simulation import SeaSimulation
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site
 from usvauv.env.world.mission_parameters import DataLink
@@ -69,8 +71,6 @@ class TestRealCurrent:
 
     def test_trace_lies_on_its_own_input(self, currents, tmp_path):
         """Read by xarray alone: the current at the file's longitudes, latitudes and times."""
-        from usvauv.env.record.recorder import record
-
         changes = [f"water.currents={currents}", "water.start=1950-01-01T03:00:00"]
         world = World(Scenario.load("ideal", [*PLACE, *changes]), 2, seed=1)
         trace = record(world, lambda observation: torch.zeros(2, 2, 2), "none", steps=3, surface=True)
@@ -92,6 +92,47 @@ class TestRealCurrent:
             assert abs(x - file.x).max() < 1e-6
             assert file.surface.attrs["grid_mapping"] == "crs"
             assert all({"long_name", "units"} & set(file[name].attrs) for name in file.variables)
+
+
+class TestUniformCurrent:
+    def test_carries_auvs_and_boat(self):
+        """By its speed at the surface, at 100 m over a bed at 120 m by (20/120)^n of it; a trace and a sea show it."""
+        flows = ["current.speed=0.5", "current.direction=2", "current.shear=0.2"]
+        at_once = ["auv.speed_lag=0", "auv.speed_noise=0", "boat.top_speed=0.0001"]
+        scenario = Scenario.load("ideal", [*flows, *at_once])
+        world = World(scenario, 2, seed=1)
+        world.reset()
+        surface = 0.5 * np.array([math.cos(2), math.sin(2)])
+        deep = surface * (20 / 120) ** 0.2
+        place = AuvColumn.span("x", "y")
+        auv, boat = world.auv[..., place].clone(), world.boat[..., BoatColumn.span("x", "y")].clone()
+        world.step(torch.zeros(2, 2, 2))
+        way = (world.auv[..., place] - auv - world.water_velocity()).numpy()
+        np.testing.assert_allclose(way, np.broadcast_to(deep, way.shape), atol=2e-5)
+        way = (world.boat[..., BoatColumn.span("x", "y")] - boat).numpy()
+        np.testing.assert_allclose(way, np.broadcast_to(surface, way.shape), atol=2e-4)
+        trace = record(world, lambda observation: torch.zeros(2, 2, 2), "none", steps=1)
+        np.testing.assert_allclose(trace.stream_at(1.0), np.broadcast_to(deep, (2, 2, 2)), atol=1e-6)
+        flow = SeaSimulation(scenario, 1, (4, 4), 1.0).current()
+        np.testing.assert_allclose(flow, np.broadcast_to(surface, (4, 4, 2)), atol=1e-6)
+
+    def test_carries_vortices_that_move(self):
+        """With the mean of its profile, U/(1 + n) where they are alike at all depths; a pattern stays one."""
+        calm, flowing = (
+            World(Scenario.load("extreme", ["current.decay_depth=0", *more]), 5, seed=1)
+            for more in ([], ["current.speed=0.6", "current.direction=2", "current.shear=0.2"])
+        )
+        for world in (calm, flowing):
+            world.reset()
+            for _ in range(20):
+                world.step(torch.zeros(5, 2, 2))
+        carried = 20 * 0.5 * torch.tensor([math.cos(2), math.sin(2)])
+        away = flowing.vortex[..., :2] - calm.vortex[..., :2] - carried
+        assert (away - 300 * (away / 300).round()).abs().max() < 0.02
+
+    def test_a_file_has_a_profile_of_its_own(self, currents):
+        with pytest.raises(ScenarioError, match=r"current.shear = 0.2: must be 0 with water.currents"):
+            Scenario.load("ideal", [f"water.currents={currents}", "current.shear=0.2"])
 
 
 class TestRealBed:

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from scipy.optimize import brentq
+from scipy.stats import rice
 
 from usvauv.env import Scenario
 from usvauv.env.sea.long_waves import speed_bound
@@ -12,7 +13,7 @@ from usvauv.env.sea.storm import band
 from usvauv.env.sea.water import current_bound
 from usvauv.env.site.ocean import Flow
 from usvauv.env.site.site import Site
-from usvauv.env.world.current_statistics import current_model, current_parts
+from usvauv.env.world.current_statistics import current_model, current_parts, drift_speeds
 from usvauv.env.world.mission_parameters import link_table
 from usvauv.kernels.positioning import acoustic_link
 from usvauv.kernels.types import Level
@@ -146,6 +147,16 @@ class TestModel:
         variance, time = current_model(place, link_table(place))
         assert variance == pytest.approx(sum(square for square, _ in parts))
         assert 2 * variance / time == pytest.approx(increment(m) / m, rel=1e-4)
+
+
+def test_speeds_to_expect_about_a_uniform_current():
+    """Normal about it with the variance of the eddies."""
+    (variance, _), U = current_parts(site(*VORTICES))[0], 0.4
+    found = drift_speeds(site(*VORTICES, f"current.speed={U}"), Level.cruise, (0.5, 0.99))
+    deviation = math.sqrt(variance)
+    np.testing.assert_allclose(found, rice.ppf((0.5, 0.99), U / deviation, scale=deviation), rtol=5e-3)
+    alone = drift_speeds(site(f"current.speed={U}"), Level.cruise, (0.5, 0.99))
+    np.testing.assert_allclose(alone, U, rtol=1e-6)
 
 
 class TestBound:
