@@ -7,7 +7,7 @@ import os
 import re
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
-from functools import reduce
+from functools import cache, reduce
 from importlib import resources
 from itertools import chain
 from pathlib import Path
@@ -56,6 +56,7 @@ RETIRED: dict[str, tuple[str, tuple[object, ...]]] = {
     "sea.sponge_width": ("0.4", (40.0,)),
     "reference.zermelo_speed": ("0.4: with the policy zermelo", (1.1, 1.2, 1.3, 1.5, 1.6, 1.7, 1.8)),
 }
+CLASSES = {"boat": "vessel", "auv": "vehicle"}  # a section, and its field with the name of a class
 BASE = "base"  # key of a file with the name of the scenario that it differs from
 GONE = ("planner.objective", "e")  # a value of an existing field that 0.3 removed
 
@@ -201,6 +202,30 @@ def layers_of(name_or_path: str | Path, above: tuple[str, ...] = ()) -> list[Lay
         raise ScenarioError(f"{chain}: base = {base!r}: must be a shipped name or the path of a TOML file")
     place = base if base in shipped() else str(Path(name).parent / base)
     return [*layers_of(place, (*above, name)), Layer(data, name)]
+
+
+@cache
+def classes_of(section: str) -> Mapping[str, Mapping[str, Any]]:
+    """Classes of boats (`boat`) or AUVs (`auv`) inside the package: name → the numbers of one, in nested sections."""
+    files = sorted((resources.files("usvauv.env") / "classes").iterdir(), key=lambda file: file.name)
+    found = {file.name.removesuffix(".toml"): parse_text(file.read_text(encoding="utf-8"), "TOML") for file in files}
+    return {name: data for name, data in found.items() if section in data}
+
+
+def layers_of_classes(data: Mapping[str, Any]) -> list[Layer]:
+    """The numbers of the classes that a scenario's data name, which lie under all others."""
+    named = []
+    for section, field in CLASSES.items():
+        content = data.get(section) if isinstance(data, Mapping) else None
+        name = content.get(field) if isinstance(content, Mapping) else None
+        if isinstance(name, str) and name in classes_of(section):
+            named.append(Layer(classes_of(section)[name], f"{section}.{field} = {name}"))
+    return named
+
+
+def class_name(section: str) -> AfterValidator:
+    """A validator for the name of a class, or none."""
+    return one_of(("none",), classes_of(section))
 
 
 def parse_override(override: str) -> Mapping[str, Any]:

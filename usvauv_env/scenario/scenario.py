@@ -22,6 +22,7 @@ from usvauv.env.scenario.fields import (
     Section,
     as_toml,
     layers_of,
+    layers_of_classes,
     merged,
     one_line,
     one_of,
@@ -362,12 +363,13 @@ class Scenario(Section):
 
     @classmethod
     def _merged(cls, layers: Sequence[Layer], stored: bool = False) -> Scenario:
-        """The scenario of files and changes, later ones over earlier ones."""
+        """The scenario of files and changes, later ones over earlier ones, and all over the classes that they name."""
         for layer in layers:
             try:
                 check_plain(layer.data)
             except TextFileError as error:
                 raise ScenarioError(f"{layer.source}: {error}") from None
+        layers = [*layers_of_classes(merged(layer.data for layer in layers)), *layers]
         try:
             return cls.model_validate(merged(without_retired(layer, stored) for layer in layers))
         except ValidationError as error:

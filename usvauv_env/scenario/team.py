@@ -8,7 +8,18 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field, create_model, field_validator, model_validator
 
-from usvauv.env.scenario.fields import LARGEST, Bandwidth, Carrier, Distance, Number, Price, Section, one_of
+from usvauv.env.scenario.fields import (
+    LARGEST,
+    Bandwidth,
+    Carrier,
+    Distance,
+    Number,
+    Price,
+    Section,
+    class_name,
+    classes_of,
+    one_of,
+)
 from usvauv.kernels.mission import target_rules
 from usvauv.kernels.mission.motion import FASTEST
 from usvauv.kernels.planning.information import MAX_AUVS
@@ -53,6 +64,11 @@ class Boat(Section):
     )
     model: Literal["point", "otter"] = Field(
         "point", description="a point that turns on the spot, or a catamaran with the parameters of [otter]"
+    )
+    vessel: Annotated[str, class_name("boat")] = Field(
+        "none",
+        description="class of boats whose numbers hold where a scenario gives none: "
+        + ", ".join(["none", *classes_of("boat")]),
     )
     top_speed: float = Field(
         4.0, ge=1e-4, le=1e4, description="top speed through the water, m/s; an otter's is also limited by its thrust"
@@ -188,6 +204,11 @@ class Auv(Section):
     count: int = Field(2, ge=1, le=MAX_AUVS, description="number of AUVs")
     model: Annotated[str, one_of(("point",), vehicles)] = Field(
         "point", description="point: takes any velocity at once, or with a lag; or a vehicle with dynamics, as torpedo"
+    )
+    vehicle: Annotated[str, class_name("auv")] = Field(
+        "none",
+        description="class of AUVs whose numbers hold where a scenario gives none: "
+        + ", ".join(["none", *classes_of("auv")]),
     )
     variation: float = Field(
         0.0,

@@ -10,7 +10,7 @@ import pytest
 
 from tests.trials.scenarios import numbers
 from usvauv.env import Scenario, ScenarioError
-from usvauv.env.scenario.fields import Section
+from usvauv.env.scenario.fields import CLASSES, Section, classes_of
 from usvauv.env.scenario.team import PluginNumbers
 
 
@@ -53,6 +53,23 @@ def test_table_1(name):
         assert s.current.centres == ((30, 23), (63, 45), (75, 77))  # of its reference [4], as the next two
         assert s.current.circulation_min == s.current.circulation_max == 8
         assert s.current.core_radius_min == s.current.core_radius_max == 48
+
+
+@pytest.mark.parametrize(("section", "name"), [(section, name) for section in CLASSES for name in classes_of(section)])
+def test_numbers_of_a_class_lie_under_those_of_a_scenario(tmp_path, section, name):
+    (tmp_path / "mine.toml").write_text(f'[{section}]\n{CLASSES[section]} = "{name}"\ncount = 1\n')
+    plain, data = Scenario.load(tmp_path / "mine.toml"), classes_of(section)[name]
+    for part, values in data.items():
+        assert plain.to_dict()[part].items() >= values.items()
+    assert Scenario.from_dict(plain.to_dict()) == plain
+    field, value = next((field, value) for field, value in data[section].items() if isinstance(value, float))
+    own = Scenario.load(tmp_path / "mine.toml", [f"{section}.{field}={0.99 * value!r}"])
+    assert own.to_dict()[section] == plain.to_dict()[section] | {field: 0.99 * value}
+
+
+def test_a_class_that_there_is_not_is_refused():
+    with pytest.raises(ScenarioError, match=r"^ideal: boat.vessel: 'remus-100': allowed are none, .*otter"):
+        Scenario.load("ideal", ["boat.vessel=remus-100"])
 
 
 def test_toml_round_trip():
@@ -202,7 +219,7 @@ def test_any_other_name_is_one(name):
 @pytest.mark.parametrize(
     ("override", "said"),
     [
-        ("auv.x=1", "^ideal: auv.x: unknown field; allowed here: count, model, variation, depth"),
+        ("auv.x=1", "^ideal: auv.x: unknown field; allowed here: count, model, vehicle, variation"),
         ("auv.count=two", "^ideal: auv.count = 'two': input should be a valid integer"),
         ("current.centres=[[true,2]]", r"^ideal: current.centres = \[\[True, 2\]\]: must not be true or false$"),
         ("nodes.arrival_rates=1", "^ideal: nodes.arrival_rates = 1: must be a list$"),
