@@ -18,7 +18,7 @@ A sea is an array `wave` (seas, groups, columns, LANES): LANES components stand 
     TURNS_X, TURNS_Y    k/2π, 1/m
     PHASE               (φ − ω t0)/2π, reduced to one turn in double precision by `set_phases`
     FREQUENCY           ω/2π, Hz
-    AMPLITUDE           a, m
+    HEAVE, TILT         a times what a boat follows of elevation and of slope, m; a where it follows all of them
     LEVEL + 2 n         2π a ω C/k at the n-th of some levels z, m²/s
     LEVEL + 2 n + 1     a ω D there, m/s
 
@@ -38,7 +38,7 @@ from usvauv.kernels.functions import LANES, func, kernel
 from usvauv.kernels.trigonometry import TWO_PI, half_cosine, half_sine, narrowed
 from usvauv.kernels.types import array1, double1, vec4
 
-TURNS_X, TURNS_Y, PHASE, FREQUENCY, AMPLITUDE, LEVEL = range(6)
+TURNS_X, TURNS_Y, PHASE, FREQUENCY, HEAVE, TILT, LEVEL = range(7)
 PHASES_LAST = 16.0  # s; in single precision a wave of 1 Hz keeps its phase so long within 1e-6 of a turn
 STILL = 1e-5  # m/s, which is not felt
 
@@ -70,6 +70,7 @@ def motion(
 ) -> vec8:
     """Surface, velocity and its shear (η, η_x, η_y, u, v, w, u_z, v_z) of a sea at (x, y), in m, 1, m/s and 1/s.
 
+    The surface is as a boat follows it.
     What a caller does not use of it is not computed.
 
     Args:
@@ -86,15 +87,15 @@ def motion(
     for n in range(groups):
         kx = wave[sea, n, TURNS_X]
         ky = wave[sea, n, TURNS_Y]
-        a = wave[sea, n, AMPLITUDE]
+        tilt = wave[sea, n, TILT]
         t = angle(wave, since, sea, n, x, y)
         s = half_sine(t)
         cosine = 1.0 - 2.0 * s * s
         sine = 2.0 * s * half_cosine(t)
         along = wave[sea, n, LEVEL + 2 * level] * cosine
-        eta += a * cosine
-        eta_x = eta_x - a * sine * kx
-        eta_y = eta_y - a * sine * ky
+        eta += wave[sea, n, HEAVE] * cosine
+        eta_x = eta_x - tilt * sine * kx
+        eta_y = eta_y - tilt * sine * ky
         u += along * kx
         v += along * ky
         w += wave[sea, n, LEVEL + 2 * level + 1] * sine
@@ -192,6 +193,7 @@ def pack(
     *,
     depth: float,
     levels: Sequence[float],
+    followed: tuple[np.ndarray | float, np.ndarray | float] = (1.0, 1.0),
     more: Sequence[np.ndarray] = (),
 ) -> np.ndarray:
     """The array `wave` with phases of 0, (seas, groups, LEVEL + 2 len(levels), LANES) float32.
@@ -203,10 +205,11 @@ def pack(
             each (seas, N).
         depth: h, m.
         levels: heights z at which velocities are wanted, −h ≤ z ≤ 0, m.
+        followed: shares of elevation and slope that a boat follows, each (seas, N), 1.
         more: further columns, each (seas, N).
     """
     columns = [k * np.cos(direction) / TWO_PI, k * np.sin(direction) / TWO_PI, np.zeros_like(k)]
-    columns += [omega / TWO_PI, amplitude]
+    columns += [omega / TWO_PI, *(amplitude * share for share in followed)]
     for z in levels:
         C, D = decay(k, z, depth)
         columns += [TWO_PI * amplitude * omega * C / k, amplitude * omega * D]

@@ -283,7 +283,7 @@ def target_spectrum(site: Site) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies (Hz) and spectral density (m²/Hz) of the spectrum that the short waves of a site are drawn from."""
     scenario, spectra = site.scenario, []
     for system in wave_systems(site):
-        omega, S = density(system, scenario.storm.shortest_wave, scenario.area.depth, scenario.sea.gravity)
+        omega, S = density(system, scenario.shortest_wave, scenario.area.depth, scenario.sea.gravity)
         f = omega / (2 * math.pi)
         spectra.append((f, S * (system.significant_height / 4) ** 2 / cumulative(f, S)[-1]))
     if len(spectra) == 1:

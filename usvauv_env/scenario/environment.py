@@ -160,7 +160,7 @@ class Storm(Section):
     )
     components: int = Field(64, ge=8, le=1024, description="number of component waves of each system in a sea")
     shortest_wave: float = Field(
-        20.0, ge=0.1, le=1000, description="shortest wave length that moves and tilts the boat, m"
+        20.0, ge=0.1, le=1000, description="shortest wave length that moves and tilts a boat without boat.length, m"
     )
 
     @property

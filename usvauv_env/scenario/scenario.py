@@ -207,6 +207,16 @@ class Scenario(Section):
             raise ValueError(f"auv.depth = {self.auv.depth:g}: must be below the troughs of the waves, {trough:.3g} m")
 
     @property
+    def shortest_wave_field(self) -> str:
+        """The field that decides how long short waves are at least: that of a boat of some length."""
+        return "boat.length" if self.boat.length else "storm.shortest_wave"
+
+    @property
+    def shortest_wave(self) -> float:
+        """Length of the shortest waves of the storm, m."""
+        return self.boat.length or self.storm.shortest_wave
+
+    @property
     def eddies_at_cruise(self) -> float:
         """Ratio of the vortices' speed at the AUVs' depth to that at the surface."""
         return math.exp(-self.auv.depth / self.current.decay_depth) if self.current.decay_depth else 1.0
@@ -233,13 +243,13 @@ class Scenario(Section):
             )
 
     def _check_storm(self) -> None:
-        shortest = 2 * math.pi / self.storm.shortest_wave
+        shortest = 2 * math.pi / self.shortest_wave
         highest = math.sqrt(self.sea.gravity * shortest * math.tanh(shortest * self.area.depth))
         for system in self.storm.systems:
             if highest < 4 * math.pi / system.peak_period:
                 raise ValueError(
-                    f"storm.shortest_wave = {self.storm.shortest_wave:g}: must have at least twice the frequency of"
-                    " storm.peak_period"
+                    f"{self.shortest_wave_field} = {self.shortest_wave:g}: a wave of that length must have at least"
+                    " twice the frequency of storm.peak_period"
                 )
             self.check_breaking("storm.significant_height", system.significant_height, system.peak_period)
 

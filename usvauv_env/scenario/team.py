@@ -73,6 +73,21 @@ class Boat(Section):
     top_speed: float = Field(
         4.0, ge=1e-4, le=1e4, description="top speed through the water, m/s; an otter's is also limited by its thrust"
     )
+    length: float = Field(
+        0.0,
+        ge=0,
+        le=100,
+        description="length of the hull, which follows waves shorter than a few of its lengths less and less, m; 0: it"
+        " follows all from storm.shortest_wave on",
+    )
+    beam: float = Field(0.0, ge=0, le=30, description="its beam, of a catamaran over both hulls, m")
+    draught: float = Field(0.0, ge=0, le=10, description="its draught, without a keel or gondola, m")
+    thrust: float = Field(
+        0.0,
+        ge=0,
+        le=1e6,
+        description="thrust at top speed, with which it meets the resistance that waves add, N; 0: they slow it not",
+    )
     drifts: bool = Field(True, description="the current carries the boat")
     response_time: float = Field(
         0.0,
@@ -98,6 +113,12 @@ class Boat(Section):
         for name in ("windage", "dead_band"):
             if self.model == "point" and getattr(self, name) > 0 and self.response_time == 0:
                 raise ValueError(f"{name} = {getattr(self, name):g}: must be 0 where response_time is 0")
+        for name in ("beam", "draught", "thrust"):
+            if getattr(self, name) and not self.length:
+                raise ValueError(f"{name} = {getattr(self, name):g}: needs a length above 0")
+        for name in ("beam", "draught"):
+            if self.length and not getattr(self, name):
+                raise ValueError(f"length = {self.length:g}: needs a {name} above 0")
         return self
 
 

@@ -256,11 +256,11 @@ def long_wave_rms(site: Site) -> float:
     rms = site.scenario.sea.irregular_rms
     if rms != "storm":
         return rms
-    storm, depth, gravity = site.scenario.storm, site.mean_depth, site.scenario.sea.gravity
+    shortest, depth, gravity = site.scenario.shortest_wave, site.mean_depth, site.scenario.sea.gravity
     systems = wave_systems(site)
     squares = 0.0  # Σ Hs² Tm²
     for system in systems:
-        omega, S = density(system, storm.shortest_wave, depth, gravity)
+        omega, S = density(system, shortest, depth, gravity)
         mean_square = float(cumulative(omega, S / omega**2)[-1] / cumulative(omega, S)[-1])
         squares += (2 * math.pi * system.significant_height) ** 2 * mean_square
     return INFRAGRAVITY / 4 * squares / max(total_height(systems), 1e-9) * math.sqrt(gravity / depth)

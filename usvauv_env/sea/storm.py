@@ -40,7 +40,7 @@ STREAM = 2  # spawn key of the storm among the random numbers of a sea
 SHAPES = ("none", "jonswap", "pm", "tma")
 FINE = 8192  # points at which spectrum and spreading are tabulated
 GOLDEN = (math.sqrt(5) - 1) / 2
-LEFT_OUT = 0.1  # most of a file's energy that may lie in waves below storm.shortest_wave
+LEFT_OUT = 0.1  # most of a file's energy that may lie in waves that are too short
 SMALLEST = 0.01  # share of the height below which a partition of a file is left out
 NARROWEST = 1000.0  # spreading, as the field of a scenario has it
 BED_CELLS = 128  # along the longer side, at which an uneven bed is compared with the storm
@@ -69,7 +69,7 @@ def elevation(waves: np.ndarray, x: np.ndarray, y: np.ndarray, time: float) -> n
 def wave_systems(site: Site) -> tuple[System, ...]:
     """The short waves of a site: wind sea and swells of the scenario or of its file, or the spectrum of its file.
 
-    Waves of a file that are shorter than `storm.shortest_wave` are left out, and the others have their energy.
+    Waves of a file that are shorter than `Scenario.shortest_wave` are left out, and the others have their energy.
 
     Raises:
         OceanError: the file does not serve.
@@ -80,7 +80,7 @@ def wave_systems(site: Site) -> tuple[System, ...]:
     if waves is None:
         return scenario.storm.systems
     storm, gravity = scenario.storm, scenario.sea.gravity
-    highest = cut_off(storm.shortest_wave, min(scenario.area.depth, site.mean_depth), gravity)
+    highest = cut_off(scenario.shortest_wave, min(scenario.area.depth, site.mean_depth), gravity)
     if waves.spectrum is not None:
         f, S = waves.spectrum.frequencies, waves.spectrum.by_frequency
         kept = np.linspace(f[0], max(min(f[-1], highest / (2 * math.pi)), f[0]), FINE)
@@ -98,7 +98,7 @@ def wave_systems(site: Site) -> tuple[System, ...]:
         )
     if share < 1 - LEFT_OUT:
         raise ScenarioError(
-            f"storm.shortest_wave = {storm.shortest_wave:g}: leaves out {1 - share:.0%} of the energy of"
+            f"{scenario.shortest_wave_field} = {scenario.shortest_wave:g}: leaves out {1 - share:.0%} of the energy of"
             f" {waves.path}; at most {LEFT_OUT:.0%}"
         )
     try:

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 
 from usvauv.env.scenario.fields import ScenarioError
+from usvauv.env.sea.hull import Hull
 from usvauv.env.sea.long_waves import LongWaves, boundary_waves, build_sea, speed_bound
 from usvauv.env.sea.storm import density, draw_storm, elevation, wave_systems
 from usvauv.env.site.site import Site
@@ -106,6 +107,7 @@ class AirySea:
         gravity: g, m/s².
         levels: heights z of the water velocities, −h ≤ z ≤ 0, m.
         step: mission step, s, where the motion is wanted at any depth too, as `usvauv.kernels.flow.at_depth` has it.
+        hull: of a boat; without one it follows all waves.
 
     Attributes:
         k: wave number (seas, N), rad/m.
@@ -125,12 +127,16 @@ class AirySea:
         gravity: float,
         levels: Sequence[float],
         step: float | None = None,
+        hull: Hull | None = None,
     ) -> None:
         device = runtime.start().device
         self.amplitude, self.omega, self.direction, self.phase = amplitude, omega, direction, phase
         self.k = airy.wavenumber(omega, depth, gravity)
         deep = deep_columns(amplitude, self.k, omega, depth, step) if step else ()
-        packed = airy.pack(amplitude, self.k, direction, omega, depth=depth, levels=levels, more=deep)
+        followed = hull.motion(self.k) if hull else (1.0, 1.0)
+        packed = airy.pack(
+            amplitude, self.k, direction, omega, depth=depth, levels=levels, followed=followed, more=deep
+        )
         self.wave = torch.tensor(packed, device=device)
         self.felt = torch.from_numpy(airy.felt(packed, len(levels) - 1)).to(device)
         start, frequency = (torch.tensor(airy.group(part / airy.TWO_PI), device=device) for part in (phase, omega))
@@ -168,11 +174,13 @@ class AirySea:
 
 def build_short_waves(site: Site, seas: Sequence[tuple[int, int]]) -> AirySea:
     """The storm upon the seas of `build_sea`, with velocities at the levels `usvauv.kernels.types.Level`."""
-    scenario = site.scenario
+    scenario, boat = site.scenario, site.scenario.boat
     water = {"depth": site.mean_depth, "gravity": scenario.sea.gravity}
-    drawn = draw_storm(scenario.storm, wave_systems(site), seas, **water)
+    storm = scenario.storm.model_copy(update={"shortest_wave": scenario.shortest_wave})
+    drawn = draw_storm(storm, wave_systems(site), seas, **water)
     step = scenario.mission.step if scenario.auv.dynamic else None
-    return AirySea(*drawn, **water, levels=(0.0, -min(scenario.auv.depth, site.mean_depth)), step=step)
+    hull = Hull(boat.length, boat.beam, boat.draught) if boat.length else None
+    return AirySea(*drawn, **water, levels=(0.0, -min(scenario.auv.depth, site.mean_depth)), step=step, hull=hull)
 
 
 def advance(sea: LongWaves, named: Callable[[int], str] = lambda index: "the sea") -> None:
@@ -347,7 +355,7 @@ def current_bound(site: Site) -> float:
     orbital = []
     for waves in wave_systems(site):
         depth, gravity = site.mean_depth, scenario.sea.gravity
-        omega, S = density(waves, scenario.storm.shortest_wave, depth, gravity)
+        omega, S = density(waves, scenario.shortest_wave, depth, gravity)
         C, _ = airy.decay(airy.wavenumber(omega, depth, gravity), -min(shallowest, depth), depth)
         orbital.append(6 * waves.significant_height / 4 * math.sqrt(np.sum((omega * C) ** 2 * S) / np.sum(S)))
     peak += math.hypot(*orbital)

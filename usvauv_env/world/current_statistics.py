@@ -37,7 +37,7 @@ def current_parts(site: Site) -> list[tuple[float, float]]:
     parts = [(variance * scenario.eddies_at_cruise**2, change)] if variance > 0 else []
     for waves in wave_systems(site):
         water = scenario.area.depth, scenario.sea.gravity
-        spectrum = density(waves, scenario.storm.shortest_wave, *water)
+        spectrum = density(waves, scenario.shortest_wave, *water)
         parts.append(orbital_motion(*spectrum, waves.significant_height, -scenario.auv.depth, *water))
     for square, period in _forced_waves(site):
         parts.append((square * _forced_share(scenario, period), 2 * math.pi / period))

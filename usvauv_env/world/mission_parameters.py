@@ -14,7 +14,8 @@ import torch
 from usvauv.env.scenario.fields import ScenarioError
 from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.scenario.team import CLEAREST, Nodes
-from usvauv.env.sea.storm import total_height, wave_systems
+from usvauv.env.sea.hull import Hull
+from usvauv.env.sea.storm import density, total_height, wave_systems
 from usvauv.env.sea.water import Seeds, current_bound
 from usvauv.env.site.positions import far_position
 from usvauv.env.site.site import Site
@@ -23,6 +24,7 @@ from usvauv.env.world.current_statistics import FOREVER, current_model
 from usvauv.env.world.observation_layout import ObservationLayout
 from usvauv.env.world.strategy_choice import StrategyChoice
 from usvauv.kernels import runtime
+from usvauv.kernels.flow import airy
 from usvauv.kernels.flow.vortex_motion import steps_of_renewal
 from usvauv.kernels.functions import LANES
 from usvauv.kernels.mission import target_rules
@@ -58,6 +60,8 @@ DEPTH_TIME = 20.0  # s, correlation time of the error of an AUV's depth
 SPEED_RESPONSE = Parameter.names[Parameter.span("speed_memory", "speed_noise_rest")]
 SERVICE_FILL = 0.65  # share of a full buffer collected in a typical service, for the boat's prediction
 STRONGEST = 50.0  # m/s, upper limit of Wu's law for the drag of the sea surface
+COARSER = 16  # frequencies of a spectrum of which one is taken for the resistance
+BISECTIONS = 24
 SHORTEST = 1e-4  # s, of a vehicle's substep
 LOUDEST = 200.0  # dB re 1 µPa²/Hz, of ambient noise
 
@@ -107,10 +111,33 @@ def wind_direction(site: Site) -> float:
     return systems[0].direction if systems else scenario.storm.direction
 
 
-def top_speed(scenario: Scenario) -> float:
-    """Top speed of a boat through the water, m/s."""
+def calm_top_speed(scenario: Scenario) -> float:
+    """Top speed of a boat through calm water, m/s."""
     most = otter.top_speed(scenario.otter.model_dump()) if scenario.boat.model == "otter" else math.inf
     return min(scenario.boat.top_speed, most)
+
+
+def top_speed(site: Site) -> float:
+    """Top speed of a boat through the water in the short waves of a site, m/s.
+
+    There its thrust is the drag in calm water, which grows with the square of the speed, and the resistance that waves
+    add, 2 ∫ R/a² S dω over all systems (`usvauv.env.sea.hull`); by bisection.
+    """
+    scenario, boat = site.scenario, site.scenario.boat
+    calm, depth, gravity = calm_top_speed(scenario), site.mean_depth, scenario.sea.gravity
+    if not boat.thrust:
+        return calm
+    hull, waves = Hull(boat.length, boat.beam, boat.draught), []
+    for system in wave_systems(site):
+        omega, S = (part[::COARSER] for part in density(system, scenario.shortest_wave, depth, gravity))
+        share = 2 * (system.significant_height / 4) ** 2 * S / S.sum()
+        waves.append((airy.wavenumber(omega, depth, gravity), omega, share))
+    slow, fast = 0.0, calm
+    for _ in range(BISECTIONS):
+        speed = (slow + fast) / 2
+        added = sum(share @ hull.added_resistance(k, omega, speed, gravity) for k, omega, share in waves)
+        slow, fast = (speed, fast) if boat.thrust * (speed / calm) ** 2 + added < boat.thrust else (slow, speed)
+    return fast
 
 
 def response_time(scenario: Scenario) -> float:
@@ -348,6 +375,7 @@ def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
     sections = s.mission, s.area, s.current, s.usbl, s.channel, s.navigation, s.boat, s.tracker, s.auv, s.nodes
     named = {name: value for section in sections for name, value in section if name in Parameter.names}
     numbers = named | {
+        "length": s.area.length,  # not the boats'
         "diagonal": s.area.diagonal,
         "eddy_scale": site.eddies.pattern.scale,
         "eddy_share": site.eddies.pattern.share,
@@ -363,7 +391,7 @@ def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
         "bias_memory": math.exp(-s.mission.step / s.navigation.bias_correlation_time),
         "velocity_variance": 0.5 * s.reference.straight_speed**2,
         "velocity_memory": way / s.reference.straight_speed,
-        "top_speed": top_speed(s),
+        "top_speed": top_speed(site),
         "response_time": response_time(s),
         "response_memory": math.exp(-s.mission.step / s.boat.response_time) if s.boat.response_time else 0.0,
         "control_time": control_time(s),

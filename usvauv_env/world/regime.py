@@ -114,19 +114,23 @@ def _short_waves(site: Site) -> Iterator[Finding]:
         limit = "must be above 0 in a storm, or it keeps its position against every wave"
         check = "the boat's speed follows its command in"
         yield Finding(check, f"{lag:g} s", limit, _judge(lag == 0), "boat.response_time")
+    if systems and site.scenario.boat.thrust:
+        speeds = mission_parameters.top_speed(site), mission_parameters.calm_top_speed(site.scenario)
+        check, value = "the boat's top speed against these waves is", "{:.3g} m/s, in calm water {:.3g}".format(*speeds)
+        yield Finding(check, value, "", "fine", "boat.thrust")
 
 
 def _currents(site: Site) -> Iterator[Finding]:
     scenario = site.scenario
     for field, top, level, where in (
         ("auv.speed_max", scenario.auv.speed_max, Level.cruise, "at the AUVs' depth"),
-        ("boat.top_speed", scenario.boat.top_speed, Level.surface, "at the surface"),
+        ("boat.top_speed", mission_parameters.top_speed(site), Level.surface, "at the surface"),
     ):
         median, tail = drift_speeds(site, level, (0.5, 0.99))
         verdict = "error" if median >= top else _judge(tail >= top)
         if tail > 0:
             check, value = f"current {where}, median and 99 %:", f"{median:.2g} and {tail:.2g} m/s"
-            yield Finding(check, value, f"below the top speed, {top:g} m/s", verdict, field)
+            yield Finding(check, value, f"below the top speed, {top:.3g} m/s", verdict, field)
 
 
 def _replies(site: Site) -> Finding:

@@ -45,6 +45,7 @@ from usvauv.kernels.mission.columns import (
     ExchangeColumn,
     ForesightColumn,
     NodeColumn,
+    Parameter,
 )
 from usvauv.kernels.mission.episode import draw_vortices
 from usvauv.kernels.mission.worlds import REWARDS, STATE
@@ -315,9 +316,8 @@ class World:
         if not torch.isfinite(action).all():
             raise ScenarioError("boat_action: all numbers must be finite")
         boat = self.scenario.boat
-        velocity = (
-            mission_parameters.top_speed(self.scenario) * action / action.norm(dim=-1, keepdim=True).clamp(min=1.0)
-        )
+        top_speed = self._kernels.tables["p"][Parameter.top_speed]
+        velocity = top_speed * action / action.norm(dim=-1, keepdim=True).clamp(min=1.0)
         place = self.boat[..., BoatColumn.span("x", "y")]
         if response := mission_parameters.response_time(self.scenario):
             drift = self.boat[..., BoatColumn.span("drift_x", "drift_y")]
