@@ -88,6 +88,10 @@ class Boat(Section):
         le=1e6,
         description="thrust at top speed, with which it meets the resistance that waves add, N; 0: they slow it not",
     )
+    wave_limit: float = Field(
+        0.0, ge=0, le=30, description="highest significant height in which it works, m; 0: not known"
+    )
+    wind_limit: float = Field(0.0, ge=0, le=100, description="strongest wind in which it works, m/s; 0: not known")
     drifts: bool = Field(True, description="the current carries the boat")
     response_time: float = Field(
         0.0,

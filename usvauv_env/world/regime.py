@@ -13,9 +13,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from usvauv.env.scenario.fields import as_toml, classes_of
 from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.sea.long_waves import forced_gain, long_wave_rms
-from usvauv.env.sea.storm import uneven_bed_warning, wave_systems
+from usvauv.env.sea.storm import total_height, uneven_bed_warning, wave_systems
 from usvauv.env.site.site import Site
 from usvauv.env.world import mission_parameters
 from usvauv.env.world.current_statistics import drift_speeds
@@ -62,7 +63,7 @@ def check(scenario: Scenario) -> list[Finding]:
         UserError: a file of the scenario cannot be used.
     """
     site = Site(scenario)
-    found = [*_long_waves(site), *_short_waves(site), *_currents(site), _replies(site)]
+    found = [*_long_waves(site), *_short_waves(site), *_boat(site), *_currents(site), _replies(site)]
     return [*found, _data_link(site)] if scenario.task_definition.targets == "nodes" else found
 
 
@@ -118,6 +119,32 @@ def _short_waves(site: Site) -> Iterator[Finding]:
         speeds = mission_parameters.top_speed(site), mission_parameters.calm_top_speed(site.scenario)
         check, value = "the boat's top speed against these waves is", "{:.3g} m/s, in calm water {:.3g}".format(*speeds)
         yield Finding(check, value, "", "fine", "boat.thrust")
+
+
+def _boat(site: Site) -> Iterator[Finding]:
+    boat, array = site.scenario.boat, site.scenario.usbl.array_depth
+    height, wind = total_height(wave_systems(site)), mission_parameters.wind(site)
+    if boat.wave_limit:
+        limit = f"the boat works in at most {boat.wave_limit:g} m"
+        yield Finding(
+            "significant height", f"{height:.2g} m", limit, _judge(height > boat.wave_limit), "boat.wave_limit"
+        )
+    if boat.wind_limit:
+        limit = f"the boat works in at most {boat.wind_limit:g} m/s"
+        yield Finding("wind", f"{wind:.2g} m/s", limit, _judge(wind > boat.wind_limit), "boat.wind_limit")
+    if boat.draught:
+        limit = f"must be more than the boat's draught, {boat.draught:g} m"
+        yield Finding("the array's depth is", f"{array:g} m", limit, _judge(array <= boat.draught), "usbl.array_depth")
+    given = site.scenario.to_dict()
+    own = [
+        f"{section}.{field} = {as_toml(given[section][field])}, not {as_toml(value)}"
+        for section, numbers in classes_of("boat").get(boat.vessel, {}).items()
+        for field, value in numbers.items()
+        if given[section][field] != value
+    ]
+    if own:
+        check = f"the scenario gives other numbers than {boat.vessel}:"
+        yield Finding(check, "; ".join(own), "", "warning", "boat.vessel")
 
 
 def _currents(site: Site) -> Iterator[Finding]:

@@ -7,6 +7,7 @@ import pytest
 from tests.usvauv_cli.sweep.work import Here
 from usvauv.cli.sweep import perform
 from usvauv.env import Scenario
+from usvauv.env.scenario.fields import classes_of
 from usvauv.env.world import regime
 
 POOL = ["sea.forced_edge=east", "sea.irregular_rms=2", "sea.forcing=elevation", "sea.radiating_edges=[]"]
@@ -95,6 +96,31 @@ def test_a_study_warns_once_for_all_its_runs(run_usvauv, tmp_path, monkeypatch):
 )
 def test_what_does_not_occur(settings, field, verdict):
     assert verdicts(*settings)[field].verdict == verdict
+
+
+CALM = ["storm.spectrum=jonswap", "storm.significant_height=1.2", "storm.peak_period=5"]
+OWN = [f"boat.{field}={value}" for field, value in classes_of("boat")["otter"]["boat"].items()]
+OTTER = ["boat.vessel=otter", *OWN, *CALM, "usbl.array_depth=0.5"]
+
+
+@pytest.mark.parametrize(
+    ("settings", "field", "said"),
+    [
+        (
+            ["storm.significant_height=1.3"],
+            "boat.wave_limit",
+            "significant height 1.3 m; the boat works in at most 1.25 m",
+        ),
+        (["acoustics.wind=12"], "boat.wind_limit", "wind 12 m/s; the boat works in at most 10.7 m/s"),
+        (["usbl.array_depth=0.1"], "usbl.array_depth", "0.1 m; must be more than the boat's draught, 0.195 m"),
+        (["boat.top_speed=4"], "boat.vessel", "other numbers than otter: boat.top_speed = 4.0, not 3.1"),
+    ],
+)
+def test_a_boat_where_it_does_not_belong(settings, field, said):
+    assert not verdicts(*OTTER)
+    found = verdicts(*OTTER, *settings)[field]
+    assert found.verdict == "warning"
+    assert said in str(found)
 
 
 @pytest.mark.parametrize("law", ["modem", "optical"])
