@@ -138,6 +138,9 @@ class Parameter(Columns):
     depth_noise: int  # m
     speed_min: int
     speed_max: int
+    drag: int  # of a point, N s²/m²; 0: the power is that of the paper's law
+    efficiency: int
+    hotel: int  # W
     start_margin: int
     start_separation: int
     safe_distance: int

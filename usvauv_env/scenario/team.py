@@ -240,6 +240,17 @@ class Auv(Section):
         le=10,
         description="standard deviation of that velocity's error, per axis, m/s; its correlation time is speed_lag",
     )
+    drag: float = Field(
+        0.0,
+        ge=0,
+        le=1e5,
+        description="drag of a point over its speed squared, N s²/m²: its power is hotel + drag V³/efficiency, hovering"
+        " too; 0: the paper's law (Zhang et al. 2024), with at least 105 W in hovering",
+    )
+    efficiency: float = Field(
+        0.5, ge=0.01, le=1, description="drag times speed over the electrical power of propulsion, with a drag"
+    )
+    hotel: float = Field(0.0, ge=0, le=5000, description="electrical power of all else, W, with a drag")
     depth_noise: float = Field(
         0.0,
         ge=0,
@@ -288,6 +299,8 @@ class Auv(Section):
             raise ValueError(f"depth_max = {self.depth_max:g}: must be above depth_min, {self.depth_min:g} m")
         if self.speed_max < self.speed_min:
             raise ValueError("speed_max must not be below speed_min")
+        if self.hotel and not self.drag:
+            raise ValueError(f"hotel = {self.hotel:g}: needs a drag above 0")
         if self.speed_noise and not self.speed_lag:
             raise ValueError(f"speed_noise = {self.speed_noise:g}: needs a speed_lag above 0")
         return self
