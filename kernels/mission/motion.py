@@ -207,6 +207,25 @@ def respond(worlds: ti.template(), w, k, commanded: vec2) -> vec2:
 
 
 @func
+def is_spent(worlds: ti.template(), w, k) -> bool:
+    """Whether the battery of AUV k is spent: it moves by itself no more, serves no node and does not reply."""
+    spent = False
+    if ti.static(worlds.program.battery):
+        spent = worlds.auv.charge[w, k] == 0.0
+    return spent
+
+
+@func
+def discharge(worlds: ti.template(), w, k):
+    """Take the energy of this step from the battery of AUV k; when it is spent a service under way ends."""
+    auv = ti.static(worlds.auv)
+    auv.charge[w, k] = ti.max(auv.charge[w, k] - auv.power[w, k] * worlds.p.step / 3600.0, 0.0)
+    if is_spent(worlds, w, k):
+        auv.hover[w, k] = 0.0
+        auv.cargo[w, k] = 0.0
+
+
+@func
 def renew_depth_error(worlds: ti.template(), w, k):
     """The error with which AUV k keeps its depth, or of a vehicle's depth sensor: a Gauss–Markov process, in its
     stationary state from the start.
@@ -230,10 +249,14 @@ def renew_depth_error(worlds: ti.template(), w, k):
 def travel(worlds: ti.template(), w, k, a0, a1):
     """Move AUV k for one step as its action commands and with the water; where that crosses the border it hovers.
 
-    A vehicle with dynamics has moved already (`usvauv.kernels.mission.vehicles`), and is stopped at the border.
+    A point whose battery is spent drifts with the water, along the border where that would carry it across. A vehicle
+    with dynamics has moved already (`usvauv.kernels.mission.vehicles`), and is stopped at the border.
     """
     if ti.static(worlds.program.vehicle):
         arrive(worlds, w, k)
+    elif is_spent(worlds, w, k):
+        hold(worlds, w, k, vec2(worlds.auv.current_x[w, k], worlds.auv.current_y[w, k]))  # which takes no thrust
+        worlds.auv.power[w, k] = 0.0
     else:
         go(worlds, w, k, a0, a1)
 

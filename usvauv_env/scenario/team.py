@@ -91,7 +91,20 @@ class Boat(Section):
         description="distance from its goal within which it only compensates drift, m; for a point needs a"
         " response_time",
     )
+    propulsion_power: float = Field(
+        0.0,
+        ge=0,
+        le=1e7,
+        description="electrical power of its propulsion at top speed, W, less with the cube of the speed through the"
+        " water; 0 and hotel = 0: the boat's energy is not counted",
+    )
+    hotel: float = Field(0.0, ge=0, le=1e6, description="electrical power of all else aboard, W")
     strategy: str = Field("fim", description="boat strategy, as in the option --usv")
+
+    @property
+    def metered(self) -> bool:
+        """Whether its energy is counted."""
+        return self.propulsion_power > 0 or self.hotel > 0
 
     @model_validator(mode="after")
     def _check(self) -> Boat:
@@ -251,6 +264,13 @@ class Auv(Section):
         0.5, ge=0.01, le=1, description="drag times speed over the electrical power of propulsion, with a drag"
     )
     hotel: float = Field(0.0, ge=0, le=5000, description="electrical power of all else, W, with a drag")
+    battery: float = Field(
+        0.0,
+        ge=0,
+        le=1e6,
+        description="energy of an AUV's battery at the start, Wh; when it is spent the AUV drifts or glides to rest,"
+        " serves no node and does not reply; 0: never ends",
+    )
     depth_noise: float = Field(
         0.0,
         ge=0,

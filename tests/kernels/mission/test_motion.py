@@ -15,6 +15,7 @@ from usvauv.env.record.recorder import record
 from usvauv.env.scenario.team import Auv
 from usvauv.kernels.mission.columns import AuvColumn, ExchangeColumn, NodeColumn
 from usvauv.kernels.mission.motion import hovering_power, travelling_power
+from usvauv.kernels.positioning import usbl
 from usvauv.policies import PolicyError
 from usvauv.policies.guidance import SpeedToFly
 
@@ -120,6 +121,24 @@ def test_above_its_thrust_a_hovering_auv_drifts_and_its_service_waits():
     assert left == 0.0
     assert delivered == packets
     assert world.node[0, 0, NodeColumn.backlog] == 0
+
+
+def test_an_auv_with_a_spent_battery_drifts_is_silent_and_collects_nothing():
+    """Of two that serve their nodes at 105 W the first has energy for ten steps, its service time for twelve."""
+    world = serving(12.0, "auv.battery=1000", "channel.schedule=every-step", "navigation.sensor=none")
+    world.auv[0, 0, AuvColumn.charge] = 105.0 * 9.5 / 3600
+    place, used = world.auv[0, :, AuvColumn.span("x", "y")].clone(), 0.0
+    for step in range(20):
+        done = step_in(world, (0.3, -0.4))
+        assert (done["power"] == 0.0) == (done["charge"] == 0.0 and step > 9)
+        used += world.auv[0, 1, AuvColumn.power].item()
+    assert done["delivered"] == done["packets_delivered"] == done["hover"] == done["cargo"] == 0
+    assert done["fix_flags"] == usbl.LOST
+    drifted = world.auv[0, :, AuvColumn.span("x", "y")] - place
+    torch.testing.assert_close(drifted[0], torch.tensor([3.0, -4.0]), atol=1e-3, rtol=0)
+    assert world.node[0, 0, NodeColumn.backlog] > 0
+    assert world.node[0, 1, NodeColumn.backlog] == 0
+    assert world.auv[0, 1, AuvColumn.charge].item() == pytest.approx(1000.0 - used / 3600, abs=0.01)
 
 
 @pytest.mark.parametrize(
