@@ -138,7 +138,9 @@ class Trace:
     hovering: np.ndarray = _array(_AUV, "1", "1 while the AUV serves its node")
     power: np.ndarray = _array(_AUV, "W", "power of the AUV in this step")
     service_rate: np.ndarray = _array(_AUV, "Mbit s-1", "data rate of a service completed in this step, else 0")
-    delivered: np.ndarray = _array(_AUV, "Mbit", "data of a service completed in this step, else 0")
+    delivered: np.ndarray = _array(
+        _AUV, "Mbit", "data collected in this step; of a hovering AUV those of a whole service, in its last step"
+    )
     border: np.ndarray = _array(_AUV, "1", "1 where a move was refused at the border")
     reward_terms: np.ndarray = _array((*_AUV, "reward_term"), "1", "weighted terms of the reward, which is their sum")
     boat_position: np.ndarray = _array(_BOAT_XY, "m", "position of the boat")
@@ -154,7 +156,7 @@ class Trace:
     collisions: np.ndarray = _array(_WORLD, "1", "pairs of AUVs closer than the collision distance")
     packets_created: np.ndarray = _array(_WORLD, "1", "packets created in this step at all nodes")
     packets_lost: np.ndarray = _array(_WORLD, "1", "packets lost in this step at full buffers")
-    packets_delivered: np.ndarray = _array(_AUV, "1", "packets of a service completed in this step, else 0")
+    packets_delivered: np.ndarray = _array(_AUV, "1", "packets collected in this step, those of `delivered`")
     vortex: np.ndarray = _array(
         ("time", "world", "vortex", "vortex_parameter"), None, "centre x0 and y0, m, circulation Γ, m2 s-1, radius δ, m"
     )
