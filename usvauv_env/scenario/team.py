@@ -230,6 +230,9 @@ class Auv(Section):
         description="share by which mass, drag and fins of each vehicle may differ from the model's, each episode anew",
     )
     depth: float = Field(100.0, ge=0.5, le=11000, description="cruise depth, m")
+    depth_rating: Distance = Field(
+        0.0, description="depth for which the AUV is built, m, which `scenarios --check` looks at; 0: not known"
+    )
     altitude: float = Field(
         0.0, ge=0, le=1000, description="height above the bed at which a vehicle cruises, m; 0: at auv.depth"
     )
