@@ -67,9 +67,9 @@ def rows() -> list[Row]:
     numbers, battery = dict(team["torpedo"].torpedo), team["torpedo"].auv.battery
     point, torpedo = (level_power(each, [knots * KNOT for knots in ENDURANCE]) for each in team.values())
     found = []
-    for (knots, hours), *powers in zip(ENDURANCE.items(), point, torpedo, strict=True):
-        found.append(Row(f"power at {knots} knots, W", battery / hours, *powers, "maker: 1 kWh over the endurance"))
-        found.append(Row(f"endurance at {knots} knots, h", hours, *(battery / power for power in powers), "maker"))
+    for (knots, hours), one, other in zip(ENDURANCE.items(), point, torpedo, strict=True):
+        found.append(Row(f"endurance at {knots} knots, h", hours, battery / one, battery / other, "maker"))
+        found.append(Row(f"power at {knots} knots, W", battery / hours, one, other, "1 kWh over that"))
     fastest, _ = settled(numbers, numbers["propeller_limit"])
     found.append(Row("top speed, m/s", TOP_SPEED, team["point"].auv.speed_max, float(fastest[0]), "maker"))
     speed, turn = settled(numbers, CRUISE, np.resize(np.deg2rad([*RUDDER]), LANES))
