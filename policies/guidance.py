@@ -212,7 +212,7 @@ def level_power(scenario: Scenario, speeds: Sequence[float]) -> list[float]:
     """
     auv = scenario.auv
     if not auv.dynamic:
-        return [travelling_power(speed) for speed in speeds]
+        return [travelling_power(auv, speed) for speed in speeds]
     fleet = Fleet(len(speeds), auv.model, dict(getattr(scenario, auv.model, ())))
     fleet.set(Command, speed=speeds, depth=auv.depth)
     fleet.trim()

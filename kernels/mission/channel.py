@@ -28,6 +28,7 @@ from usvauv.kernels.mission.columns import (
     Schedule,
     TallyColumn,
 )
+from usvauv.kernels.mission.motion import is_spent
 from usvauv.kernels.mission.replies import reply_worth, true_height
 from usvauv.kernels.mission.worlds import uniforms
 from usvauv.kernels.positioning import usbl
@@ -107,12 +108,14 @@ def ask(worlds: ti.template(), w, b, k, start):
 
 @func
 def is_lost(worlds: ti.template(), w, k) -> ivec2:
-    """Whether an interrogation of AUV k and its reply are lost in this step."""
+    """Whether an interrogation of AUV k and its reply are lost in this step; both are where its battery is spent."""
     lost = ivec2(0, 0)
     if worlds.p.packet_loss > 0.0:
         u = uniforms(worlds, w, Draw.loss, k)
         for way in ti.static(range(2)):
             lost[way] = ti.cast(u[way] < worlds.p.packet_loss, ti.i32)
+    if is_spent(worlds, w, k):
+        lost = ivec2(1, 1)
     return lost
 
 

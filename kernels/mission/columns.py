@@ -140,6 +140,10 @@ class Parameter(Columns):
     depth_noise: int  # m
     speed_min: int
     speed_max: int
+    drag: int  # of a point, N s²/m²; 0: the power is that of the paper's law
+    efficiency: int
+    hotel: int  # W
+    battery: int  # Wh
     start_margin: int
     start_separation: int
     safe_distance: int
@@ -214,6 +218,7 @@ class AuvColumn(StateColumns):
     velocity_y: Velocity
     depth_error: Level  # below its cruise depth, m
     distance: Amount  # horizontally to its target, as it was before the last step, m
+    charge: Amount  # energy left in its battery, Wh; 0 where batteries do not end
 
 
 Ahead = Annotated[int, Range(-15.0, 15.0)]  # m/s through the water, which no AUV reaches

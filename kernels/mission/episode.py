@@ -78,6 +78,8 @@ def place_auv(worlds: ti.template(), w, k):
     for c in range(auv.shape[2]):
         auv[w, k, c] = 0.0
     auv.target[w, k] = -1.0
+    if ti.static(worlds.program.battery):
+        auv.charge[w, k] = p.battery
     searching = True
     attempt = 0
     while searching:

@@ -38,22 +38,35 @@ FASTEST = 2.5  # m/s, up to which the fitted efficiency is meant; near 3.25 m/s 
 
 
 @ti.pyfunc
-def travelling_power(speed: ti.f32) -> ti.f32:
-    """Electrical power while travelling at a speed through the water, W.
+def travelling_power(auv: ti.template(), speed: ti.f32) -> ti.f32:
+    """Electrical power of a point while travelling at a speed through the water, W.
 
-    F V/(−0.081 V³ + 0.215 V² − 0.01 V + 0.541) + 15 with the drag F = ½·0.7·60·V² (Zhang et al. 2024,
-    doi 10.1109/JIOT.2024.3395568). The fit of the efficiency ends at `FASTEST`; beyond it has its value there, so that
-    the power grows with V³ at any speed.
+    Its `hotel` + `drag` V³/`efficiency`. Without a `drag` the law of the paper, F V/(−0.081 V³ + 0.215 V² − 0.01 V +
+    0.541) + 15 with the drag F = ½·0.7·60·V² (Zhang et al. 2024, doi 10.1109/JIOT.2024.3395568). The fit of the
+    efficiency ends at `FASTEST`; beyond it has its value there, so that the power grows with V³ at any speed.
+
+    Args:
+        auv: has the numbers `drag`, `efficiency` and `hotel` of the scenario's section `auv`.
     """
     V = min(speed, FASTEST)
     drag = 0.5 * 0.7 * 60.0 * speed * speed
-    return drag * speed / (-0.081 * V * V * V + 0.215 * V * V - 0.01 * V + 0.541) + 15.0
+    power = drag * speed / (-0.081 * V * V * V + 0.215 * V * V - 0.01 * V + 0.541) + 15.0
+    if auv.drag > 0.0:
+        power = auv.hotel + auv.drag * speed * speed * speed / auv.efficiency
+    return power
 
 
 @ti.pyfunc
-def hovering_power(speed: ti.f32) -> ti.f32:
-    """Electrical power while hovering at a speed through the water, W: the travelling law, not below 90 + 15."""
-    return max(travelling_power(speed), 105.0)
+def hovering_power(auv: ti.template(), speed: ti.f32) -> ti.f32:
+    """Electrical power while hovering at a speed through the water, W: that of travelling.
+
+    An AUV with a `drag` so needs its `hotel` load in still water, and in a current what it takes to stem it; one with
+    the law of the paper not less than 90 + 15.
+    """
+    power = travelling_power(auv, speed)
+    if auv.drag == 0.0:
+        power = max(power, 105.0)
+    return power
 
 
 @func
@@ -146,7 +159,7 @@ def hold(worlds: ti.template(), w, k, wanted: vec2):
     speed = velocity.norm()
     if speed > p.speed_max:
         velocity *= p.speed_max / speed
-    auv.power[w, k] = hovering_power(velocity.norm())
+    auv.power[w, k] = hovering_power(p, velocity.norm())
     auv.velocity_x[w, k] = velocity[0]
     auv.velocity_y[w, k] = velocity[1]
     place = here + p.step * (velocity + current)
@@ -194,6 +207,25 @@ def respond(worlds: ti.template(), w, k, commanded: vec2) -> vec2:
 
 
 @func
+def is_spent(worlds: ti.template(), w, k) -> bool:
+    """Whether the battery of AUV k is spent: it moves by itself no more, serves no node and does not reply."""
+    spent = False
+    if ti.static(worlds.program.battery):
+        spent = worlds.auv.charge[w, k] == 0.0
+    return spent
+
+
+@func
+def discharge(worlds: ti.template(), w, k):
+    """Take the energy of this step from the battery of AUV k; when it is spent a service under way ends."""
+    auv = ti.static(worlds.auv)
+    auv.charge[w, k] = ti.max(auv.charge[w, k] - auv.power[w, k] * worlds.p.step / 3600.0, 0.0)
+    if is_spent(worlds, w, k):
+        auv.hover[w, k] = 0.0
+        auv.cargo[w, k] = 0.0
+
+
+@func
 def renew_depth_error(worlds: ti.template(), w, k):
     """The error with which AUV k keeps its depth, or of a vehicle's depth sensor: a Gauss–Markov process, in its
     stationary state from the start.
@@ -217,10 +249,14 @@ def renew_depth_error(worlds: ti.template(), w, k):
 def travel(worlds: ti.template(), w, k, a0, a1):
     """Move AUV k for one step as its action commands and with the water; where that crosses the border it hovers.
 
-    A vehicle with dynamics has moved already (`usvauv.kernels.mission.vehicles`), and is stopped at the border.
+    A point whose battery is spent drifts with the water, along the border where that would carry it across. A vehicle
+    with dynamics has moved already (`usvauv.kernels.mission.vehicles`), and is stopped at the border.
     """
     if ti.static(worlds.program.vehicle):
         arrive(worlds, w, k)
+    elif is_spent(worlds, w, k):
+        hold(worlds, w, k, vec2(worlds.auv.current_x[w, k], worlds.auv.current_y[w, k]))  # which takes no thrust
+        worlds.auv.power[w, k] = 0.0
     else:
         go(worlds, w, k, a0, a1)
 
@@ -260,7 +296,7 @@ def go(worlds: ti.template(), w, k, a0, a1):
     inside = place[0] >= 0.0 and place[0] <= p.width
     inside = inside and place[1] >= 0.0 and place[1] <= p.length
     if inside:
-        auv.power[w, k] = travelling_power(velocity.norm())
+        auv.power[w, k] = travelling_power(p, velocity.norm())
         move_to(worlds, w, k, place, velocity)
     else:
         auv.border[w, k] = 1.0

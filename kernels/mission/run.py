@@ -46,6 +46,8 @@ def move_auvs(worlds: ti.template(), w):
         motion.clear_last_step(worlds, w, k)
         motion.renew_depth_error(worlds, w, k)
         worlds.program.task.move(worlds, w, k, worlds.action[w, k, 0], worlds.action[w, k, 1])
+        if ti.static(worlds.program.battery):
+            motion.discharge(worlds, w, k)
         if ti.static(worlds.program.tracker):
             estimates.predict(worlds, w, k)
         if ti.static(worlds.program.reckoning):

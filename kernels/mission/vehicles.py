@@ -24,7 +24,18 @@ from usvauv.kernels.mission.worlds import Numbers
 from usvauv.kernels.trigonometry import TWO_PI
 from usvauv.kernels.types import array1, array2, array3, index2, mask1, mat3, vec2, vec3, vec4
 from usvauv.kernels.vehicles.kinematics import axes
-from usvauv.kernels.vehicles.vehicle import LANES, Body, Command, Memory, Surroundings, Vehicle, blocks, load, store
+from usvauv.kernels.vehicles.vehicle import (
+    LANES,
+    Actuators,
+    Body,
+    Command,
+    Memory,
+    Surroundings,
+    Vehicle,
+    blocks,
+    load,
+    store,
+)
 
 LEAST_ALTITUDE = 5.0  # m above the bed, of a vehicle that cruises by depth
 HALF_PI = 0.25 * TWO_PI
@@ -36,6 +47,7 @@ class Motion(NamedTuple):
     Attributes:
         advance, control, trim, drive: of the `Vehicle`.
         action: of `Action`.
+        battery: their batteries end.
         turning: of the `Vehicle`, m.
     """
 
@@ -44,12 +56,14 @@ class Motion(NamedTuple):
     trim: Callable[..., Any]
     drive: Callable[..., Any]
     action: int
+    battery: bool
     turning: float
 
     @classmethod
-    def of(cls, vehicle: Vehicle, action: int) -> "Motion":
-        """The motion of a vehicle, for an action of `Action`."""
-        return cls(vehicle.advance, vehicle.control, vehicle.trim, vehicle.drive, action, float(vehicle.turning))
+    def of(cls, vehicle: Vehicle, action: int, battery: bool) -> "Motion":
+        """The motion of a vehicle, for an action of `Action`, with batteries that end or not."""
+        functions = vehicle.advance, vehicle.control, vehicle.trim, vehicle.drive
+        return cls(*functions, action, battery, float(vehicle.turning))
 
 
 @func
@@ -199,7 +213,8 @@ def sense(worlds: ti.template(), w, k) -> vec2:
 
 COLUMNS = len(BodyColumn.names)
 COMMAND = COLUMNS  # row of a block where a command begins, behind the columns of `BodyColumn`
-ROWS = COMMAND + 4
+AWAKE = COMMAND + 4  # where batteries end: 1, or 0 where that of a vehicle is spent
+ROWS = AWAKE + 1
 OF_A_STEP = "north", "east", "energy", "time", "surfaced", "grounded"  # begin at 0 in each mission step
 BODY = tuple(-1 if name in OF_A_STEP else getattr(BodyColumn, name) for name in Body.members)
 MEMORY = tuple(getattr(BodyColumn, f"memory_{name}") for name in Memory.members)
@@ -217,7 +232,10 @@ def over_ground(body: Body):
 
 @func
 def integrate(motion_of: ti.template(), table: ti.template(), step: ti.f32, substeps: ti.i32, block: ti.template(), g):
-    """Move the vehicles of a block through a mission step (s) in some substeps."""
+    """Move the vehicles of a block through a mission step (s) in some substeps.
+
+    One whose battery is spent turns its propeller off and its fins to zero, and glides until the water stops it.
+    """
     body = load(block, g, Body, BODY)
     memory = load(block, g, Memory, MEMORY)
     around = load(block, g, Surroundings, SURROUNDINGS)
@@ -231,6 +249,9 @@ def integrate(motion_of: ti.template(), table: ti.template(), step: ti.f32, subs
     for _ in range(substeps):
         if ti.static(motion_of.action != Action.fins):
             told, memory = motion_of.control(table, body, memory, command, around, sensor_error, dt)
+        if ti.static(motion_of.battery):
+            awake = block[g, AWAKE]
+            told = Actuators(rudder=awake * told.rudder, stern=awake * told.stern, propeller=awake * told.propeller)
         body = motion_of.advance(table, body, told, around, dt)
         north, east = over_ground(body)
         through_north += north
@@ -242,6 +263,8 @@ def integrate(motion_of: ti.template(), table: ti.template(), step: ti.f32, subs
     block[g, BodyColumn.water_x] = share * (through_east - 0.5 * east)
     block[g, BodyColumn.water_y] = share * (through_north - 0.5 * north)
     block[g, BodyColumn.power] = body.energy / step
+    if ti.static(motion_of.battery):
+        block[g, BodyColumn.power] = block[g, AWAKE] * body.energy / step
     block[g, BodyColumn.touched] = body.surfaced + 2.0 * body.grounded
 
 
@@ -300,6 +323,8 @@ def move(
             numbers[n // LANES, c, n % LANES] = state[n, c]
         for c in ti.static(range(4)):
             numbers[n // LANES, COMMAND + c, n % LANES] = asked[c]
+        if ti.static(motion_of.battery):
+            numbers[n // LANES, AWAKE, n % LANES] = ti.select(auv[w, k, AuvColumn.charge] > 0.0, 1.0, 0.0)
     ti.loop_config(serialize=serial, block_dim=1)
     for g in range(block.shape[0]):
         if ti.static(not deploys):

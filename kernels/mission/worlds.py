@@ -81,6 +81,7 @@ class Program(NamedTuple):
         otter: boats move as in `usvauv.kernels.vehicles.otter`; else they are points.
         repeats: the pattern of vortices has a period.
         passing: nodes are served in passing, not hovering.
+        battery: the AUVs' batteries end.
         abreast: AUVs side by side in a boat's rollouts, at least all.
         division: of `Division`.
         vortices_move: here, not in a launch of their own.
@@ -103,6 +104,7 @@ class Program(NamedTuple):
     otter: bool
     repeats: bool
     passing: bool
+    battery: bool
     abreast: int
     division: int = Division.worlds
     vortices_move: bool = False

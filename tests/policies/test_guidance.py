@@ -28,12 +28,15 @@ from usvauv.policies.guidance import (
     crab,
     follow_circle,
     follow_line,
+    level_power,
     rotate,
     unit,
     unrotate,
 )
 from usvauv.policies.learned import LearnedPolicy, Standardizer
 from usvauv.policies.networks import DeterministicActor
+
+KNOT = 1852 / 3600  # m/s
 
 
 def directions(count, seed=0):
@@ -58,6 +61,14 @@ def angle(vector):
 def power(speed):
     drag = 0.5 * 0.7 * 60 * speed**2
     return drag * speed / (-0.081 * speed**3 + 0.215 * speed**2 - 0.01 * speed + 0.541) + 15
+
+
+@pytest.mark.parametrize("model", ["point", "torpedo"])
+def test_a_remus_100_lasts_as_long_as_its_maker_says(model):
+    """22 h at 3 knots and 8 h at 5 from 1 kWh, as a point and by its hull, propeller and motor."""
+    data = {"auv": {"vehicle": "remus-100", "model": model}, "nodes": {"service": "passing"}}
+    power = level_power(Scenario.from_dict(data), [3 * KNOT, 5 * KNOT])
+    assert [1000.0 / each for each in power] == pytest.approx([22.0, 8.0], rel=0.02)
 
 
 class TestCrab:

@@ -51,6 +51,11 @@ OF_VEHICLES = (
     Column("surfaced", "at surface", 2, "steps of an AUV in which it touched the surface", "less"),
     Column("grounded", "on bed", 2, "steps of an AUV in which it touched the bed", "less"),
 )
+OF_BOATS = (Column("boat_energy_wh", "boat, Wh", 0, "energy of all boats", "less"),)
+OF_BATTERIES = (
+    Column("spent", "spent", 2, "AUVs whose battery is spent at the end", "less"),
+    Column("spent_first", "first spent, s", 0, "when the first battery was spent", "more"),
+)
 OF_STATIONS = (Column("target_distance", "off station, m", 2, "mean distance of the AUVs to their targets", "less"),)
 OF_NODES = (
     Column("delivered_mbit", "data, Mbit", 1, "data collected from the nodes", "more"),
@@ -80,16 +85,22 @@ POSITIONS = (
     Column("outage_longest", "outage, s", 0, "longest time of an AUV without a usable fix", "less"),
 )
 COLUMNS = {
-    column.name: column for column in (*WORK, *OF_VEHICLES, *OF_STATIONS, *OF_NODES, *OF_TASK.values(), *POSITIONS)
+    column.name: column
+    for column in (
+        *(*WORK, *OF_BOATS, *OF_BATTERIES, *OF_VEHICLES, *OF_STATIONS, *OF_NODES),
+        *(*OF_TASK.values(), *POSITIONS),
+    )
 }
 
 
 def column_tables(scenario: Scenario, of_task: Collection[str]) -> dict[str, list[Column]]:
     """Columns of each table by its title; `of_task` are the names of the task's own figures."""
-    nodes, vehicles = scenario.task_definition.targets == "nodes", OF_VEHICLES if scenario.auv.dynamic else ()
+    nodes = scenario.task_definition.targets == "nodes"
+    energy = [*(OF_BOATS if scenario.boat.metered else ()), *(OF_BATTERIES if scenario.auv.battery else ())]
+    vehicles = OF_VEHICLES if scenario.auv.dynamic else ()
     own = [OF_TASK.get(name, Column(name, name, 2, "a figure of a plugin")) for name in of_task]
     return {
-        "Work": [*WORK[:1], *(OF_NODES if nodes else OF_STATIONS), *WORK[1:], *vehicles],
+        "Work": [*WORK[:1], *(OF_NODES if nodes else OF_STATIONS), *WORK[1:], *energy, *vehicles],
         "Age, losses and cost of data" if nodes else "Of the task": own,
         "Positions and fixes": list(POSITIONS),
     }

@@ -131,13 +131,13 @@ def _spread(row: Row, name: str, centre: str, deviation: str) -> str:
 def _room(rows: Sequence[Row], settings: Settings) -> str:
     """Number of services that the lowest EC allows, at their energy with `straight`."""
     straight = next(row for row in rows if (row["method"], row["tested_in"]) == ("straight", "ISC"))
-    speed = settings.scenario(paper.CONDITIONS["ISC"]).auv.speed_min
-    travelling, limit = travelling_power(speed), LOWEST_EC * (1 + NEAR)
+    auv = settings.scenario(paper.CONDITIONS["ISC"]).auv
+    travelling, limit = travelling_power(auv, auv.speed_min), LOWEST_EC * (1 + NEAR)
     services, sdr, ec = (straight[f"{name}_mean"] for name in ("services", "sdr", "ec"))
     share = (limit - travelling) / (ec - travelling)
     return (
-        f"Travelling at the lowest speed, {speed:g} m/s, takes {rounded(travelling, 1)} W; the rest of EC is hovering,"
-        f" which each service needs: `straight` in ISC has {rounded(services, 1)} services at"
+        f"Travelling at the lowest speed, {auv.speed_min:g} m/s, takes {rounded(travelling, 1)} W; the rest of EC is"
+        f" hovering, which each service needs: `straight` in ISC has {rounded(services, 1)} services at"
         f" {rounded(ec, 1)} W. At that energy per service {rounded(limit, 1)} W allow"
         f" {rounded(share * services, 1)} services, an SDR of {rounded(share * sdr)}; more services"
         " have a higher EC."

@@ -36,6 +36,8 @@ class EpisodeMetrics:
         arps: (1/T) Σ over steps and AUVs of the reward.
         services: number of completed services. delivered_mbit: their data, Mbit.
         energy_wh: energy of all AUVs, Wh.
+        boat_energy_wh: energy of all boats, Wh; NaN if it is not counted.
+        spent: number of AUVs whose battery is spent at the end. spent_first: when the first one's was, s; NaN if none.
         target_distance: mean true distance of the AUVs to their targets, m.
         overflow: node-steps in which a full buffer lost packets.
         collisions: pair-steps below the collision distance. border: refused moves.
@@ -63,6 +65,9 @@ class EpisodeMetrics:
     services: int
     delivered_mbit: float
     energy_wh: float
+    boat_energy_wh: float
+    spent: int
+    spent_first: float
     target_distance: float
     overflow: int
     collisions: int
@@ -166,6 +171,11 @@ def _longest_run(flags: np.ndarray) -> np.ndarray:
         run = (run + 1) * row
         longest = np.maximum(longest, run)
     return longest.max(-1)
+
+
+def _first_time(trace: Trace, flags: np.ndarray) -> float:
+    """Time of the first step with a flag (T,), s; NaN without one."""
+    return float(trace.time[np.argmax(flags)]) if flags.any() else math.nan
 
 
 def energy_consumption(trace: Trace) -> np.ndarray:
@@ -281,6 +291,7 @@ def episode_metrics(trace: Trace, first_episode: int = 0) -> list[EpisodeMetrics
     ec = energy_consumption(trace)[-1]
     reward = trace.reward_terms.sum(axis=(2, 3), dtype=np.float64).mean(0)
     touched = trace.auv_touched.astype(np.int8)
+    spent, metered = trace.auv_charge == 0, trace.boat_power.size > 0
     of_task = {name: _of_task(name, trace) for name, m in task_metrics.items() if m.task == trace.scenario.task}
     return [
         EpisodeMetrics(
@@ -295,6 +306,9 @@ def episode_metrics(trace: Trace, first_episode: int = 0) -> list[EpisodeMetrics
             services=int((trace.service_rate[:, w] > 0).sum()),
             delivered_mbit=float(trace.delivered[:, w].sum(dtype=np.float64)),
             energy_wh=float(trace.power[:, w].sum(dtype=np.float64) * step / 3600),
+            boat_energy_wh=float(trace.boat_power[:, w].sum(dtype=np.float64) * step / 3600) if metered else math.nan,
+            spent=int(spent[-1:, w : w + 1].sum()),
+            spent_first=_first_time(trace, spent[:, w : w + 1].any(axis=(1, 2))),
             target_distance=float(distance[:, w].mean()),
             overflow=int(trace.overflowing[:, w].sum()),
             collisions=int(trace.collisions[:, w].sum()),

@@ -179,7 +179,14 @@ class Recorder:
             surface=surface,
             storm=storm,
             **(of_bodies(body) if world.scenario.auv.dynamic else {}),
+            **({"auv_charge": column("charge")} if world.scenario.auv.battery else {}),
+            **({"boat_power": boat_power(world.scenario, boats)} if world.scenario.boat.metered else {}),
         )
+
+
+def boat_power(scenario: Scenario, boats: np.ndarray) -> np.ndarray:
+    """Power of boats (..., F), W: the hotel load, and propulsion by the cube of the speed through the water."""
+    return scenario.boat.hotel + scenario.boat.propulsion_power * boats[..., BoatColumn.effort] ** 3
 
 
 def of_bodies(body: np.ndarray) -> dict[str, np.ndarray]:

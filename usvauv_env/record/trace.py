@@ -55,7 +55,7 @@ _AUV, _BOAT, _WORLD = ("time", "world", "auv"), ("time", "world", "boat"), ("tim
 _AUV_XY, _BOAT_XY, _COVARIANCE = (*_AUV, "axis"), (*_BOAT, "axis"), (*_AUV, "component")
 
 OPTIONAL = (  # may be empty
-    *("auv_depth", "auv_attitude", "auv_fins", "auv_touched"),
+    *("auv_depth", "auv_attitude", "auv_fins", "auv_touched", "auv_charge", "boat_power"),
     *("stream_time", "stream", "surface", "storm"),
 )
 DERIVED = "boat_heading"  # missing in files of earlier versions
@@ -190,6 +190,10 @@ class Trace:
     auv_touched: np.ndarray = _array(
         _AUV, "1", "1 where it came to the surface in this step, 2 where it touched the bed, 3 both", optional=True
     )
+    auv_charge: np.ndarray = _array(
+        _AUV, "W h", "energy left in a battery that ends; at 0 the AUV moves by itself no more", optional=True
+    )
+    boat_power: np.ndarray = _array(_BOAT, "W", "power of the boat in this step, where it is counted", optional=True)
 
     def __repr__(self) -> str:
         """Number of missions and steps, seed, policy and boat strategy, and the scenario."""

@@ -110,7 +110,20 @@ class Boat(Section):
         description="distance from its goal within which it only compensates drift, m; for a point needs a"
         " response_time",
     )
+    propulsion_power: float = Field(
+        0.0,
+        ge=0,
+        le=1e7,
+        description="electrical power of its propulsion at top speed, W, less with the cube of the speed through the"
+        " water; 0 and hotel = 0: the boat's energy is not counted",
+    )
+    hotel: float = Field(0.0, ge=0, le=1e6, description="electrical power of all else aboard, W")
     strategy: str = Field("fim", description="boat strategy, as in the option --usv")
+
+    @property
+    def metered(self) -> bool:
+        """Whether its energy is counted."""
+        return self.propulsion_power > 0 or self.hotel > 0
 
     @model_validator(mode="after")
     def _check(self) -> Boat:
@@ -242,6 +255,9 @@ class Auv(Section):
         description="share by which mass, drag and fins of each vehicle may differ from the model's, each episode anew",
     )
     depth: float = Field(100.0, ge=0.5, le=11000, description="cruise depth, m")
+    depth_rating: Distance = Field(
+        0.0, description="depth for which the AUV is built, m, which `scenarios --check` looks at; 0: not known"
+    )
     altitude: float = Field(
         0.0, ge=0, le=1000, description="height above the bed at which a vehicle cruises, m; 0: at auv.depth"
     )
@@ -264,6 +280,24 @@ class Auv(Section):
         ge=0,
         le=10,
         description="standard deviation of that velocity's error, per axis, m/s; its correlation time is speed_lag",
+    )
+    drag: float = Field(
+        0.0,
+        ge=0,
+        le=1e5,
+        description="drag of a point over its speed squared, N s²/m²: its power is hotel + drag V³/efficiency, hovering"
+        " too; 0: the paper's law (Zhang et al. 2024), with at least 105 W in hovering",
+    )
+    efficiency: float = Field(
+        0.5, ge=0.01, le=1, description="drag times speed over the electrical power of propulsion, with a drag"
+    )
+    hotel: float = Field(0.0, ge=0, le=5000, description="electrical power of all else, W, with a drag")
+    battery: float = Field(
+        0.0,
+        ge=0,
+        le=1e6,
+        description="energy of an AUV's battery at the start, Wh; when it is spent the AUV drifts or glides to rest,"
+        " serves no node and does not reply; 0: never ends",
     )
     depth_noise: float = Field(
         0.0,
@@ -313,6 +347,8 @@ class Auv(Section):
             raise ValueError(f"depth_max = {self.depth_max:g}: must be above depth_min, {self.depth_min:g} m")
         if self.speed_max < self.speed_min:
             raise ValueError("speed_max must not be below speed_min")
+        if self.hotel and not self.drag:
+            raise ValueError(f"hotel = {self.hotel:g}: needs a drag above 0")
         if self.speed_noise and not self.speed_lag:
             raise ValueError(f"speed_noise = {self.speed_noise:g}: needs a speed_lag above 0")
         return self

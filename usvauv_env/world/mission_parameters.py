@@ -237,6 +237,7 @@ def program(site: Site, strategy: BoatStrategy, link: np.ndarray) -> Program:
         otter=s.boat.model == "otter",
         repeats=site.eddies.pattern.repeats,
         passing=s.nodes.service == "passing",
+        battery=s.auv.battery > 0,
         abreast=8 if s.auv.count <= 8 else MAX_AUVS,
     )
 
@@ -410,6 +411,7 @@ def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
         **speed_response(s),
         "depth_memory": math.exp(-s.mission.step / DEPTH_TIME),
         "cruise": s.auv.depth,
+        "hotel": s.auv.hotel,  # not the boat's
         "hover_radius": s.service_radius,
         "separation_node": s.auv.depth if s.auv.separation == "demonstration" else 0.0,
         "node_margin": s.nodes.margin,
@@ -447,7 +449,7 @@ def flags(scenario: Scenario) -> np.ndarray:
 def vehicle_motion(scenario: Scenario) -> Motion:
     """The motion model of a scenario whose AUVs are vehicles with dynamics."""
     auv = scenario.auv
-    return Motion.of(vehicles[auv.model], getattr(Action, auv.action.replace("-", "_")))
+    return Motion.of(vehicles[auv.model], getattr(Action, auv.action.replace("-", "_")), auv.battery > 0)
 
 
 def vehicle_substeps(scenario: Scenario) -> int:

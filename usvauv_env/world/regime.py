@@ -1,4 +1,5 @@
-"""Whether a scenario's conditions can occur: resonance, waves, currents against vehicles, links, the boat's response.
+"""Whether a scenario's conditions can occur: resonance, waves, currents against vehicles, links, the boat's response,
+depth and endurance of AUVs, numbers that differ from those of a class.
 
 The solvers also give correct results for conditions that no sea has, from which nothing can be learned. Each check has
 a value, a limit and a verdict. Conventions of the paper's demonstration that a scenario names, as `paper-*` do, are
@@ -13,13 +14,14 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from usvauv.env.scenario.fields import as_toml, classes_of
+from usvauv.env.scenario.fields import CLASSES, as_toml, classes_of
 from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.sea.long_waves import forced_gain, long_wave_rms
 from usvauv.env.sea.storm import total_height, uneven_bed_warning, wave_systems
 from usvauv.env.site.site import Site
 from usvauv.env.world import mission_parameters
 from usvauv.env.world.current_statistics import drift_speeds
+from usvauv.kernels.mission.motion import travelling_power
 from usvauv.kernels.mission.tasks.data_collection import LEAST_RATE
 from usvauv.kernels.positioning import acoustic_link
 from usvauv.kernels.types import Level
@@ -32,6 +34,7 @@ LARGEST_AMPLITUDE = 0.1  # of long waves over the depth, with linear equations
 LARGEST_LONG_STEEPNESS = 0.01  # 2a/λ of long waves; ocean swell of that steepness has periods of 20 s
 LARGEST_STEEPNESS = 0.06  # Hs/(g Tp²/2π) of a storm; DNV-RP-C205 has 0.067 for its shortest periods
 LARGEST_EFFICIENCY = 2.0  # bit/s/Hz of a modem under water
+DEVIATIONS = 3.0  # of the error of depth, which hardly any is beyond
 
 
 class Finding(NamedTuple):
@@ -64,6 +67,7 @@ def check(scenario: Scenario) -> list[Finding]:
     """
     site = Site(scenario)
     found = [*_long_waves(site), *_short_waves(site), *_boat(site), *_currents(site), _replies(site)]
+    found += [*_depth(site), *_endurance(scenario), *_classes(scenario)]
     return [*found, _data_link(site)] if scenario.task_definition.targets == "nodes" else found
 
 
@@ -135,16 +139,6 @@ def _boat(site: Site) -> Iterator[Finding]:
     if boat.draught:
         limit = f"must be more than the boat's draught, {boat.draught:g} m"
         yield Finding("the array's depth is", f"{array:g} m", limit, _judge(array <= boat.draught), "usbl.array_depth")
-    given = site.scenario.to_dict()
-    own = [
-        f"{section}.{field} = {as_toml(given[section][field])}, not {as_toml(value)}"
-        for section, numbers in classes_of("boat").get(boat.vessel, {}).items()
-        for field, value in numbers.items()
-        if given[section][field] != value
-    ]
-    if own:
-        check = f"the scenario gives other numbers than {boat.vessel}:"
-        yield Finding(check, "; ".join(own), "", "warning", "boat.vessel")
 
 
 def _currents(site: Site) -> Iterator[Finding]:
@@ -158,6 +152,53 @@ def _currents(site: Site) -> Iterator[Finding]:
         if tail > 0:
             check, value = f"current {where}, median and 99 %:", f"{median:.2g} and {tail:.2g} m/s"
             yield Finding(check, value, f"below the top speed, {top:.3g} m/s", verdict, field)
+
+
+def _depth(site: Site) -> Iterator[Finding]:
+    """The deepest that AUVs come, with their errors of depth, and with vehicles' motion in the highest waves."""
+    scenario, auv = site.scenario, site.scenario.auv
+    cruise = auv.depth_max if auv.action == "vector-depth" else auv.depth
+    if auv.altitude > 0:
+        cruise = float(site.bed.max()) - auv.altitude
+    waves = 0.0
+    for system in wave_systems(site) if auv.dynamic else ():
+        wave_number = (2 * math.pi / system.peak_period) ** 2 / scenario.sea.gravity
+        waves += system.significant_height * math.exp(-wave_number * cruise)  # of a wave twice as high
+    deepest = cruise + DEVIATIONS * auv.depth_noise + waves
+    if auv.depth_rating > 0:
+        limit = f"must not exceed the rated depth, {auv.depth_rating:g} m"
+        verdict = _judge(deepest > auv.depth_rating)
+        yield Finding("AUVs come as deep as", f"{deepest:.4g} m", limit, verdict, "auv.depth_rating")
+
+
+def _endurance(scenario: Scenario) -> Iterator[Finding]:
+    """How long a battery that ends lasts at the highest speed and the reference's, by the power of a point.
+
+    A vehicle with dynamics without `auv.drag` has no such law.
+    """
+    auv, reference = scenario.auv, scenario.reference.straight_speed
+    if auv.battery > 0 and (auv.drag > 0 or not auv.dynamic):
+        fast, usual = (auv.battery / travelling_power(auv, speed) for speed in (auv.speed_max, reference))
+        value = f"{fast:.3g} h at {auv.speed_max:g} m/s and {usual:.3g} h at {reference:g} m/s"
+        hours = scenario.mission.duration / 3600
+        limit = f"must last for the mission, {hours:.3g} h"
+        yield Finding("a battery lasts for", value, limit, _judge(min(fast, usual) < hours), "auv.battery")
+
+
+def _classes(scenario: Scenario) -> Iterator[Finding]:
+    """Numbers that a scenario gives in place of those of the class of boats or AUVs that it names."""
+    given = scenario.to_dict()
+    for section, field in CLASSES.items():
+        name = given[section][field]
+        own = [
+            f"{part}.{number} = {as_toml(given[part][number])}, not {as_toml(value)}"
+            for part, values in classes_of(section).get(name, {}).items()
+            for number, value in values.items()
+            if given[part][number] != value
+        ]
+        if own:
+            check = f"the scenario gives other numbers than {name}:"
+            yield Finding(check, "; ".join(own), "", "warning", f"{section}.{field}")
 
 
 def _replies(site: Site) -> Finding:

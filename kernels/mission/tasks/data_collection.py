@@ -17,7 +17,7 @@ import taichi as ti
 from usvauv.kernels.flow.current import grid_sample
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission.columns import Draw, Information
-from usvauv.kernels.mission.motion import distance_to_target, hold, offset_to_target, target_of, travel
+from usvauv.kernels.mission.motion import distance_to_target, hold, is_spent, offset_to_target, target_of, travel
 from usvauv.kernels.mission.target_rules import knowledge, share_nodes
 from usvauv.kernels.mission.tasks import rewards
 from usvauv.kernels.mission.tasks.task import Task, tasks
@@ -202,7 +202,7 @@ def move_and_hover(worlds: ti.template(), w, k, a0, a1):
     else:
         travel(worlds, w, k, a0, a1)
         after = distance_to_target(worlds, w, k)
-        if after <= p.hover_radius:
+        if after <= p.hover_radius and not is_spent(worlds, w, k):
             begin_service(worlds, w, k, slant_range(worlds, w, k, after))
     write_progress(worlds, w, k, before, after)
 
@@ -225,7 +225,7 @@ def collect_in_passing(worlds: ti.template(), w, k, distance):
     p = ti.static(worlds.p)
     auv = ti.static(worlds.auv)
     slant = slant_range(worlds, w, k, distance)
-    within = is_within_range(worlds, slant)
+    within = is_within_range(worlds, slant) and not is_spent(worlds, w, k)
     if auv.hover[w, k] > 0.0:
         half = 0.5 * vec2(auv.moved_x[w, k], auv.moved_y[w, k])
         middle = (offset_to_target(worlds, w, k) + half).norm()

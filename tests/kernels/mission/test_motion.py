@@ -1,6 +1,7 @@
 """Power of an AUV, the law of Zhang et al. (2024); station keeping: formation, reward, and who holds it."""
 
 import math
+from functools import partial
 
 import numpy as np
 import pytest
@@ -11,9 +12,14 @@ from usvauv import policies
 from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.record.metrics import episode_metrics
 from usvauv.env.record.recorder import record
+from usvauv.env.scenario.team import Auv
 from usvauv.kernels.mission.columns import AuvColumn, ExchangeColumn, NodeColumn
 from usvauv.kernels.mission.motion import hovering_power, travelling_power
+from usvauv.kernels.positioning import usbl
 from usvauv.policies import PolicyError
+from usvauv.policies.guidance import SpeedToFly
+
+PAPER = Auv.model_validate({})
 
 
 def law(speed):
@@ -23,19 +29,40 @@ def law(speed):
 
 @pytest.mark.parametrize("speed", [0.0, 0.4, 1.2, 2.2])
 def test_travelling(speed):
-    assert travelling_power(speed) == pytest.approx(law(speed), rel=1e-6)
+    assert travelling_power(PAPER, speed) == pytest.approx(law(speed), rel=1e-6)
 
 
 def test_beyond_the_fit_power_grows_with_the_cube_of_the_speed():
     """The fitted efficiency falls through zero near 3.25 m/s; at any speed the power stays positive and rises."""
     for speed in (2.6, 3.25, 4.0, 100.0):
-        assert travelling_power(speed) == pytest.approx(15.0 + (law(2.5) - 15.0) * (speed / 2.5) ** 3, rel=1e-6)
+        assert travelling_power(PAPER, speed) == pytest.approx(15.0 + (law(2.5) - 15.0) * (speed / 2.5) ** 3, rel=1e-6)
 
 
 @pytest.mark.parametrize(("speed", "power"), [(0.0, 105.0), (1.3, 105.0), (1.6, law(1.6)), (2.5, law(2.5))])
 def test_hovering_is_travelling_but_not_below_the_least(speed, power):
     assert law(1.3) < 105.0 < law(1.6)
-    assert hovering_power(speed) == pytest.approx(power, rel=1e-6)
+    assert hovering_power(PAPER, speed) == pytest.approx(power, rel=1e-6)
+
+
+OWN = ["auv.drag=3", "auv.efficiency=0.5", "auv.hotel=20"]
+
+
+def test_an_auv_with_a_drag_has_its_own_law_wherever_the_power_is_known():
+    """Steps, hovering in a current, the heuristics' choice of speed; hovering in still water takes the hotel load."""
+
+    def own(speed):
+        return 20.0 + 6.0 * speed**3
+
+    world = serving(0.0, *OWN)
+    for hover, speed in ((0.0, world.scenario.auv.speed_max), (1.0, 0.3)):
+        world.auv[0, 0, AuvColumn.hover] = hover
+        assert step_in(world, (0.0, 0.3))["power"] == pytest.approx(own(speed), rel=1e-6)
+    to_fly = SpeedToFly(world.scenario)
+    torch.testing.assert_close(to_fly.power, own(to_fly.speeds))
+    auv = world.scenario.auv
+    assert (hovering_power(auv, 0.0), hovering_power(auv, 2.0)) == pytest.approx((20.0, own(2.0)))
+    with pytest.raises(ScenarioError, match=r"hotel = 20: needs a drag above 0"):
+        Scenario.load("ideal", ["auv.hotel=20"])
 
 
 AT_ONCE = ["auv.speed_lag=0", "auv.speed_noise=0", "auv.depth_noise=0"]
@@ -94,6 +121,24 @@ def test_above_its_thrust_a_hovering_auv_drifts_and_its_service_waits():
     assert left == 0.0
     assert delivered == packets
     assert world.node[0, 0, NodeColumn.backlog] == 0
+
+
+def test_an_auv_with_a_spent_battery_drifts_is_silent_and_collects_nothing():
+    """Of two that serve their nodes at 105 W the first has energy for ten steps, its service time for twelve."""
+    world = serving(12.0, "auv.battery=1000", "channel.schedule=every-step", "navigation.sensor=none")
+    world.auv[0, 0, AuvColumn.charge] = 105.0 * 9.5 / 3600
+    place, used = world.auv[0, :, AuvColumn.span("x", "y")].clone(), 0.0
+    for step in range(20):
+        done = step_in(world, (0.3, -0.4))
+        assert (done["power"] == 0.0) == (done["charge"] == 0.0 and step > 9)
+        used += world.auv[0, 1, AuvColumn.power].item()
+    assert done["delivered"] == done["packets_delivered"] == done["hover"] == done["cargo"] == 0
+    assert done["fix_flags"] == usbl.LOST
+    drifted = world.auv[0, :, AuvColumn.span("x", "y")] - place
+    torch.testing.assert_close(drifted[0], torch.tensor([3.0, -4.0]), atol=1e-3, rtol=0)
+    assert world.node[0, 0, NodeColumn.backlog] > 0
+    assert world.node[0, 1, NodeColumn.backlog] == 0
+    assert world.auv[0, 1, AuvColumn.charge].item() == pytest.approx(1000.0 - used / 3600, abs=0.01)
 
 
 @pytest.mark.parametrize(
@@ -224,7 +269,7 @@ def test_reward_is_distance_energy_and_room():
     place = auv[..., AuvColumn.span("x", "y")]
     away = (node[..., NodeColumn.span("x", "y")] - place).norm(dim=-1)
     speed = auv[..., AuvColumn.span("water_x", "water_y")].norm(dim=-1)
-    power = speed.clone().apply_(travelling_power)
+    power = speed.clone().apply_(partial(travelling_power, scenario.auv))
     apart = (place[:, :, None] - place[:, None]).norm(dim=-1) + 1e6 * torch.eye(3)
     crowding = (12 - apart).clamp(min=0).sum(-1)
     border = auv[..., AuvColumn.border]

@@ -91,6 +91,9 @@ def by_loops(trace: Trace, w: int) -> dict[str, float]:
         "services": len(served),
         "delivered_mbit": brought,
         "energy_wh": energy / 3600,
+        "boat_energy_wh": STEP * float(trace.boat_power[:, w].sum(dtype=float)) / 3600,
+        "spent": sum(float(trace.auv_charge[-1, w, k]) == 0 for k in range(AUVS)),
+        "spent_first": min(float(trace.time[t]) for t, k in every if trace.auv_charge[t, w, k] == 0),
         "target_distance": statistics.fmean(
             math.dist(trace.node_position[w, trace.target[t, w, k]], trace.auv_position[t, w, k]) for t, k in every
         ),
@@ -173,8 +176,8 @@ def test_usable_fixes_are_those_that_the_boat_uses():
 
 def test_csv_has_the_promised_columns(tmp_path):
     promised = (
-        "scenario policy usv seed episode sdr ec arps services delivered_mbit energy_wh target_distance overflow "
-        "collisions border surfaced grounded "
+        "scenario policy usv seed episode sdr ec arps services delivered_mbit energy_wh boat_energy_wh spent "
+        "spent_first target_distance overflow collisions border surfaced grounded "
         "position_error_mean position_error_median position_error_rms position_error_p95 "
         "own_error_mean own_error_median own_error_rms own_error_p95 "
         "fix_error_mean fix_error_median fix_error_rms fix_error_p95 fix_availability fix_wrapped fix_dropped "

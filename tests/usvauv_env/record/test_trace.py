@@ -12,6 +12,7 @@ from tests.usvauv_env.record.made_traces import synthetic_trace
 from usvauv import policies
 from usvauv.env import Scenario, Trace, TraceError, World
 from usvauv.env.record.headings import SLOWEST, TURN_RATE, headings, turned
+from usvauv.env.record.metrics import episode_metrics
 from usvauv.env.record.recorder import record
 from usvauv.env.record.trace import INTEGERS, LARGEST, VARIABLES
 from usvauv.env.site.place import LocalFrame
@@ -45,6 +46,8 @@ def random_trace() -> Trace:
     arrays["fix_flags"] = random.choice(FLAGS, shapes["fix_flags"]).astype(np.uint8)
     arrays["fix"][arrays["fix_flags"] == 0] = np.nan
     arrays["service_rate"][random.random(shapes["service_rate"]) < 0.7] = 0
+    for w in range(WORLDS):
+        arrays["auv_charge"][5 + w :, w, : w + 1] = 0
     arrays["time"] = STEP * np.arange(1.0, STEPS + 1)
     arrays["stream_time"] = np.array([0.0, 3.0, 30.0])
     return Trace(
@@ -292,3 +295,17 @@ def test_a_world_has_the_headings_of_its_boats_motion_through_the_water():
         np.stack([*seen[1:], world.boat[..., BoatColumn.span("water_x", "water_y")].cpu().numpy()]), 1.0
     )
     np.testing.assert_array_equal(trace.boat_heading, expected)
+
+
+def test_a_boats_energy_is_counted_where_its_power_is_given():
+    """By the cube of its speed through the water, here over ground, besides the hotel load."""
+    at_once = ["boat.response_time=0", "boat.windage=0", "boat.dead_band=0", "boat.drifts=false"]
+    numbers = ["mission.duration=40", "current.count=0", "storm.spectrum=none", "boat.propulsion_power=300"]
+    world = World(Scenario.load("extreme", [*at_once, *numbers, "boat.hotel=40"]), seed=1)
+    trace = record(world, policies.load("straight", world).act, "straight")
+    speed = np.linalg.norm(np.diff(trace.boat_position, axis=0), axis=-1)
+    assert np.ptp(speed) > 0.5
+    np.testing.assert_allclose(trace.boat_power[1:], 40 + 300 * (speed / 4.0) ** 3, rtol=1e-3)
+    row = episode_metrics(trace)[0]
+    assert row.boat_energy_wh == pytest.approx(float(trace.boat_power.sum()) / 3600)
+    assert np.isnan(episode_metrics(replace(trace, boat_power=trace.boat_power[:0, :0, :0]))[0].boat_energy_wh)

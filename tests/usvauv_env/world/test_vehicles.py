@@ -87,6 +87,23 @@ def test_it_moves_as_vehicles_alone_in_the_same_water():
     np.testing.assert_allclose(world.body[..., BodyColumn.r].reshape(-1).cpu(), auvs.numpy("r"), atol=2e-4)
 
 
+def test_a_vehicle_with_a_spent_battery_glides_to_rest():
+    """Its propeller stops and its fins turn back; drag takes its speed; it says so in a trace, and costs nothing."""
+    world = torpedo(2, 3, "auv.battery=0.3")
+    trace = record(world, lambda _: north_west(world), "north-west")
+    spent = trace.auv_charge == 0
+    first = spent.argmax(axis=0)
+    assert (first > 3).all()
+    assert (first < 50).all()
+    assert (trace.power == 0)[1:][spent[:-1]].all()
+    energy = (trace.power.sum(axis=0) * world.scenario.mission.step) / 3600
+    np.testing.assert_allclose(energy, 0.3, rtol=0.2)
+    assert (energy >= 0.3).all()
+    np.testing.assert_allclose(trace.auv_fins[-1], 0.0, atol=1e-3)
+    speed = np.linalg.norm(trace.auv_velocity, axis=-1)
+    assert (speed[-1] < 0.5 * np.take_along_axis(speed, first[None], 0)).all()
+
+
 def test_the_depth_sensor_errs_and_the_vehicle_follows_it():
     """Errors of the given standard deviation from the first step on; what it takes for its depth stays near 100 m."""
     world, noise = torpedo(32, 6, "auv.depth_noise=2.0"), []
