@@ -350,7 +350,7 @@ class Head:
         names: list[str],
         end: float,
         speed_up: float,
-        slow: bool,
+        slow: bool = False,
     ) -> None:
         self.title, self._layout = title, layout
         unit, theme, edge = layout.unit, layout.theme, 2 * layout.unit
