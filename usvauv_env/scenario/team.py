@@ -86,7 +86,7 @@ class Boat(Section):
         0.0,
         ge=0,
         le=1e6,
-        description="thrust at top speed, with which it meets the resistance that waves add, N; 0: they slow it not",
+        description="thrust at top speed, with which it meets resistance that waves add, N; 0: waves do not slow it",
     )
     wave_limit: float = Field(
         0.0, ge=0, le=30, description="highest significant height in which it works, m; 0: not known"

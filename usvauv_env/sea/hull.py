@@ -69,7 +69,7 @@ class Hull(NamedTuple):
         Args:
             k, omega: of the waves, rad/m and rad/s. speed: through the water, m/s. gravity: g, m/s².
         """
-        alpha = 1 + speed / np.sqrt(gravity * self.length) * np.sqrt(k * self.length)
+        alpha = 1 + speed * np.sqrt(k / gravity)
         encounter = omega + k * speed
         x, weight = np.polynomial.legendre.leggauss(SECTIONS)
         x, weight = 0.5 * self.length * x, 0.5 * self.length * weight
