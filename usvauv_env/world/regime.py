@@ -14,7 +14,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from usvauv.env.scenario.fields import CLASSES, classes_of
+from usvauv.env.scenario.fields import CLASSES, as_toml, classes_of
 from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.sea.long_waves import forced_gain, long_wave_rms
 from usvauv.env.sea.storm import uneven_bed_warning, wave_systems
@@ -172,15 +172,15 @@ def _classes(scenario: Scenario) -> Iterator[Finding]:
     given = scenario.to_dict()
     for section, field in CLASSES.items():
         name = given[section][field]
-        differing = [
-            f"{part}.{number} = {given[part][number]} ({value})"
+        own = [
+            f"{part}.{number} = {as_toml(given[part][number])}, not {as_toml(value)}"
             for part, values in classes_of(section).get(name, {}).items()
             for number, value in values.items()
             if given[part][number] != value
         ]
-        if name in classes_of(section):
-            verdict, value = _judge(bool(differing)), ", ".join(differing) or "none"
-            yield Finding(f"numbers that differ from those of {name}:", value, "", verdict, f"{section}.{field}")
+        if own:
+            check = f"the scenario gives other numbers than {name}:"
+            yield Finding(check, "; ".join(own), "", "warning", f"{section}.{field}")
 
 
 def _replies(site: Site) -> Finding:
