@@ -109,7 +109,7 @@ def frames_of(
         raise UserError(f"mission steps of {one.mission.step:g} s and {other.mission.step:g} s cannot be compared")
     if one.task != other.task:
         raise UserError(f"tasks {one.task} and {other.task} cannot be compared")
-    plays, look = [Playback(trace.episode(0), pace) for trace in traces], style.THEMES[theme]
+    plays, look = [Playback(trace.episode(0), pace, speed_up) for trace in traces], style.THEMES[theme]
     if len(plays) == 2:
         return ComparisonFrames(plays, size, look, speed_up, vehicle)
     return MissionFrames(plays, size, look, speed_up, view, vehicle)
@@ -195,7 +195,9 @@ class MissionFrames(Frames):
         if follow and follow.kind == "auv" and trace.auv_fins.size:
             self._parts.append(Instruments(play, follow.index, seen, layout))
         end, words = float(trace.time[-1]), title_of(trace, trace)
-        self._head = Head(still, boxes["title"], boxes.get("tiles"), layout, words, names, end, speed_up)
+        self._head = Head(
+            still, boxes["title"], boxes.get("tiles"), layout, words, names, end, speed_up, play.sea.slow > 1
+        )
 
     def _draw_figures(self, picture: np.ndarray, t: float, time: float) -> None:
         (play,) = self._plays
@@ -320,7 +322,10 @@ class ComparisonFrames(Frames):
         limit = max(elevation_limit(trace.surface) for trace in traces)
         self.maps = [self._map(side, boxes[name], limit, area, follow) for side, name in enumerate(("first", "second"))]
         self._parts += self.maps
-        self._head = Head(self._still, boxes["title"], None, layout, title_of(first, second), [], self._end, speed_up)
+        slow = any(play.sea.slow > 1 for play in plays)
+        self._head = Head(
+            self._still, boxes["title"], None, layout, title_of(first, second), [], self._end, speed_up, slow
+        )
         for name in boxes.keys() & {"table", "yield", "errors"}:
             draw_card(self._still, boxes[name], layout)
         self._rows = self._table_rows(boxes["table"])

@@ -337,6 +337,7 @@ class Head:
             for beside the clock and the play speed.
         names: of the figures.
         end: duration, s. speed_up: play speed, s of mission in a second.
+        slow: whether the storm's waves go at their true speed instead.
     """
 
     def __init__(
@@ -349,6 +350,7 @@ class Head:
         names: list[str],
         end: float,
         speed_up: float,
+        slow: bool,
     ) -> None:
         self.title, self._layout = title, layout
         unit, theme, edge = layout.unit, layout.theme, 2 * layout.unit
@@ -359,6 +361,7 @@ class Head:
         line, size = title.top + 44 * unit, 12 * unit
         room = title.width - 14 * unit
         paces = [f"of {clock(end)} · {speed_up:g} × speed", f"{speed_up:g} × speed", f"{speed_up:g} ×"]
+        paces = [f"{paces[0]}, waves 1 ×"] * slow + paces
         fits = [pace for pace in paces if text_width(words[1], size) + text_width(pace, size) <= room]
         pace = (fits or paces[-1:])[0]
         run = shorten(words[1], size, room - text_width(pace, size))

@@ -23,7 +23,6 @@ from usvauv.kernels.types import Level
 
 TRAIL_PIECES = 6  # of one opacity each
 FOLLOWED = 3.0  # magnification of a map that goes along with a vehicle
-REFRESH = 3  # steps from which on streaks, which change slowly, are made anew
 WORDLESS = 240.0  # shorter side in pixels of the design of a map with smaller vehicles and no words over nodes
 
 
@@ -46,8 +45,8 @@ class MissionMap:
             trace.vortex[0, 0], trace.stream_at(0.0), scenario.area.width, scenario.area.length, self.view, layout.unit,
             Eddies(scenario.current.period, cruise=scenario.eddies_at_cruise), Level.cruise,
         )  # fmt: skip
-        # Streaks drift at the true speed, up to a quarter of their length a frame.
-        self._streak_step = min(scenario.mission.step * play.pace, 0.25 * self.streaks.tail)
+        # Streaks drift at the true speed, up to a twentieth of their length a frame, which the eye can follow.
+        self._streak_step = min(scenario.mission.step * play.pace, 0.05 * self.streaks.tail)
         self._overlay = Overlay(*layout.map)
         self._followed = follow.way(trace) if follow else None
         self._label = np.array([14, -12]) * layout.unit
@@ -57,7 +56,6 @@ class MissionMap:
         self._size = layout.unit * float(np.clip(shorter / WORDLESS, 0.6, 1.0))  # of vehicles
         spacing = self.view.zoom * np.sqrt(layout.map.width * layout.map.height / trace.node_position.shape[1])
         self._node_radius = float(np.clip(spacing / 7, 3.0 * layout.unit, 9.5 * layout.unit))
-        self._made = -REFRESH
         self._gauges = shapes.NodeGauges(self._node_radius)
         self._hover_radius = max(scenario.service_radius * self.view.per_metre, self._node_radius + 5 * layout.unit)
 
@@ -77,9 +75,7 @@ class MissionMap:
         step, view, play = step_of(t), self.view, self._play
         self.surface.paint(picture, play.sea.on(t, *view.grid()) if self._followed else play.sea.at(t))
         self._overlay.clear()
-        if not self._made <= step < self._made + REFRESH:
-            self._made = step
-            self.streaks.update(self._trace.vortex[step, 0], self._trace.stream_at(float(self._trace.time[step])))
+        self.streaks.update(self._trace.vortex[step, 0], self._trace.stream_at(float(self._trace.time[step])))
         self.streaks.draw(self._overlay, t / self._play.pace * self._streak_step, self._layout.px(1.2))
         auvs, boats, nodes = (
             view.pixel(places) for places in (play.auvs.at(t), play.boats.at(t), self._trace.node_position[0])

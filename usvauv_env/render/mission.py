@@ -98,6 +98,9 @@ class Vehicle(NamedTuple):
         return Series(places[:, 0, self.index].astype(float), smooth=True)
 
 
+LOOKS = 20  # at steps of a recorded sea, in which water has moved
+
+
 class RecordedSea:
     """The recorded surface of a trace.
 
@@ -105,12 +108,20 @@ class RecordedSea:
     recorded surface less the storm, as `cubic`: their periods are many steps long. Without a record of the storm the
     whole surface is interpolated in this way.
 
+    In fast motion the storm would be another one in each frame. There its waves go at their true speed: a second of the
+    video is one of theirs. All else goes faster.
+
     Attributes:
         surface: (T, Y, X) m, row 0 in the south; empty where it was not recorded.
+        slow: how many times slower than all else the storm's waves go, at least 1.
     """
 
-    def __init__(self, trace: Trace) -> None:
+    def __init__(self, trace: Trace, speed_up: float = 1.0) -> None:
+        """`speed_up`: of the video, s of mission in a second."""
         self.surface, self._storm, self._time = trace.surface, trace.storm, trace.time
+        self.slow = max(speed_up, 1.0) if len(trace.storm) else 1.0
+        some = self.surface[:: max(1, len(self.surface) // LOOKS)]
+        self._water = (some != some[:1]).any(axis=0) if len(some) > 1 else True  # the rest is land
         _, rows, columns = trace.surface.shape
         self._x, self._y = trace.scenario.area.middles(columns, rows)
         self._long: dict[int, np.ndarray] = {}  # of the latest steps
@@ -119,10 +130,12 @@ class RecordedSea:
     def at(self, t: float) -> np.ndarray:
         """Elevation (Y, X) float32 at a moment, m; empty where it was not recorded."""
         step = step_of(t)
-        if not self.surface.size or t - step < ROUNDING or step + 1 == len(self.surface):
+        recorded = t - step < ROUNDING or step + 1 == len(self.surface)
+        if not self.surface.size or (recorded and self.slow == 1.0):
             return self.surface[step] if self.surface.size else self._shown[1]
         if self._shown[0] != t:  # several views show the same moment
-            self._shown = t, self._long_waves(t) + elevation(self._storm, self._x, self._y, self._time_of(t))
+            storm = elevation(self._storm, self._x, self._y, self._time_of(t) / self.slow)
+            self._shown = t, self._long_waves(t) + (storm if self.slow == 1.0 else storm * self._water)
         return self._shown[1]
 
     def on(self, t: float, x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -135,7 +148,22 @@ class RecordedSea:
         )
         across, up = np.meshgrid(columns, rows)
         long = cv2.remap(self._long_waves(t), across, up, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-        return long + elevation(self._storm, x, y, self._time_of(t))
+        return long + elevation(self._storm, x, y, self._time_of(t) / self.slow)
+
+    def under(self, place: np.ndarray, floating: np.ndarray) -> np.ndarray:
+        """What is shown of elevation (m) and slopes to the east and north under a boat, (T, …, 3).
+
+        Args:
+            place: of the boat at each step, (T, …, 2) m. floating: elevation and slopes recorded there, (T, …, 3).
+        """
+        shown = floating.astype(float)
+        for time, sign in ((self._time / self.slow, 1.0), (self._time, -1.0)) if self.slow > 1.0 else ():
+            for a, kx, ky, omega, phase in self._storm:
+                turned = (omega * time).reshape(-1, *[1] * (place.ndim - 2))
+                angle = kx * place[..., 0] + ky * place[..., 1] - turned + phase
+                rise = -a * np.sin(angle)
+                shown += sign * np.stack([a * np.cos(angle), kx * rise, ky * rise], axis=-1)
+        return shown
 
     def _time_of(self, t: float) -> float:
         return float(np.interp(t, np.arange(len(self._time)), self._time))
@@ -169,6 +197,7 @@ class Playback:
         pace: steps of the mission from one frame to the next. sea: its surface. stations: whether the AUVs keep some.
         time, duration: s. depths: of the AUVs, m. covariance: m².
         boats, auvs, estimated, foreseen, goals: series of places, m.
+        floating: (B, 3) elevation (m) and slopes to the east and north under the boats, as shown.
         boat_headings: (B,) rad. attitude: (K, 3) of the AUVs, rad. hovering: (T, K) whether they do.
         fill, age: (T, M) data of the nodes over their buffers, and how old it is over `OLD`; stations have none.
         services: (T,) completed so far. delivered: (T,) Mbit so far.
@@ -179,14 +208,16 @@ class Playback:
         service_share: (T, K) completed part of the service under way, 0 when travelling.
     """
 
-    def __init__(self, trace: Trace, pace: float = 1.0) -> None:
-        self.trace, self.pace, self.sea, scenario = trace, pace, RecordedSea(trace), trace.scenario
+    def __init__(self, trace: Trace, pace: float = 1.0, speed_up: float = 1.0) -> None:
+        """`speed_up`: of the video, s of mission in a second."""
+        self.trace, self.pace, self.sea, scenario = trace, pace, RecordedSea(trace, speed_up), trace.scenario
         window = max(1, round(MEDIAN_WINDOW / scenario.mission.step))
         self.stations = scenario.task == "station-keeping"
         self.duration = max(float(trace.time[-1]), scenario.mission.step)
         self.time, self.depths = Series(trace.time), Series(trace.depth[:, 0])
         moving = trace.boat_position, trace.auv_position
         self.boats, self.auvs = (Series(values[:, 0], smooth=True) for values in moving)
+        self.floating = Series(self.sea.under(self.boats.values, trace.boat_surface[:, 0]), smooth=True)
         linear = trace.boat_heading, trace.boat_goal, trace.estimate, trace.estimate_covariance, trace.foreseen_position
         self.boat_headings, self.goals, self.estimated, self.covariance, self.foreseen = (
             Series(values[:, 0]) for values in linear

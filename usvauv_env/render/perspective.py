@@ -61,7 +61,7 @@ class PerspectiveView:
         self._glass = GlassBox(scene, layout)
         self._backdrop = _backdrop(box.width, box.height, layout.theme)
         self._write_still(limit)
-        floating = trace.boat_surface[:, 0] * (scene.heights if trace.surface.size else 0.0)
+        floating = play.floating.values * (scene.heights if trace.surface.size else 0.0)
         self.boats = Series(scene.place(trace.boat_position[:, 0], floating[..., 0]), smooth=True)
         self._slopes = Series(floating[..., 1:], smooth=True)
         self._below = BelowSurface(play, scene, layout, self._middle, self._enlarged)

@@ -313,7 +313,7 @@ class DepthSection:
             )
         nodes, deep = trace.node_position[0], below - float(bed.max())  # nodes of the demonstration lie below its bed
         self._nodes = np.stack([self._column(nodes[:, 0]), self._row(-play.site.depth_at(nodes) - deep) - 1.0], 1)
-        self._floating = Series(trace.boat_surface[:, 0], smooth=True)
+        self._floating = play.floating
         boats = "boat" if trace.boat_position.shape[2] == 1 else "boats"
         titles = f"Section from the south: {boats}, AUVs, nodes", "Section from the south", "Section"
         room_left = box.width - 32 * unit - text_width("heave −0.00 m · tilt 00.0°", 12 * unit, bold=True)

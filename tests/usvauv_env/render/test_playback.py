@@ -74,6 +74,22 @@ class TestSea:
         assert nothing.at(2.5).size == 0
         assert not nothing.on(2.5, np.arange(3.0), np.arange(2.0)).any()
 
+    def test_in_fast_motion_a_frame_is_like_the_one_before_and_boats_are_afloat(self, trace):
+        sea, plain = RecordedSea(trace, speed_up=30.0), RecordedSea(trace)
+        for t in range(STEPS - 1):
+            both = np.array([[which.at(t).ravel(), which.at(t + 1).ravel()] for which in (sea, plain)])
+            fast, true = (np.corrcoef(pair)[0, 1] for pair in both)
+            assert fast > 0.99 > 0.9 > true
+            assert both[0].std() > 0.5 * both[1].std()
+        place, floating = trace.boat_position[:, 0], trace.boat_surface[:, 0]
+        shown = sea.under(place, floating)
+        for t in (0, 7, STEPS - 1):
+            x, y = place[t, 0]
+            around = sea.on(t, np.array([x - 1, x, x + 1]), np.array([y - 1, y, y + 1]))
+            slopes = (around[1, 2] - around[1, 0]) / 2, (around[2, 1] - around[0, 1]) / 2
+            np.testing.assert_allclose(shown[t, 0], (around[1, 1], *slopes), atol=0.03)
+        np.testing.assert_array_equal(plain.under(place, floating), floating)
+
 
 class TestSeries:
     def test_vehicles_move_evenly_where_their_speed_changes_evenly(self):
