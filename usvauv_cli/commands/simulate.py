@@ -274,12 +274,13 @@ def mission_summary(row: EpisodeMetrics, trace: Trace) -> None:
     heave = trace.boat_surface[:, 0, :, 0]
     boats = "boats" if heave.shape[1] > 1 else "boat"
     touched = f", {counted(row.grounded, 'step')} on the bed, {row.surfaced} at the surface"
-    spent = f"; {counted(row.spent, 'AUV')} with a spent battery, the first after {duration(row.spent_first)}"
+    energy = f"; {boats} {row.boat_energy_wh:.0f} Wh" if scenario.boat.metered else ""
+    if row.spent:
+        energy += f"; {counted(row.spent, 'AUV')} with a spent battery, the first after {duration(row.spent_first)}"
     lines = [
         f"{row.scenario}, seed {row.seed}, policy {row.policy}, {boats} {row.usv}:"
         f" {duration(float(trace.time[-1]))} of mission",
-        f"energy: {row.energy_wh:.1f} Wh; mean power of an AUV under way (EC) {row.ec:.0f} W"
-        f"{f'; {boats} {row.boat_energy_wh:.0f} Wh' if scenario.boat.metered else ''}{spent if row.spent else ''}",
+        f"energy: {row.energy_wh:.1f} Wh; mean power of an AUV under way (EC) {row.ec:.0f} W{energy}",
         f"position error: {row.position_error_rms:.2f} m rms, median {row.position_error_median:.2f} m,"
         f" 95th percentile {row.position_error_p95:.2f} m",
         f"fixes: usable in {100 * row.fix_availability:.1f} % of the time, longest gap {duration(row.outage_longest)}",
