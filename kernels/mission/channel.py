@@ -2,15 +2,13 @@
 
 It has one exchange at a time, an interrogation and the reply or replies to it. It lasts for the sound's two-way travel
 time, the transponder's turn-around time and the length of the signal. The boat interrogates all AUVs at once, which
-reply with different codes (the exchange then lasts until the farthest reply), or one at a time of those that it serves:
-in turn, or the one with the largest product of the value of its reply (`replies.reply_worth`) and the time since its
-last interrogation. No AUV is located twice in a mission step. Several boats begin exchanges in turn; a boat without an
-AUV to interrogate passes its turn on. The boat that interrogated receives the replies, and all boats share their
-contents. There can be a least time between exchanges. Without a channel a signal of each AUV arrives in each step.
+reply with different codes (the exchange then lasts until the farthest reply), or those that it serves in turn. No AUV
+is located twice in a mission step. Several boats begin exchanges in turn; a boat without an AUV to interrogate passes
+its turn on. The boat that interrogated receives the replies, and all boats share their contents. There can be a least
+time between exchanges. Without a channel a signal of each AUV arrives in each step.
 
-All exchanges of a step are decided before its fixes are made, so the value of a reply is that by the estimates at the
-beginning of the step. `hear` writes what arrives to `worlds.reception`, from which `usvauv.kernels.mission.fixes` makes
-fixes and `usvauv.kernels.mission.estimates` the estimates.
+All exchanges of a step are decided before its fixes are made. `hear` writes what arrives to `worlds.reception`, from
+which `usvauv.kernels.mission.fixes` makes fixes and `usvauv.kernels.mission.estimates` the estimates.
 
 Times count from the end of the present mission step, s; earlier times are negative, ages are their opposite.
 """
@@ -28,7 +26,7 @@ from usvauv.kernels.mission.columns import (
     Schedule,
     TallyColumn,
 )
-from usvauv.kernels.mission.replies import reply_worth, true_height
+from usvauv.kernels.mission.replies import true_height
 from usvauv.kernels.mission.worlds import uniforms
 from usvauv.kernels.positioning import usbl
 from usvauv.kernels.types import ivec2, vec2
@@ -72,8 +70,8 @@ def chosen(worlds: ti.template(), w, b, start):
     """The AUV that boat b asks at `start`, −1 for none; with all at once the one whose reply is there last."""
     count = worlds.auv.shape[1]
     best = -1
-    largest = -1.0
     if ti.static(worlds.program.schedule == Schedule.all):
+        largest = -1.0
         for k in range(count):
             value = squared_distance(worlds, w, b, k)
             if value > largest:
@@ -85,12 +83,7 @@ def chosen(worlds: ti.template(), w, b, start):
         last = ti.cast(worlds.boat.asked[w, b], ti.i32)
         for n in range(count):
             k = (last + 1 + n) % count
-            value = 0.0  # in turn: the first of them
-            if ti.static(worlds.program.schedule == Schedule.by_need):
-                waits = start - worlds.exchange.reply_at[w, k]  # else one that does not reply goes on
-                value = waits * reply_worth(worlds, w, b, k)
-            if value > largest and boat_motion.serves(worlds, w, b, k) and may_ask(worlds, w, b, k, start):
-                largest = value
+            if best < 0 and boat_motion.serves(worlds, w, b, k) and may_ask(worlds, w, b, k, start):
                 best = k
     return best
 

@@ -375,12 +375,11 @@ class ForesightColumn(StateColumns):
 
 
 class Schedule(Columns):
-    """When fixes are made: in each step without exchanges; or by exchanges: all AUVs at once, in turn, least known."""
+    """When fixes are made: in each step without exchanges; or by exchanges: with all AUVs at once, or in turn."""
 
     every_step: int
     all: int
-    round_robin: int
-    by_need: int
+    turns: int
 
 
 class Sensor(Columns):

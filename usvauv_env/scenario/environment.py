@@ -365,10 +365,9 @@ class Usbl(Section):
 class Channel(Section):
     """The single acoustic channel, in which boats interrogate AUVs in turn and AUVs reply."""
 
-    schedule: Literal["every-step", "all", "round-robin", "by-need"] = Field(
+    schedule: Literal["every-step", "all", "turns"] = Field(
         "every-step",
-        description="fixes in each step at no cost; or by exchanges that take time: with all AUVs at once, in"
-        " turn, or by the expected information of a reply times the time since the last interrogation",
+        description="fixes in each step at no cost; or by exchanges that take time: with all AUVs at once, or in turn",
     )
     turn_around: float = Field(
         0.1, ge=0, le=10, description="time from the interrogation to the transponder's reply, s"

@@ -154,7 +154,7 @@ MANY = {
     "two boats": ("wide", ["boat.count=2"], None),
     "in turn": (
         "extreme",
-        ["channel.schedule=round-robin", "usbl.packet_loss=0.2", "auv.count=5", "planner.objective=sum"],
+        ["channel.schedule=turns", "usbl.packet_loss=0.2", "auv.count=5", "planner.objective=sum"],
         None,
     ),
     "Otter and torpedoes": ("wide-torpedo", ["boat.model=otter"], None),
