@@ -233,9 +233,9 @@ def expected_loss(worlds: ti.template(), w, boat, goal: vec2, first: ti.i32, tea
         if visited != NO_AUV:
             reached = reached or heard[visited] > 0.5
         if reached:
-            uncertain = a
+            uncertain = select(team.served > 0.5, a, -1.0)
             visited = 0
             for k in range(count):
-                if boat_motion.serves(worlds, w, boat, k) and uncertain[k] > uncertain[visited]:
+                if uncertain[k] > uncertain[visited]:
                     visited = k
     return total / terms
