@@ -1,11 +1,12 @@
 """The acoustic channel: who is interrogated when, and which signals arrive in a mission step.
 
 It has one exchange at a time, an interrogation and the reply or replies to it. It lasts for the sound's two-way travel
-time, the transponder's turn-around time and the length of the signal. The boat interrogates all AUVs at once, which
-reply with different codes (the exchange then lasts until the farthest reply), or those that it serves in turn. No AUV
-is located twice in a mission step. Several boats begin exchanges in turn; a boat without an AUV to interrogate passes
-its turn on. The boat that interrogated receives the replies, and all boats share their contents. There can be a least
-time between exchanges. Without a channel a signal of each AUV arrives in each step.
+time, the transponder's turn-around time and the length of the messages (`usvauv.kernels.mission.messages`). The boat
+interrogates all AUVs at once, which reply with different codes (the exchange then lasts until the farthest reply), or
+those that it serves in turn. No AUV is located twice in a mission step. Several boats begin exchanges in turn; a boat
+without an AUV to interrogate passes its turn on. The boat that interrogated receives the replies, and all boats share
+their contents. There can be a least time between exchanges. Without a channel a signal of each AUV arrives in each
+step.
 
 All exchanges of a step are decided before its fixes are made. `hear` writes what arrives to `worlds.reception`, from
 which `usvauv.kernels.mission.fixes` makes fixes and `usvauv.kernels.mission.estimates` the estimates.
@@ -26,6 +27,7 @@ from usvauv.kernels.mission.columns import (
     Schedule,
     TallyColumn,
 )
+from usvauv.kernels.mission.messages import hears_request, request_length
 from usvauv.kernels.mission.replies import true_height
 from usvauv.kernels.mission.worlds import uniforms
 from usvauv.kernels.positioning import usbl
@@ -55,8 +57,11 @@ def duration(worlds: ti.template(), w, b, k) -> vec2:
     """Time (s) from boat b's interrogation of AUV k to the departure of the reply, and to its end at the boat."""
     p = ti.static(worlds.p)
     travel = ti.sqrt(squared_distance(worlds, w, b, k)) / p.sound_speed
-    reply = travel + p.turn_around
-    return vec2(reply, reply + travel + p.signal_length)
+    addressed = 1
+    if ti.static(worlds.program.schedule == Schedule.all):
+        addressed = worlds.auv.shape[1]
+    reply = request_length(worlds, addressed) + travel + p.turn_around
+    return vec2(reply, reply + travel + p.reply_length)
 
 
 @func
@@ -110,13 +115,23 @@ def is_lost(worlds: ti.template(), w, k) -> ivec2:
 
 
 @func
-def answer(worlds: ti.template(), w, k):
-    """AUV k receives the interrogation, unless it is lost, and its reply leaves."""
+def is_asked(worlds: ti.template(), w, b, k):
+    """Whether AUV k receives the interrogation of boat b."""
+    asked = is_lost(worlds, w, k)[0] == 0
+    if ti.static(worlds.program.messages):
+        S = ti.sqrt(squared_distance(worlds, w, b, k))
+        asked = asked and hears_request(worlds, w, k, S, true_height(worlds, w, b, k))
+    return asked
+
+
+@func
+def answer(worlds: ti.template(), w, b, k):
+    """The reply of AUV k leaves, if it has received the interrogation of boat b."""
     exchange = ti.static(worlds.exchange)
     age = -exchange.reply_at[w, k]
     share = age / worlds.p.step
     exchange.reply[w, k] = Reply.lost
-    if not is_lost(worlds, w, k)[0]:
+    if is_asked(worlds, w, b, k):
         exchange.reply[w, k] = Reply.sent
         for axis in ti.static(range(2)):
             moved = worlds.auv[w, k, AuvColumn.moved_x + axis]
@@ -249,15 +264,15 @@ def exchange(worlds: ti.template(), w):
         if not under_way:
             under_way = begin_exchange(worlds, w)
         if under_way:
+            b = 0
+            if ti.static(worlds.program.fleet):
+                b = ti.cast(worlds.tally.asking[w], ti.i32)
             for k in range(count):
                 due = worlds.exchange.reply[w, k] == Reply.due
                 if due and worlds.exchange.reply_at[w, k] <= 0.0:
-                    answer(worlds, w, k)
+                    answer(worlds, w, b, k)
             end = worlds.tally.channel_free[w]
             if end <= 0.0:
-                b = 0
-                if ti.static(worlds.program.fleet):
-                    b = ti.cast(worlds.tally.asking[w], ti.i32)
                 for k in range(count):
                     reply = worlds.exchange.reply[w, k]
                     if reply == Reply.sent or reply == Reply.lost:

@@ -94,7 +94,10 @@ class Parameter(Columns):
     gnss_time: int  # that correlation time, s
     turn_around: int
     ping_interval: int
-    signal_length: int
+    request_pulse: int  # s, of an interrogation
+    request_data: int  # s, for each AUV that it addresses
+    request_threshold: int  # least squared amplitude over the noise of one hydrophone
+    reply_length: int  # s
     velocity_walk: int  # white error of an AUV's measured velocity, as variance of the way per second, m²/s
     velocity_bias: int
     bias_memory: int  # e^{−step/correlation time}
@@ -517,3 +520,4 @@ class Draw(Columns):
     speed: int
     depth: int
     vehicle: int
+    request: int

@@ -124,6 +124,22 @@ def expected_signal(signal: ti.template(), flat, left):
 
 
 @func
+def heard_both_ways(worlds: ti.template(), signal: ti.template(), above, left):
+    """Excess of a reply's amplitude over the threshold, or at the AUV that of its interrogation if it is less.
+
+    The AUV hears with one hydrophone, and in the sea's noise only. Both are received with the probability of the lesser
+    one: where it is near 0.8, the other has nearly 1.
+
+    Args:
+        signal, left: as of `expected_signal`. above: from there.
+    """
+    amplitude = above + signal.threshold
+    energy = (amplitude * amplitude - 7.0) / left
+    request = ti.sqrt(0.25 * energy + 1.0) - ti.sqrt(worlds.p.request_threshold)
+    return ti.select(request < above, request, above)
+
+
+@func
 def excess_for(worlds: ti.template(), probability) -> ti.f32:
     """Excess of an amplitude over the threshold in its standard deviations from which on a reply is received with a
     probability; NEVER where it never is.

@@ -382,3 +382,14 @@ class Channel(Section):
         description="least E/N0 of a coded pulse at which the data in a reply can be decoded, dB; below 9:"
         " whenever the pulse is detected",
     )
+    bit_rate: float = Field(
+        0.0,
+        ge=0,
+        le=2e6,
+        description="rate of data, bit/s, at least 1, or 0: they cost neither time nor energy, and every interrogation"
+        " is received; data need the energy for a bit that the modem of nodes.rate_law does",
+    )
+    request_bits: int = Field(
+        88, ge=0, le=10_000, description="data in an interrogation for each AUV that it addresses, bit"
+    )
+    reply_bits: int = Field(136, ge=0, le=10_000, description="data in a reply, bit")

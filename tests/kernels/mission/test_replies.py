@@ -17,6 +17,7 @@ from usvauv.kernels.types import array1, array2
 
 CARRIER, SPACING, ATTITUDE, LOSS = 25e3, 0.03, 2e-3, 0.1
 DEPTH = 100.0  # m
+REQUEST = 2 + 2 * acoustic_link.CODE_ENERGY  # of one hydrophone
 SONAR = Sonar(
     source_level=110.0,
     path="transponder",
@@ -45,14 +46,16 @@ def _excess(p: array1, link: array2, away: array1, spread: ti.f32, probability: 
         above, slope, _ = replies.expected_signal(signal, away[n] * away[n], 1.0)
         out[n, 0] = above / ti.sqrt(1.0 + slope * spread)
         out[n, 1] = replies.excess_for(stub, probability)
+        out[n, 2] = replies.heard_both_ways(stub, signal, above, 1.0)
 
 
 def excess(device, away, spread=0.0, probability=0.5) -> np.ndarray:
-    """Of replies from horizontal distances (n,), m, and the one of a probability, (2, n)."""
+    """Of replies from horizontal distances (n,), m, the one of a probability, and that of both ways, (3, n)."""
     p = torch.zeros(len(Parameter.names), device=device)
     p[Parameter.packet_loss] = LOSS
+    p[Parameter.request_threshold] = REQUEST
     away = torch.as_tensor(away, dtype=torch.float32, device=device)
-    out = torch.empty((len(away), 2), device=device)
+    out = torch.empty((len(away), 3), device=device)
     link = torch.from_numpy(link_table([CARRIER], SONAR)).to(device)
     _excess(p, link, away, spread, probability, out)
     return out.double().cpu().numpy().T
@@ -96,3 +99,13 @@ def test_excess_of_a_probability(device):
     for wanted in (0.05, 0.4, 0.79):
         needed = excess(device, [0.0], probability=wanted)[1, 0]
         assert (1 - LOSS) ** 2 * stats.norm.cdf(needed) == pytest.approx(wanted, abs=0.01)
+
+
+def test_an_interrogation_and_its_reply_are_expected_up_to_their_range(device):
+    """Where the probability of both is that with which a plan takes replies as received."""
+    away = np.linspace(0.0, 1500.0, 3001)
+    both = heard(away) * stats.ncx2.sf(REQUEST, 2, 2 * energy(away))
+    wanted = 0.8 * (1 - LOSS) ** 2
+    _, needed, found = excess(device, away, probability=wanted)
+    assert away[found > needed].max() == pytest.approx(away[both > wanted].max(), rel=0.02)
+    assert away[both > wanted].max() < 0.97 * away[heard(away) > wanted].max()

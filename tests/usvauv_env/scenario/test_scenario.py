@@ -173,6 +173,15 @@ MUTUAL = "current.mutual=true current.count=3 current.core_radius_min=1 mission.
         ("", "sea.regular_amplitude", 0, 0.1, "forced_edge must name an edge"),
         ("sea.forced_edge=west", "sea.radiating_edges", ["east"], ["west"], "not name an edge twice: west"),
         ("navigation.sensor=ground", "channel.schedule", "turns", "every-step", "needs a channel.schedule other"),
+        ("channel.schedule=all", "channel.bit_rate", 8000, 8001, "from 1 bit/s to 2 times acoustics.bandwidth, 8000"),
+        ("channel.bit_rate=1000", "channel.data_ratio", 0, 9, "must be 0 with channel.bit_rate"),
+        (
+            "channel.bit_rate=1000",
+            "acoustics.path",
+            "transponder",
+            "echo",
+            "'echo': must be 'transponder' with channel",
+        ),
         ("navigation.sensor=none tracker.enabled=true", "channel.schedule", "every-step", "all", "goes with channel"),
     ],
 )

@@ -5,12 +5,15 @@ import math
 import numpy as np
 import pytest
 import torch
+from scipy import stats
 
 from tests.links import CODED
 from usvauv import policies
 from usvauv.env import Scenario, World
-from usvauv.kernels.mission.columns import AuvColumn, ExchangeColumn, Reply
-from usvauv.kernels.positioning import tracker, usbl
+from usvauv.env.site.site import Site
+from usvauv.env.world.mission_parameters import link_table
+from usvauv.kernels.mission.columns import AuvColumn, ExchangeColumn, Reply, TallyColumn
+from usvauv.kernels.positioning import acoustic_link, tracker, usbl
 
 SOUND = [*CODED, "channel.schedule=turns", "navigation.sensor=ground", "usbl.spacing=0.025"]
 # With it calm water, which has no vortices to spread, is compiled as the storm of `extreme` and `wide`.
@@ -87,6 +90,46 @@ class TestReplies:
             fixes += (flags & usbl.DETECTED > 0).sum()
         share = fixes / tried
         assert share == pytest.approx(0.7**2, abs=4 * math.sqrt(0.25 / tried))
+
+
+class TestMessages:
+    ALONE = "auv.count=1", "auv.depth_noise=0"
+    DATA = (*CALM, *ALONE, "channel.bit_rate=1000", "channel.request_bits=60", "channel.reply_bits=120")
+
+    def test_an_exchange_lasts_as_long_as_its_messages(self):
+        """Pulse and data, sound, turn-around, and all of it again but for that, from the beginning of the step."""
+        world = World(Scenario.load("ideal", [*self.DATA, "channel.turn_around=0.9"]), 20, 1, usv="hold:100,100")
+        for _ in sail(world, still(world), 1):
+            S = torch.sqrt((world.auv[:, 0, :2] - world.boat[:, 0, :2]).square().sum(-1) + 100**2)
+            lasts = (0.01 + 0.06 + S / SPEED) + 0.9 + (S / SPEED + 0.01 + 0.12)
+            torch.testing.assert_close(world.tally[:, TallyColumn.channel_free], lasts - 1, atol=1e-5, rtol=0)
+
+    def test_data_need_the_energy_of_their_bits(self):
+        """One hydrophone at the AUV and four at the boat: noncentral χ², from 4.5 dB for each bit."""
+        least = 4.5 + 10 * math.log10(1000 * 0.01)  # E/N0 of the pulse
+        loud = Scenario.load("ideal", self.DATA)
+        changes = [f"acoustics.source_level={187 - (self.ratio(loud, 130.0) - least)}"]
+        scenario = Scenario.load("ideal", [*self.DATA, *changes])
+        world = World(scenario, 2000, 2, usv="hold:100,100")
+        seen, expected = [], []
+        for _ in sail(world, still(world), 5):
+            S = np.sqrt((world.auv[:, 0, :2] - world.boat[:, 0, :2]).square().sum(-1).cpu().numpy() + 100**2)
+            energy = 10 ** (0.1 * self.ratio(scenario, S))
+            asked, heard_again = (stats.ncx2.sf(n + n * 10 ** (0.1 * least), n, n * energy) for n in (2, 8))
+            flags = world.auv[:, 0, AuvColumn.fix_flags].cpu().numpy().astype(int)
+            seen.append([flags & usbl.LOST == 0, flags & usbl.DETECTED > 0])
+            expected.append([asked, asked * heard_again])
+        seen, expected = (np.stack(each, -1).reshape(2, -1) for each in (seen, expected))
+        for likely in (expected[0] > 0.5, expected[0] < 0.5):
+            assert seen[:, likely].mean(1) == pytest.approx(expected[:, likely].mean(1), abs=0.02)
+            assert likely.sum() > 2000
+
+    @staticmethod
+    def ratio(scenario, S):
+        """E/N0 (dB) of a pulse over the slant range S, m."""
+        row = link_table(Site(scenario))[0]
+        loss = row[acoustic_link.SPREADING] * np.log10(S) + row[acoustic_link.ABSORPTION] * S / 1000
+        return row[acoustic_link.RATIO_AT_1M] - loss
 
 
 class TestFilters:
