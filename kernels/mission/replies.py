@@ -99,7 +99,8 @@ def left_by_noise(signal: ti.template(), effort):
 
 @func
 def expected_signal(signal: ti.template(), flat, left):
-    """Amplitude of an AUV's signal over the noise above the threshold, square of its slope, variance of its fix.
+    """Amplitude of an AUV's signal over the noise above the threshold, square of its slope, variance of its fix, and
+    8 E/N0 in the noise of the sea only.
 
     The amplitude's standard deviation is 1, its slope that with the horizontal distance, 1/m; the variance is per axis,
     m².
@@ -115,26 +116,25 @@ def expected_signal(signal: ti.template(), flat, left):
     bubbles = signal.bubbles * S
     bubbles = ti.select(bubbles < signal.most_bubbles, bubbles, signal.most_bubbles)
     root = exponential(level - bubbles)
+    in_the_sea = root * root
     energy = left * root * root  # 8 E/N0
     amplitude = ti.sqrt(energy + 7.0)
     inverse = 1.0 / (energy * squared * squared)
     slope = (energy * inverse) * (energy * flat)
     variance = squared * (signal.phases * (inverse * squared * squared) + signal.attitude)
-    return amplitude - signal.threshold, slope, variance
+    return amplitude - signal.threshold, slope, variance, in_the_sea
 
 
 @func
-def heard_both_ways(worlds: ti.template(), signal: ti.template(), above, left):
+def heard_both_ways(worlds: ti.template(), above, energy):
     """Excess of a reply's amplitude over the threshold, or at the AUV that of its interrogation if it is less.
 
     The AUV hears with one hydrophone, and in the sea's noise only. Both are received with the probability of the lesser
     one: where it is near 0.8, the other has nearly 1.
 
     Args:
-        signal, left: as of `expected_signal`. above: from there.
+        above: of the reply. energy: 8 E/N0 in the sea's noise, both of `expected_signal`.
     """
-    amplitude = above + signal.threshold
-    energy = (amplitude * amplitude - 7.0) / left
     request = ti.sqrt(0.25 * energy + 1.0) - ti.sqrt(worlds.p.request_threshold)
     return ti.select(request < above, request, above)
 

@@ -365,9 +365,10 @@ class Usbl(Section):
 class Channel(Section):
     """The single acoustic channel, in which boats interrogate AUVs in turn and AUVs reply."""
 
-    schedule: Literal["every-step", "all", "turns"] = Field(
+    schedule: Literal["every-step", "all", "slots", "turns"] = Field(
         "every-step",
-        description="fixes in each step at no cost; or by exchanges that take time: with all AUVs at once, or in turn",
+        description="fixes in each step at no cost; or by exchanges that take time: with all AUVs, which reply at once"
+        " or in time slots by their estimated range, or with one AUV in turn",
     )
     turn_around: float = Field(
         0.1, ge=0, le=10, description="time from the interrogation to the transponder's reply, s"
@@ -386,8 +387,9 @@ class Channel(Section):
         0.0,
         ge=0,
         le=2e6,
-        description="rate of data, bit/s, at least 1, or 0: they cost neither time nor energy, and every interrogation"
-        " is received; data need the energy for a bit that the modem of nodes.rate_law does",
+        description="rate of data, bit/s, at least 1, or 0: they cost neither time nor energy, every interrogation is"
+        " received and replies do not disturb one another; a bit needs the energy that it needs with nodes.rate_law ="
+        " modem",
     )
     request_bits: int = Field(
         88, ge=0, le=10_000, description="data in an interrogation for each AUV that it addresses, bit"

@@ -310,12 +310,15 @@ def messages(scenario: Scenario) -> dict[str, float]:
     """Parameters of the lengths of messages and of the reception of interrogations."""
     channel, pulse = scenario.channel, pulse_length(scenario)
     if not channel.bit_rate:
-        return {"request_pulse": 0.0, "request_data": 0.0, "request_threshold": 0.0, "reply_length": pulse}
+        return dict.fromkeys(("request_pulse", "request_data", "request_threshold", "crosstalk"), 0.0) | {
+            "reply_length": pulse
+        }
     energy = max(CODE_ENERGY, 10.0 ** (0.1 * data_ratio(scenario, channel.request_bits)))
     return {
         "request_pulse": pulse,
         "request_data": channel.request_bits / channel.bit_rate,
         "request_threshold": 2.0 + 2.0 * energy,
+        "crosstalk": 1.0 / (pulse * scenario.acoustics.bandwidth),
         "reply_length": pulse + channel.reply_bits / channel.bit_rate,
     }
 

@@ -43,10 +43,10 @@ def _excess(p: array1, link: array2, away: array1, spread: ti.f32, probability: 
         stub = ti.static(Stub(Numbers.of(p, Parameter), link))
         numbers = replies.signal_of(stub, 0, -DEPTH)
         signal = ti.static(replies.Signal(*[numbers[c] for c in range(replies.SIGNAL)]))
-        above, slope, _ = replies.expected_signal(signal, away[n] * away[n], 1.0)
+        above, slope, _, in_the_sea = replies.expected_signal(signal, away[n] * away[n], 1.0)
         out[n, 0] = above / ti.sqrt(1.0 + slope * spread)
         out[n, 1] = replies.excess_for(stub, probability)
-        out[n, 2] = replies.heard_both_ways(stub, signal, above, 1.0)
+        out[n, 2] = replies.heard_both_ways(stub, above, in_the_sea)
 
 
 def excess(device, away, spread=0.0, probability=0.5) -> np.ndarray:

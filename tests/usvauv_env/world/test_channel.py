@@ -12,7 +12,7 @@ from usvauv import policies
 from usvauv.env import Scenario, World
 from usvauv.env.site.site import Site
 from usvauv.env.world.mission_parameters import link_table
-from usvauv.kernels.mission.columns import AuvColumn, ExchangeColumn, Reply, TallyColumn
+from usvauv.kernels.mission.columns import AuvColumn, EstimateColumn, ExchangeColumn, Reply, TallyColumn
 from usvauv.kernels.positioning import acoustic_link, tracker, usbl
 
 SOUND = [*CODED, "channel.schedule=turns", "navigation.sensor=ground", "usbl.spacing=0.025"]
@@ -130,6 +130,105 @@ class TestMessages:
         row = link_table(Site(scenario))[0]
         loss = row[acoustic_link.SPREADING] * np.log10(S) + row[acoustic_link.ABSORPTION] * S / 1000
         return row[acoustic_link.RATIO_AT_1M] - loss
+
+
+class TestTogether:
+    """Replies of 0.5 s over 1 to 10 km that begin at random times within a window, or in random slots of it.
+
+    Bits of 8 kbit/s in 4 kHz need 12.6 dB more than another reply, by which no two differ: all that overlap are lost.
+    """
+
+    BITS = "channel.bit_rate=8000", "channel.reply_bits=4000", "channel.request_bits=0", "channel.interval=16"
+    LOUD = "acoustics.source_level=230", "acoustics.spreading=10", "usbl.carriers=[1000]", "usbl.carrier_min=1000"
+    PLACE = "area.width=12000", "area.depth=400", "auv.depth=100", "boat.drifts=false", "usbl.carrier_max=1010"
+    SHARED = (*CALM, "channel.schedule=all", *BITS, *LOUD, *PLACE, "auv.depth_noise=0")
+    AUVS, LENGTH, FIRST = 12, 0.51, 2 * 1000 / SPEED
+    SLOT = 1.02 * LENGTH
+
+    def heard_of(self, draw, rounds=12, changes=()):
+        """Share of replies heard, of AUVs so far away that sound travels for `draw` (s, (W, K)) there and back."""
+        changes = [*self.SHARED, f"auv.count={self.AUVS}", *changes]
+        world = World(Scenario.load("ideal", changes), 400, 3, usv="hold:0,100")
+        world.reset()
+        act, share = still(world), []
+        for _ in range(rounds):
+            S = 0.5 * SPEED * draw((world.num_worlds, world.num_auvs))
+            for table in (world.auv, world.estimate):
+                table[..., 0] = torch.from_numpy(np.sqrt(S**2 - 100**2)).to(table)
+                table[..., 1] = 100
+            found = 0
+            for _ in range(16):
+                world.step(act(None))
+                found = found + heard(world)
+            share.append(found.mean(0))
+        return np.mean(share, 0)
+
+    def test_pure_aloha(self):
+        """Any overlap destroys both: (1 − 2L/W)^(K − 1) far from the window's ends, e^{−2G} for many AUVs."""
+        G = 0.5
+        window = self.AUVS * self.LENGTH / G
+        rng = np.random.default_rng(1)
+        at = (np.arange(1000) + 0.5) / 1000 * window
+        free = window - (np.minimum(at + self.LENGTH, window) - np.maximum(at - self.LENGTH, 0))
+        found = self.heard_of(lambda shape: self.FIRST + rng.uniform(0, window, shape)).mean()
+        assert G * found == pytest.approx(G * ((free / window) ** (self.AUVS - 1)).mean(), rel=0.02)
+
+    def test_slotted_aloha(self):
+        """Two in one of n slots are lost: (1 − 1/n)^(K − 1), e^{−G} for many AUVs."""
+        rng = np.random.default_rng(2)
+        found = self.heard_of(lambda shape: self.FIRST + self.SLOT * rng.integers(0, 12, shape)).mean()
+        G = self.AUVS / 12
+        assert G * found == pytest.approx(G * (1 - 1 / 12) ** (self.AUVS - 1), rel=0.02)
+
+    def test_a_far_reply_against_a_near_one(self):
+        """Bits of 1 kbit/s in 4 kHz have a processing gain of 6 dB and need 4.5: up to 1.5 dB less power is enough."""
+        changes = "auv.count=2", "channel.bit_rate=1000", "channel.reply_bits=900"
+        far = np.repeat([1300.0, 1420.0, 1540.0], [133, 133, 134])
+        S = np.stack((np.full(400, 1000.0), far), -1)
+        found = self.heard_of(lambda _: 2 * S / SPEED, 20, changes)
+        energy = 0.01 * 4000 * S[:, ::-1] / S  # of a pulse, with a loss of 10 dB a decade
+        assert found == pytest.approx(stats.ncx2.sf(8 + 8 * 10 * 10**0.45, 8, 8 * energy).mean(0), abs=0.03)
+
+
+class TestSlots:
+    CHANGES = (*CALM, "channel.schedule=slots", "channel.bit_rate=1000", "channel.reply_bits=100", "auv.depth_noise=0")
+    LENGTH, REQUEST = 0.01 + 0.1, 0.01 + 8 * 0.088
+
+    def world(self, places, error=0.0):
+        """Worlds after a step with AUVs in these places (W, 8, 2), estimated with a standard deviation, m."""
+        changes = [*self.CHANGES, "auv.count=8", "area.width=2000", "area.length=2000"]
+        world = World(Scenario.load("ideal", changes), len(places), 3, usv="hold:1000,1000")
+        world.reset()
+        angle = 2 * math.pi * torch.rand(places.shape[:2])
+        away = 2.9 * error * torch.stack((angle.cos(), angle.sin()), -1)
+        world.auv[..., :2], world.estimate[..., :2] = places.to(world.auv), (places + away).to(world.auv)
+        world.estimate[..., EstimateColumn.span("covariance_xx", "covariance_yy")] = torch.tensor(
+            [error**2, 0, error**2]
+        )
+        world.step(still(world)(None))
+        return world
+
+    @pytest.mark.parametrize("error", [3.0, 30.0])
+    def test_replies_never_overlap(self, error):
+        """Wherever AUVs are, up to three standard deviations from where they are estimated."""
+        places = 2000 * torch.rand((500, 8, 2), generator=torch.Generator().manual_seed(1))
+        world = self.world(places, error)
+        over = world.exchange[..., ExchangeColumn.over_at].sort().values.cpu()
+        assert over.diff().min() >= self.LENGTH
+        torch.testing.assert_close(over[:, -1], world.tally[:, TallyColumn.channel_free].cpu())
+        found = 0
+        for _ in range(8):
+            found = found + heard(world)
+            world.step(still(world)(None))
+        assert (found > 0).all()
+
+    def test_throughput(self):
+        """Of time division: K L of K L + request + turn-around + travel there and back, for AUVs at equal ranges."""
+        angle = torch.arange(8) / 8 * 2 * math.pi
+        world = self.world(1000 + 800 * torch.stack((angle.cos(), angle.sin()), -1).expand(4, 8, 2))
+        lasts = self.REQUEST + 0.1 + 2 * math.hypot(800, 100) / SPEED + 8 * self.LENGTH
+        found = 1 + world.tally[:, TallyColumn.channel_free].cpu().numpy()
+        assert 8 * self.LENGTH / found == pytest.approx(8 * self.LENGTH / lasts, rel=0.02)
 
 
 class TestFilters:
