@@ -1,16 +1,17 @@
 """The acoustic channel: who is interrogated when, and which signals arrive in a mission step.
 
 It has one exchange at a time, an interrogation and the reply or replies to it. It lasts for the sound's two-way travel
-time, the transponder's turn-around time and the length of the signal. The boat interrogates all AUVs at once, which
-reply with different codes (the exchange then lasts until the farthest reply), or one at a time of those that it serves:
-in turn, or the one with the largest product of the value of its reply (`replies.reply_worth`) and the time since its
-last interrogation. No AUV is located twice in a mission step. Several boats begin exchanges in turn; a boat without an
-AUV to interrogate passes its turn on. The boat that interrogated receives the replies, and all boats share their
-contents. There can be a least time between exchanges. Without a channel a signal of each AUV arrives in each step.
+time, the transponder's turn-around time and the length of the messages (`usvauv.kernels.mission.messages`). The boat
+interrogates all AUVs at once, or those that it serves in turn. All reply with different codes at once, or one after
+another: the interrogation tells each how long to wait, so that its reply reaches the boat after those of nearer AUVs,
+by the boat's estimates and with three standard deviations of these as guard time. Nobody receives while it sends, as an
+exchange lasts until the last reply is over. No AUV is located twice in a mission step. Several boats begin exchanges in
+turn; a boat without an AUV to interrogate passes its turn on. The boat that interrogated receives the replies, and all
+boats share their contents. There can be a least time between exchanges. Without a channel a signal of each AUV arrives
+in each step.
 
-All exchanges of a step are decided before its fixes are made, so the value of a reply is that by the estimates at the
-beginning of the step. `hear` writes what arrives to `worlds.reception`, from which `usvauv.kernels.mission.fixes` makes
-fixes and `usvauv.kernels.mission.estimates` the estimates.
+All exchanges of a step are decided before its fixes are made. `hear` writes what arrives to `worlds.reception`, from
+which `usvauv.kernels.mission.fixes` makes fixes and `usvauv.kernels.mission.estimates` the estimates.
 
 Times count from the end of the present mission step, s; earlier times are negative, ages are their opposite.
 """
@@ -28,11 +29,15 @@ from usvauv.kernels.mission.columns import (
     Schedule,
     TallyColumn,
 )
+from usvauv.kernels.mission.messages import hears_request, noise_to_others, overlap, request_length
 from usvauv.kernels.mission.motion import is_spent
-from usvauv.kernels.mission.replies import reply_worth, true_height
+from usvauv.kernels.mission.replies import height, true_height
 from usvauv.kernels.mission.worlds import uniforms
 from usvauv.kernels.positioning import usbl
-from usvauv.kernels.types import ivec2, vec2
+from usvauv.kernels.types import ivec2, vec2, vec3
+
+GUARD = 3.0  # standard deviations of an estimate
+BEYOND = 1e30  # m
 
 
 @func
@@ -58,52 +63,116 @@ def duration(worlds: ti.template(), w, b, k) -> vec2:
     """Time (s) from boat b's interrogation of AUV k to the departure of the reply, and to its end at the boat."""
     p = ti.static(worlds.p)
     travel = ti.sqrt(squared_distance(worlds, w, b, k)) / p.sound_speed
-    reply = travel + p.turn_around
-    return vec2(reply, reply + travel + p.signal_length)
+    addressed = worlds.auv.shape[1]
+    if ti.static(worlds.program.schedule == Schedule.turns):
+        addressed = 1
+    reply = request_length(worlds, addressed) + travel + p.turn_around
+    return vec2(reply, reply + travel + p.reply_length)
 
 
 @func
-def may_ask(worlds: ti.template(), w, b, k, start):
-    """Whether boat b may ask AUV k at `start`: its next fix must not fall into a step that has one already."""
-    return worlds.exchange.over[w, k] == 0.0 or start + duration(worlds, w, b, k)[1] > 0.0
-
-
-@func
-def chosen(worlds: ti.template(), w, b, start):
-    """The AUV that boat b asks at `start`, −1 for none; with all at once the one whose reply is there last."""
-    count = worlds.auv.shape[1]
-    best = -1
-    largest = -1.0
-    if ti.static(worlds.program.schedule == Schedule.all):
-        for k in range(count):
-            value = squared_distance(worlds, w, b, k)
-            if value > largest:
-                largest = value
-                best = k
-        if not may_ask(worlds, w, b, best, start):
-            best = -1
-    else:
-        last = ti.cast(worlds.boat.asked[w, b], ti.i32)
-        for n in range(count):
-            k = (last + 1 + n) % count
-            value = 0.0  # in turn: the first of them
-            if ti.static(worlds.program.schedule == Schedule.by_need):
-                waits = start - worlds.exchange.reply_at[w, k]  # else one that does not reply goes on
-                value = waits * reply_worth(worlds, w, b, k)
-            if value > largest and boat_motion.serves(worlds, w, b, k) and may_ask(worlds, w, b, k, start):
-                largest = value
-                best = k
-    return best
-
-
-@func
-def ask(worlds: ti.template(), w, b, k, start):
-    """Boat b interrogates AUV k at `start`; returns when its reply is over."""
+def time_reply(worlds: ti.template(), w, b, k, start):
+    """Write when AUV k replies if boat b interrogates it at `start`, delay included; returns when the reply is over."""
     lasts = duration(worlds, w, b, k)
     worlds.exchange.reply_at[w, k] = start + lasts[0]
-    worlds.exchange.reply[w, k] = Reply.due
-    worlds.boat.asked[w, b] = ti.cast(k, ti.f32)
+    worlds.exchange.over_at[w, k] = start + lasts[1]
     return start + lasts[1]
+
+
+@func
+def may_ask(worlds: ti.template(), w, k):
+    """Whether AUV k may be asked, by the time of its reply: no fix must fall into a step that has one already."""
+    return worlds.exchange.over[w, k] == 0.0 or worlds.exchange.over_at[w, k] > 0.0
+
+
+@func
+def ask_next(worlds: ti.template(), w, b, start):
+    """Boat b interrogates the next AUV in turn; returns when the reply is over, or `start` if there is none to ask."""
+    count = worlds.auv.shape[1]
+    last = ti.cast(worlds.boat.asked[w, b], ti.i32)
+    end = start
+    for n in range(count):
+        k = (last + 1 + n) % count
+        if end == start and boat_motion.serves(worlds, w, b, k):
+            over = time_reply(worlds, w, b, k, start)
+            if may_ask(worlds, w, k):
+                worlds.exchange.reply[w, k] = Reply.due
+                worlds.boat.asked[w, b] = ti.cast(k, ti.f32)
+                end = over
+    return end
+
+
+@func
+def expected_range(worlds: ti.template(), w, b, k) -> ti.f32:
+    """Slant range from boat b to where AUV k is estimated, m."""
+    dx = worlds.estimate.x[w, k] - worlds.boat.x[w, b]
+    dy = worlds.estimate.y[w, k] - worlds.boat.y[w, b]
+    return vec3(dx, dy, height(worlds, w, b, k)).norm()
+
+
+@func
+def guard_time(worlds: ti.template(), w, k) -> ti.f32:
+    """Time by which the reply of AUV k may be earlier or later than expected, s."""
+    estimate = ti.static(worlds.estimate)
+    deviation = ti.sqrt(0.5 * (estimate.covariance_xx[w, k] + estimate.covariance_yy[w, k]))
+    return 2.0 * GUARD * ti.min(deviation, worlds.p.farthest) / worlds.p.sound_speed
+
+
+@func
+def nearest_idle(worlds: ti.template(), w, b):
+    """The nearest AUV by the estimates of boat b of those that no exchange is under way with."""
+    nearest = 0
+    least = BEYOND
+    for k in range(worlds.auv.shape[1]):
+        away = expected_range(worlds, w, b, k)
+        if worlds.exchange.reply[w, k] == Reply.none and away < least:
+            least = away
+            nearest = k
+    return nearest
+
+
+@func
+def slot_after(worlds: ti.template(), free, travel, guard) -> vec2:
+    """How long an AUV waits so that its reply begins when the boat is free again, and when that is after it, s.
+
+    Times count from the end of the interrogation and the turn-around. `travel`: of sound there and back, expected
+    within `guard`.
+    """
+    delay = ti.max(free + guard - travel, 0.0)
+    return vec2(delay, travel + delay + guard + worlds.p.reply_length)
+
+
+@func
+def ask_all(worlds: ti.template(), w, b, start):
+    """Boat b interrogates all AUVs; returns when the last reply is over, or `start` if one must not be asked yet."""
+    exchange = ti.static(worlds.exchange)
+    count = worlds.auv.shape[1]
+    end = start
+    free = 0.0
+    last = -1
+    for n in range(count):
+        k = n
+        delay = 0.0
+        if ti.static(worlds.program.schedule == Schedule.slots):
+            k = nearest_idle(worlds, w, b)
+            travel = 2.0 * expected_range(worlds, w, b, k) / worlds.p.sound_speed
+            slot = slot_after(worlds, free, travel, guard_time(worlds, w, k))
+            delay, free = slot[0], slot[1]
+        exchange.reply[w, k] = Reply.due
+        last = k
+        end = ti.max(end, time_reply(worlds, w, b, k, start + delay))
+    may = True
+    for k in range(count):
+        if ti.static(worlds.program.schedule == Schedule.all and not worlds.program.messages):
+            exchange.over_at[w, k] = end  # all are used together
+        may = may and may_ask(worlds, w, k)
+    if may:
+        worlds.boat.asked[w, b] = ti.cast(last, ti.f32)
+    else:
+        end = start
+        for k in range(count):
+            exchange.reply[w, k] = Reply.none
+    return end
 
 
 @func
@@ -120,13 +189,23 @@ def is_lost(worlds: ti.template(), w, k) -> ivec2:
 
 
 @func
-def answer(worlds: ti.template(), w, k):
-    """AUV k receives the interrogation, unless it is lost, and its reply leaves."""
+def is_asked(worlds: ti.template(), w, b, k):
+    """Whether AUV k receives the interrogation of boat b."""
+    asked = is_lost(worlds, w, k)[0] == 0
+    if ti.static(worlds.program.messages):
+        S = ti.sqrt(squared_distance(worlds, w, b, k))
+        asked = asked and hears_request(worlds, w, k, S, true_height(worlds, w, b, k))
+    return asked
+
+
+@func
+def answer(worlds: ti.template(), w, b, k):
+    """The reply of AUV k leaves, if it has received the interrogation of boat b."""
     exchange = ti.static(worlds.exchange)
     age = -exchange.reply_at[w, k]
     share = age / worlds.p.step
     exchange.reply[w, k] = Reply.lost
-    if not is_lost(worlds, w, k)[0]:
+    if is_asked(worlds, w, b, k):
         exchange.reply[w, k] = Reply.sent
         for axis in ti.static(range(2)):
             moved = worlds.auv[w, k, AuvColumn.moved_x + axis]
@@ -154,14 +233,35 @@ def arrive(worlds: ti.template(), w, b, k, there: vec2, age, lost):
 
 
 @func
-def receive(worlds: ti.template(), w, b, k, age):
-    """The reply of AUV k is due at boat b `age` seconds before the end of the step."""
+def interference(worlds: ti.template(), w, b, k, here: vec2) -> ti.f32:
+    """Noise by the replies that overlap that of AUV k at boat b, which is `here` (m), over the sea's."""
     exchange = ti.static(worlds.exchange)
+    noise = 0.0
+    for other in range(worlds.auv.shape[1]):
+        state = exchange.reply[w, other]
+        sounds = state == Reply.sent or state == Reply.over
+        if other != k and sounds and overlap(worlds, exchange.over_at[w, k], exchange.over_at[w, other]):
+            there = vec2(exchange.sent_x[w, other], exchange.sent_y[w, other])
+            height = true_height(worlds, w, b, other)
+            S = ti.sqrt((there - here).norm_sqr() + height * height)
+            noise += noise_to_others(worlds, other, S, height)
+    return noise
+
+
+@func
+def receive(worlds: ti.template(), w, b, k):
+    """The reply of AUV k is over at boat b."""
+    exchange = ti.static(worlds.exchange)
+    age = -exchange.over_at[w, k]
     lost = is_lost(worlds, w, k)[1]
+    after = Reply.over
     if exchange.reply[w, k] == Reply.lost:
         lost = 1
+        after = Reply.none
     arrive(worlds, w, b, k, vec2(exchange.sent_x[w, k], exchange.sent_y[w, k]), age, lost)
-    exchange.reply[w, k] = Reply.none
+    if ti.static(worlds.program.messages):
+        worlds.reception.interference[w, k] = interference(worlds, w, b, k, boat_before(worlds, w, b, age))
+    exchange.reply[w, k] = after
     exchange.over[w, k] = 1.0
 
 
@@ -193,7 +293,8 @@ def begin_step(worlds: ti.template(), w):
     for column in ti.static((TallyColumn.channel_free, TallyColumn.next_ping)):
         worlds.tally[w, column] = ti.max(worlds.tally[w, column] - step, -step)
     for k in range(worlds.auv.shape[1]):
-        worlds.exchange.reply_at[w, k] = worlds.exchange.reply_at[w, k] - step
+        for column in ti.static((ExchangeColumn.reply_at, ExchangeColumn.over_at)):
+            worlds.exchange[w, k, column] = worlds.exchange[w, k, column] - step
         worlds.exchange.over[w, k] = 0.0
         expect_nothing(worlds, w, k)
 
@@ -214,6 +315,7 @@ def begin_exchanges(worlds: ti.template(), w, k):
     """Nothing is in the water when an episode begins."""
     worlds.exchange.reply[w, k] = Reply.none
     worlds.exchange.reply_at[w, k] = 0.0
+    worlds.exchange.over_at[w, k] = 0.0
     expect_nothing(worlds, w, k)
 
 
@@ -221,7 +323,6 @@ def begin_exchanges(worlds: ti.template(), w, k):
 def begin_exchange(worlds: ti.template(), w):
     """The boat whose turn it is begins an exchange as soon as the channel is free; returns whether one begins."""
     boats = worlds.boat.shape[1]
-    count = worlds.auv.shape[1]
     start = ti.max(worlds.tally.channel_free[w], worlds.tally.next_ping[w])
     start = ti.max(start, -worlds.p.step)
     last = ti.cast(worlds.tally.asking[w], ti.i32)
@@ -232,12 +333,12 @@ def begin_exchange(worlds: ti.template(), w):
     for turn in range(turns):
         if not begins and start < 0.0:
             b = (last + 1 + turn) % boats
-            first = chosen(worlds, w, b, start)
-            if first >= 0:
-                end = start
-                for k in range(count):
-                    if ti.static(worlds.program.schedule == Schedule.all) or k == first:
-                        end = ti.max(end, ask(worlds, w, b, k, start))
+            end = start
+            if ti.static(worlds.program.schedule == Schedule.turns):
+                end = ask_next(worlds, w, b, start)
+            else:
+                end = ask_all(worlds, w, b, start)
+            if end > start:
                 worlds.tally.channel_free[w] = end
                 worlds.tally.next_ping[w] = start + worlds.p.ping_interval
                 worlds.tally.asking[w] = ti.cast(b, ti.f32)
@@ -259,19 +360,20 @@ def exchange(worlds: ti.template(), w):
         if not under_way:
             under_way = begin_exchange(worlds, w)
         if under_way:
+            b = 0
+            if ti.static(worlds.program.fleet):
+                b = ti.cast(worlds.tally.asking[w], ti.i32)
             for k in range(count):
                 due = worlds.exchange.reply[w, k] == Reply.due
                 if due and worlds.exchange.reply_at[w, k] <= 0.0:
-                    answer(worlds, w, k)
-            end = worlds.tally.channel_free[w]
-            if end <= 0.0:
-                b = 0
-                if ti.static(worlds.program.fleet):
-                    b = ti.cast(worlds.tally.asking[w], ti.i32)
+                    answer(worlds, w, b, k)
+            for k in range(count):
+                reply = worlds.exchange.reply[w, k]
+                if (reply == Reply.sent or reply == Reply.lost) and worlds.exchange.over_at[w, k] <= 0.0:
+                    receive(worlds, w, b, k)
+            if worlds.tally.channel_free[w] <= 0.0:
                 for k in range(count):
-                    reply = worlds.exchange.reply[w, k]
-                    if reply == Reply.sent or reply == Reply.lost:
-                        receive(worlds, w, b, k, -end)
+                    worlds.exchange.reply[w, k] = Reply.none
                 under_way = False
                 going_on = True
 

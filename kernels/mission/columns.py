@@ -94,7 +94,11 @@ class Parameter(Columns):
     gnss_time: int  # that correlation time, s
     turn_around: int
     ping_interval: int
-    signal_length: int
+    request_pulse: int  # s, of an interrogation
+    request_data: int  # s, for each AUV that it addresses
+    request_threshold: int  # least squared amplitude over the noise of one hydrophone
+    reply_length: int  # s
+    crosstalk: int  # noise density by a pulse over its energy, 1
     velocity_walk: int  # white error of an AUV's measured velocity, as variance of the way per second, m²/s
     velocity_bias: int
     bias_memory: int  # e^{−step/correlation time}
@@ -307,12 +311,13 @@ class EstimateColumn(StateColumns):
 
 
 class Reply(Columns):
-    """State of an exchange with an AUV: none, asked, answered, interrogation lost."""
+    """State of an exchange with an AUV: none, asked, answered, interrogation lost, reply received or lost."""
 
     none: int
     due: int
     sent: int
     lost: int
+    over: int
 
 
 class ExchangeColumn(StateColumns):
@@ -321,6 +326,7 @@ class ExchangeColumn(StateColumns):
     reply: Annotated[int, Range(0.0, len(Reply.names) - 1.0, whole=True)]  # of `Reply`
     over: Binary  # 1 where an exchange with it ended in this step
     reply_at: Instant  # when the reply leaves, from the end of the step, s
+    over_at: Instant  # when it is over at the boat
     sent_x: Position  # true position then, m
     sent_y: Position
     bias_x: Velocity  # of the AUV's velocity sensor, m/s
@@ -356,6 +362,7 @@ class ReceptionColumn(Columns):
     left_next: int  # the same, after one arrived
     arrived: int  # age when one arrived
     lost: int  # 1 where it did not
+    interference: int  # noise by other replies, over the sea's
     x: int  # offset of the AUV from its boat when the signal left, m
     y: int
     z: int
@@ -382,12 +389,14 @@ class ForesightColumn(StateColumns):
 
 
 class Schedule(Columns):
-    """When fixes are made: in each step without exchanges; or by exchanges: all AUVs at once, in turn, least known."""
+    """When fixes are made: in each step without exchanges; or by exchanges: all AUVs together, which reply at once or
+    one after another; or one AUV in turn.
+    """
 
     every_step: int
     all: int
-    round_robin: int
-    by_need: int
+    slots: int
+    turns: int
 
 
 class Sensor(Columns):
@@ -525,3 +534,4 @@ class Draw(Columns):
     speed: int
     depth: int
     vehicle: int
+    request: int

@@ -221,16 +221,18 @@ def fix_auvs(worlds: ti.template(), w: ti.template(), k: ti.template(), count, l
     measured = ti.static(usbl.Axes(measured_numbers))
 
     offset = [take(worlds.reception, w, k, ReceptionColumn.x + c) for c in ti.static(range(3))]
-    own_noise = acoustic_link.noise_ratio(link[row, acoustic_link.OWN_NOISE], take(boat, w, b, BoatColumn.effort))
+    loudness = acoustic_link.noise_ratio(link[row, acoustic_link.OWN_NOISE], take(boat, w, b, BoatColumn.effort))
+    if ti.static(worlds.program.messages):
+        loudness += take(worlds.reception, w, k, ReceptionColumn.interference)
     residual = noise[0]
     if ti.static(worlds.program.turns):
         residual = normal_numbers(worlds, w, k, Draw.residual, 1)[0]
     slowness = take(boat, w, b, BoatColumn.slowness)
-    error = slowness, own_noise, normal_numbers(worlds, w, k, Draw.fix, 4), residual
+    error = slowness, loudness, normal_numbers(worlds, w, k, Draw.fix, 4), residual
     depth = 0.0 - take(boat, w, b, BoatColumn.elevation)
     x, y, z, flags = fixed_offset(worlds, link, row, offset, depth, axes, measured, error)
     found = x, y, z
-    sigma = acoustic_link.phase_deviation(link, row, usbl.length(found), z, own_noise)
+    sigma = acoustic_link.phase_deviation(link, row, usbl.length(found), z, loudness)
     seen = as_seen(worlds, found, heading)
     own = as_it_heads(worlds, usbl.fix_covariance(link, row, seen, level, sigma), heading)
     common = common_errors(worlds, link, row, found, level, heading)

@@ -1,4 +1,4 @@
-"""Prediction of replies: the probability that the boat receives one, and the accuracy of its fix.
+"""Prediction of replies: whether the boat receives one, and the accuracy of its fix.
 
 The formulas are for numbers and for vectors of several AUVs alike, without function calls, which vectors do not have.
 """
@@ -10,7 +10,6 @@ import taichi as ti
 from usvauv.kernels.functions import func
 from usvauv.kernels.positioning import acoustic_link
 from usvauv.kernels.positioning.sonar import LN10, LN_TYPICAL, exponential, logarithm_of_range
-from usvauv.kernels.types import vec2, vec3
 
 LOGISTIC = 1.702  # 1/(1 + e^{−1.702 x}) is the normal distribution function within 0.01
 NEVER = 3e38  # an excess that no signal has
@@ -100,7 +99,8 @@ def left_by_noise(signal: ti.template(), effort):
 
 @func
 def expected_signal(signal: ti.template(), flat, left):
-    """Amplitude of an AUV's signal over the noise above the threshold, square of its slope, variance of its fix.
+    """Amplitude of an AUV's signal over the noise above the threshold, square of its slope, variance of its fix, and
+    8 E/N0 in the noise of the sea only.
 
     The amplitude's standard deviation is 1, its slope that with the horizontal distance, 1/m; the variance is per axis,
     m².
@@ -116,35 +116,35 @@ def expected_signal(signal: ti.template(), flat, left):
     bubbles = signal.bubbles * S
     bubbles = ti.select(bubbles < signal.most_bubbles, bubbles, signal.most_bubbles)
     root = exponential(level - bubbles)
+    in_the_sea = root * root
     energy = left * root * root  # 8 E/N0
     amplitude = ti.sqrt(energy + 7.0)
     inverse = 1.0 / (energy * squared * squared)
     slope = (energy * inverse) * (energy * flat)
     variance = squared * (signal.phases * (inverse * squared * squared) + signal.attitude)
-    return amplitude - signal.threshold, slope, variance
+    return amplitude - signal.threshold, slope, variance, in_the_sea
 
 
 @func
-def expected_reply(worlds: ti.template(), k, offset: vec3, effort, spread) -> vec2:
-    """Probability that a reply of AUV k is received, and the variance per axis (m²) of its fix.
+def heard_both_ways(worlds: ti.template(), above, energy):
+    """Excess of a reply's amplitude over the threshold, or at the AUV that of its interrogation if it is less.
+
+    The AUV hears with one hydrophone, and in the sea's noise only. Both are received with the probability of the lesser
+    one: where it is near 0.8, the other has nearly 1.
 
     Args:
-        offset: from the boat to the AUV's predicted position, m. effort: the boat's speed over its top speed.
-        spread: variance per axis of that place, m².
+        above: of the reply. energy: 8 E/N0 in the sea's noise, both of `expected_signal`.
     """
-    numbers = signal_of(worlds, k, offset[2])
-    parts = [numbers[n] for n in ti.static(range(SIGNAL))]
-    signal = ti.static(Signal(*parts))
-    above, slope, variance = expected_signal(signal, offset.xy.norm_sqr(), left_by_noise(signal, effort))
-    excess = above / ti.sqrt(1.0 + slope * spread)
-    kept = 1.0 - worlds.p.packet_loss
-    return vec2(kept * kept / (1.0 + ti.exp(-LOGISTIC * excess)), variance)
+    request = ti.sqrt(0.25 * energy + 1.0) - ti.sqrt(worlds.p.request_threshold)
+    return ti.select(request < above, request, above)
 
 
 @func
 def excess_for(worlds: ti.template(), probability) -> ti.f32:
     """Excess of an amplitude over the threshold in its standard deviations from which on a reply is received with a
     probability; NEVER where it never is.
+
+    The standard deviation is √(1 + slope² σ²) where the AUV's place has one of σ, m.
     """
     kept = 1.0 - worlds.p.packet_loss
     odds = kept * kept / probability - 1.0
@@ -152,18 +152,3 @@ def excess_for(worlds: ti.template(), probability) -> ti.f32:
     if odds > 0.0:
         excess = -ti.log(odds) / LOGISTIC
     return excess
-
-
-@func
-def reply_worth(worlds: ti.template(), w, b, k) -> ti.f32:
-    """Variance per axis (m²) by which a reply of AUV k is expected to improve its estimate by boat b: P a²/(a + r).
-
-    P is the probability that it is heard from where the boat takes the AUV to be, a the variance of that place, r the
-    variance of the fix.
-    """
-    estimate = ti.static(worlds.estimate)
-    a = 0.5 * (estimate.covariance_xx[w, k] + estimate.covariance_yy[w, k])
-    dx = estimate.x[w, k] - worlds.boat.x[w, b]
-    dy = estimate.y[w, k] - worlds.boat.y[w, b]
-    expected = expected_reply(worlds, k, vec3(dx, dy, height(worlds, w, b, k)), 1.0, a)
-    return expected[0] * a * a / (a + expected[1])

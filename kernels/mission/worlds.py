@@ -74,6 +74,7 @@ class Program(NamedTuple):
         objective_code: the boat's objective, from `usvauv.kernels.planning.objectives.objective_code`.
         refraction: sound is refracted in layers, and fixes include this.
         schedule: of `Schedule`.
+        messages: data take time on the channel, `usvauv.kernels.mission.messages`.
         sensor: of `Sensor`.
         turns: phases of a fix can lack whole turns, see `usvauv.kernels.positioning.usbl`.
         fleet: there is more than one boat.
@@ -97,6 +98,7 @@ class Program(NamedTuple):
     objective_code: int
     refraction: bool
     schedule: int
+    messages: bool
     sensor: int
     turns: bool
     fleet: bool

@@ -119,6 +119,8 @@ HALF, PUNCTURED, UNCODED = 4.5, 5.5, 9.6  # E_b/N0 of the code at one wrong bit 
 WAYS = ((1 / 30, HALF), (1 / 14, HALF), (0.5, HALF), (1.0, HALF), (1.5, PUNCTURED), (2.0, UNCODED))
 STEPS = tuple((ratio + 10 * math.log10(efficiency), efficiency) for efficiency, ratio in WAYS)  # least SNR, η
 
+MOST_EFFICIENT = WAYS[-1][0]
+
 RateLaw = Annotated[Callable[[float, float, float], float], "bandwidth, ceiling, snr"]
 rate_laws: Registry[RateLaw] = Registry("rate law", form=RateLaw)
 
@@ -372,6 +374,11 @@ rate_laws.register("shannon", shannon)
 rate_laws.register("demonstration", demonstration)
 rate_laws.register("modem", modem)
 rate_laws.register("optical", optical)
+
+
+def bit_energy(efficiency: float) -> float:
+    """Least E_b/N0 (dB) with which the law "modem" sends at an efficiency (bit/s/Hz), at most `MOST_EFFICIENT`."""
+    return next(ratio for most, ratio in WAYS if efficiency <= most)
 
 
 def optical_budget(distance: float, attenuation: float) -> float:

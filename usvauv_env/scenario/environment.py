@@ -383,10 +383,10 @@ class Usbl(Section):
 class Channel(Section):
     """The single acoustic channel, in which boats interrogate AUVs in turn and AUVs reply."""
 
-    schedule: Literal["every-step", "all", "round-robin", "by-need"] = Field(
+    schedule: Literal["every-step", "all", "slots", "turns"] = Field(
         "every-step",
-        description="fixes in each step at no cost; or by exchanges that take time: with all AUVs at once, in"
-        " turn, or by the expected information of a reply times the time since the last interrogation",
+        description="fixes in each step at no cost; or by exchanges that take time: with all AUVs, which reply at once"
+        " or in time slots by their estimated range, or with one AUV in turn",
     )
     turn_around: float = Field(
         0.1, ge=0, le=10, description="time from the interrogation to the transponder's reply, s"
@@ -401,3 +401,15 @@ class Channel(Section):
         description="least E/N0 of a coded pulse at which the data in a reply can be decoded, dB; below 9:"
         " whenever the pulse is detected",
     )
+    bit_rate: float = Field(
+        0.0,
+        ge=0,
+        le=2e6,
+        description="rate of data, bit/s, at least 1, or 0: they cost neither time nor energy, every interrogation is"
+        " received and replies do not disturb one another; a bit needs the energy that it needs with nodes.rate_law ="
+        " modem",
+    )
+    request_bits: int = Field(
+        88, ge=0, le=10_000, description="data in an interrogation for each AUV that it addresses, bit"
+    )
+    reply_bits: int = Field(136, ge=0, le=10_000, description="data in a reply, bit")

@@ -58,7 +58,11 @@ RETIRED: dict[str, tuple[str, tuple[object, ...]]] = {
 }
 CLASSES = {"boat": "vessel", "auv": "vehicle"}  # a section, and its field with the name of a class
 BASE = "base"  # key of a file with the name of the scenario that it differs from
-GONE = ("planner.objective", "e")  # a value of an existing field that 0.3 removed
+# Retired values of existing fields: what removed them, and what stored scenarios have in their place.
+GONE: dict[str, dict[str, tuple[str, str]]] = {
+    "planner.objective": {"e": ("0.3", "d")},
+    "channel.schedule": {"round-robin": ("0.4: its name is turns", "turns"), "by-need": ("0.4", "turns")},
+}
 
 
 def one_of(*names: Collection[str]) -> AfterValidator:
@@ -255,18 +259,22 @@ def without_retired(layer: Layer, stored: bool) -> Mapping[str, Any]:
         ScenarioError: a retired field has a value that only stored scenarios may have.
     """
     data = layer.data
-    for name in (*RETIRED, GONE[0]):
+    for name in (*RETIRED, *GONE):
         section, _, field = name.partition(".")
         content = data.get(section) if isinstance(data, Mapping) else None
         if not isinstance(content, Mapping) or field not in content:
             continue
-        value = content[field]
-        if name == GONE[0] and value != GONE[1]:
+        value, content = content[field], {other: inner for other, inner in content.items() if other != field}
+        if name in RETIRED:
+            removed_in, harmless = RETIRED[name]
+        elif value in [*GONE[name]]:
+            removed_in, content[field] = GONE[name][value]
+            harmless = ()
+        else:
             continue
-        removed_in, harmless = RETIRED.get(name, ("0.3", ()))
         if not stored and value not in harmless:
             raise ScenarioError(f"{layer.source}: {name} = {value!r}: was removed in {removed_in}")
-        data = {**data, section: {other: inner for other, inner in content.items() if other != field}}
+        data = {**data, section: content}
     return data
 
 

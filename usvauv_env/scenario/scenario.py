@@ -33,6 +33,7 @@ from usvauv.env.scenario.fields import (
 )
 from usvauv.env.storage.files import TextFileError, check_plain
 from usvauv.kernels.mission.tasks.task import Task, tasks
+from usvauv.kernels.positioning.acoustic_link import MOST_EFFICIENT
 from usvauv.kernels.vehicles.torpedo import check_roll
 from usvauv.kernels.vehicles.vehicle import vehicles
 
@@ -142,11 +143,33 @@ class Scenario(Section):
             raise ValueError(
                 "tracker.enabled: goes with channel.schedule = every-step; else navigation.sensor has filters"
             )
+        self._check_messages()
         self._check_long_waves()
         if not self.water.waves:
             self._check_storm()
         self._check_current()
         return self
+
+    def _check_messages(self) -> None:
+        channel, most = self.channel, MOST_EFFICIENT * self.acoustics.bandwidth
+        if not channel.bit_rate:
+            return
+        if channel.schedule == "every-step":
+            raise ValueError("channel.bit_rate: needs a channel.schedule other than every-step")
+        if not 1 <= channel.bit_rate <= most:
+            raise ValueError(
+                f"channel.bit_rate = {channel.bit_rate:g}: must be 0, or from 1 bit/s to {MOST_EFFICIENT:g} times"
+                f" acoustics.bandwidth, {most:g}"
+            )
+        if channel.data_ratio:
+            raise ValueError("channel.data_ratio: must be 0 with channel.bit_rate, which decides the energy of data")
+        for name, value, needed in (
+            ("usbl.signal", self.usbl.signal, "code"),
+            ("acoustics.path", self.acoustics.path, "transponder"),
+            ("acoustics.noise_law", self.acoustics.noise_law, "density"),
+        ):
+            if value != needed:
+                raise ValueError(f"{name} = {value!r}: must be {needed!r} with channel.bit_rate")
 
     def _check_vehicle(self) -> None:
         auv, depth = self.auv, self.area.depth

@@ -39,7 +39,15 @@ from usvauv.kernels.mission.worlds import Program
 from usvauv.kernels.planning import objectives
 from usvauv.kernels.planning.information import MAX_AUVS
 from usvauv.kernels.positioning import sonar, usbl
-from usvauv.kernels.positioning.acoustic_link import Accuracy, Sonar, attenuation_per_km, optical_budget, rate_laws
+from usvauv.kernels.positioning.acoustic_link import (
+    CODE_ENERGY,
+    Accuracy,
+    Sonar,
+    attenuation_per_km,
+    bit_energy,
+    optical_budget,
+    rate_laws,
+)
 from usvauv.kernels.positioning.acoustic_link import link_table as link_constants
 from usvauv.kernels.positioning.sonar import (
     NoiseLaw,
@@ -230,6 +238,7 @@ def program(site: Site, strategy: BoatStrategy, link: np.ndarray) -> Program:
         objective_code=objectives.objective_code(s.planner.measurement, s.planner.objective),
         refraction=site.sound_speed is not None,
         schedule=getattr(Schedule, s.channel.schedule.replace("-", "_")),
+        messages=s.channel.bit_rate > 0,
         sensor=Sensor.command if s.tracker.enabled else getattr(Sensor, s.navigation.sensor),
         turns=usbl.turns_possible(link),
         fleet=s.boat.count > 1,
@@ -310,12 +319,45 @@ def own_noise(scenario: Scenario, frequency: float) -> float:
     return boat_noise(frequency, boat.top_speed, boat.noise_level, OWN_NOISE_FREQUENCY, boat.top_speed)
 
 
+def data_ratio(scenario: Scenario, bits: int) -> float:
+    """Least E/N0 (dB) of a message's pulse at which its bits can be decoded, which have the pulse's power."""
+    rate = scenario.channel.bit_rate
+    if not rate:
+        return scenario.channel.data_ratio
+    in_a_pulse = 10.0 * math.log10(rate * pulse_length(scenario))
+    return bit_energy(rate / scenario.acoustics.bandwidth) + in_a_pulse if bits else -math.inf
+
+
+def pulse_length(scenario: Scenario) -> float:
+    """Length of the positioning signal, s."""
+    usbl = scenario.usbl
+    return usbl.pulse_length if usbl.signal == "code" else usbl.periods / usbl.carrier_min
+
+
+def messages(scenario: Scenario) -> dict[str, float]:
+    """Parameters of the lengths of messages and of the reception of interrogations."""
+    channel, pulse = scenario.channel, pulse_length(scenario)
+    if not channel.bit_rate:
+        return dict.fromkeys(("request_pulse", "request_data", "request_threshold", "crosstalk"), 0.0) | {
+            "reply_length": pulse
+        }
+    energy = max(CODE_ENERGY, 10.0 ** (0.1 * data_ratio(scenario, channel.request_bits)))
+    return {
+        "request_pulse": pulse,
+        "request_data": channel.request_bits / channel.bit_rate,
+        "request_threshold": 2.0 + 2.0 * energy,
+        "crosstalk": 1.0 / (pulse * scenario.acoustics.bandwidth),
+        "reply_length": pulse + channel.reply_bits / channel.bit_rate,
+    }
+
+
 def link_table(site: Site) -> np.ndarray:
     """Acoustic constants of each AUV's positioning link, see `usvauv.kernels.positioning.acoustic_link`."""
     s = site.scenario
     names = {field.name for field in fields(Sonar)}
     given = {name: value for part in (s.acoustics, s.usbl, s.channel) for name, value in part if name in names}
     computed = {
+        "data_ratio": data_ratio(s, s.channel.reply_bits),
         "sound_speed": sound_speed(site),
         "ambient_noise": noise_law(s),
         "wind": wind(site),
@@ -387,7 +429,7 @@ def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
         "gnss_memory": math.exp(-s.mission.step / s.usbl.gnss_correlation_time),
         "gnss_time": s.usbl.gnss_correlation_time,
         "ping_interval": s.channel.interval,
-        "signal_length": s.usbl.pulse_length if s.usbl.signal == "code" else s.usbl.periods / s.usbl.carrier_min,
+        **messages(s),
         "velocity_walk": s.navigation.velocity_noise**2,
         "bias_memory": math.exp(-s.mission.step / s.navigation.bias_correlation_time),
         "velocity_variance": 0.5 * s.reference.straight_speed**2,

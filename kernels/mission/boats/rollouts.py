@@ -218,7 +218,9 @@ def expected_loss(worlds: ti.template(), w, boat, goal: vec2, first: ti.i32, tea
         a, b, c = tracker.drifted(a, b, c, drift)
         p, q, r = tracker.drifted(p, q, r, straying)
         across, along = x - here[0], y - here[1]
-        above, slope, variance = replies.expected_signal(team.signal, across * across + along * along, left)
+        above, slope, variance, in_the_sea = replies.expected_signal(team.signal, across * across + along * along, left)
+        if ti.static(worlds.program.messages):
+            above = replies.heard_both_ways(worlds, above, in_the_sea)
         above = select(above > 0.0, above, 0.0)
         heard = select(above * above >= sure * sure * (1.0 + slope * (a + p)), 1.0, 0.0)
         fixed_a, fixed_b, fixed_c = tracker.fixed(a, b, c, variance)
@@ -233,9 +235,9 @@ def expected_loss(worlds: ti.template(), w, boat, goal: vec2, first: ti.i32, tea
         if visited != NO_AUV:
             reached = reached or heard[visited] > 0.5
         if reached:
-            uncertain = a
+            uncertain = select(team.served > 0.5, a, -1.0)
             visited = 0
             for k in range(count):
-                if boat_motion.serves(worlds, w, boat, k) and uncertain[k] > uncertain[visited]:
+                if uncertain[k] > uncertain[visited]:
                     visited = k
     return total / terms

@@ -1,4 +1,4 @@
-"""What a reply is expected to be worth: its probability, beside the model of it."""
+"""Whether a reply is expected, beside the model of its reception."""
 
 from typing import Any, NamedTuple
 
@@ -8,15 +8,16 @@ import taichi as ti
 import torch
 from scipy import stats
 
+from usvauv.kernels.mission import replies
 from usvauv.kernels.mission.columns import Parameter
-from usvauv.kernels.mission.replies import expected_reply
 from usvauv.kernels.mission.worlds import Numbers
 from usvauv.kernels.positioning import acoustic_link
 from usvauv.kernels.positioning.acoustic_link import Accuracy, Sonar, link_table
-from usvauv.kernels.types import array1, array2, vec3
+from usvauv.kernels.types import array1, array2
 
 CARRIER, SPACING, ATTITUDE, LOSS = 25e3, 0.03, 2e-3, 0.1
 DEPTH = 100.0  # m
+REQUEST = 2 + 2 * acoustic_link.CODE_ENERGY  # of one hydrophone
 SONAR = Sonar(
     source_level=110.0,
     path="transponder",
@@ -30,30 +31,39 @@ SONAR = Sonar(
 
 
 class Stub(NamedTuple):
-    """What `reply` reads of the worlds."""
+    """What these functions read of the worlds."""
 
     p: Any
     link: Any
 
 
 @ti.kernel
-def _replies(p: array1, link: array2, away: array1, spread: array1, out: array2):
+def _excess(p: array1, link: array2, away: array1, spread: ti.f32, probability: ti.f32, out: array2):
     for n in range(away.shape[0]):
         stub = ti.static(Stub(Numbers.of(p, Parameter), link))
-        found = expected_reply(stub, 0, vec3(away[n], 0.0, -DEPTH), 0.0, spread[n])
-        out[n, 0] = found[0]
-        out[n, 1] = found[1]
+        numbers = replies.signal_of(stub, 0, -DEPTH)
+        signal = ti.static(replies.Signal(*[numbers[c] for c in range(replies.SIGNAL)]))
+        above, slope, _, in_the_sea = replies.expected_signal(signal, away[n] * away[n], 1.0)
+        out[n, 0] = above / ti.sqrt(1.0 + slope * spread)
+        out[n, 1] = replies.excess_for(stub, probability)
+        out[n, 2] = replies.heard_both_ways(stub, above, in_the_sea)
 
 
-def replies(device, away, spread=0.0) -> np.ndarray:
-    """Probability and variance (n, 2) of replies from horizontal distances (n,), m."""
+def excess(device, away, spread=0.0, probability=0.5) -> np.ndarray:
+    """Of replies from horizontal distances (n,), m, the one of a probability, and that of both ways, (3, n)."""
     p = torch.zeros(len(Parameter.names), device=device)
     p[Parameter.packet_loss] = LOSS
+    p[Parameter.request_threshold] = REQUEST
     away = torch.as_tensor(away, dtype=torch.float32, device=device)
-    out = torch.empty((len(away), 2), device=device)
+    out = torch.empty((len(away), 3), device=device)
     link = torch.from_numpy(link_table([CARRIER], SONAR)).to(device)
-    _replies(p, link, away, torch.full_like(away, spread), out)
-    return out.double().cpu().numpy()
+    _excess(p, link, away, spread, probability, out)
+    return out.double().cpu().numpy().T
+
+
+def probability(device, away, spread=0.0) -> np.ndarray:
+    """Of replies from there, (n,)."""
+    return (1 - LOSS) ** 2 * stats.norm.cdf(excess(device, away, spread)[0])
 
 
 def energy(away):
@@ -73,7 +83,7 @@ def test_probability_from_a_known_place(device):
     expected = heard(away)
     assert expected[0] == pytest.approx((1 - LOSS) ** 2, abs=1e-3)
     assert expected[-1] < 0.01
-    assert replies(device, away)[:, 0] == pytest.approx(expected, abs=0.02)
+    assert probability(device, away) == pytest.approx(expected, abs=0.02)
 
 
 @pytest.mark.parametrize("deviation", [30.0, 100.0])
@@ -81,4 +91,21 @@ def test_probability_from_an_uncertain_place(device, deviation):
     """Its mean over the distance, which is normal; the formula takes the root of the energy as linear."""
     away = np.linspace(300.0, 1000.0, 29)
     expected = [heard(a + deviation * stats.norm.ppf((np.arange(200) + 0.5) / 200)).mean() for a in away]
-    assert replies(device, away, deviation**2)[:, 0] == pytest.approx(expected, abs=0.06)
+    assert probability(device, away, deviation**2) == pytest.approx(expected, abs=0.06)
+
+
+def test_excess_of_a_probability(device):
+    """By the logistic function, which is the normal one within 0.01."""
+    for wanted in (0.05, 0.4, 0.79):
+        needed = excess(device, [0.0], probability=wanted)[1, 0]
+        assert (1 - LOSS) ** 2 * stats.norm.cdf(needed) == pytest.approx(wanted, abs=0.01)
+
+
+def test_an_interrogation_and_its_reply_are_expected_up_to_their_range(device):
+    """Where the probability of both is that with which a plan takes replies as received."""
+    away = np.linspace(0.0, 1500.0, 3001)
+    both = heard(away) * stats.ncx2.sf(REQUEST, 2, 2 * energy(away))
+    wanted = 0.8 * (1 - LOSS) ** 2
+    _, needed, found = excess(device, away, probability=wanted)
+    assert away[found > needed].max() == pytest.approx(away[both > wanted].max(), rel=0.02)
+    assert away[both > wanted].max() < 0.97 * away[heard(away) > wanted].max()

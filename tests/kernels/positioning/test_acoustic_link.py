@@ -103,6 +103,13 @@ def test_a_link_beside_the_sonar_equation(device, chosen):
     assert table[1, acoustic_link.KAPPA] == pytest.approx(kappa)
 
 
+@pytest.mark.parametrize("efficiency", [way[0] for way in acoustic_link.WAYS])
+def test_energy_of_a_bit_by_the_modems_law(efficiency):
+    """A bit has it where the modem's law first allows the rate, in a band of 1 Hz."""
+    snr = acoustic_link.bit_energy(efficiency) + 10 * math.log10(efficiency)
+    assert acoustic_link.modem(1.0, math.inf, snr + 1e-3) >= efficiency > acoustic_link.modem(1.0, math.inf, snr - 1e-3)
+
+
 def test_deviations_of_what_is_not_heard_are_numbers(device):
     """A kilometre's square times theirs is within single precision."""
     found = torch.zeros((1, 3), device=device)

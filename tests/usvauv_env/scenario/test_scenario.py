@@ -91,6 +91,8 @@ def test_every_number_has_bounds():
     [
         ("planner.horizon=12", "0.3"),
         ("planner.objective=e", "0.3"),
+        ("channel.schedule=by-need", "0.4"),
+        ("channel.schedule=round-robin", "0.4: its name is turns"),
         ("reference.zermelo_speed=2", "0.4: with"),
         ("usbl.model=waveform", "0.4: fixes are drawn"),
         ("acoustics.sediment=gravel", "0.4: fixes are drawn"),
@@ -103,7 +105,7 @@ def test_what_is_gone_is_refused_in_a_file_and_read_from_what_was_stored(tmp_pat
     for source, overrides in ((tmp_path / "old.toml", []), ("extreme", [retired])):
         with pytest.raises(ScenarioError, match=rf"^{source}: {name} = '?{value}'?: was removed in {version}"):
             Scenario.load(source, overrides)
-    content = Scenario.load("extreme", ["planner.measurement=phase"]).to_dict()
+    content = Scenario.load("extreme", ["planner.measurement=phase", "channel.schedule=turns"]).to_dict()
     stored = Scenario.from_dict({**content, section: {**content[section], field: value}}, stored=True)
     assert stored.to_dict() == content
 
@@ -187,7 +189,16 @@ MUTUAL = "current.mutual=true current.count=3 current.core_radius_min=1 mission.
         ("sea.manning=0.01", "sea.equations", "nonlinear", "linear", 'needs equations = "nonlinear"'),
         ("", "sea.regular_amplitude", 0, 0.1, "forced_edge must name an edge"),
         ("sea.forced_edge=west", "sea.radiating_edges", ["east"], ["west"], "not name an edge twice: west"),
-        ("navigation.sensor=ground", "channel.schedule", "by-need", "every-step", "needs a channel.schedule other"),
+        ("navigation.sensor=ground", "channel.schedule", "turns", "every-step", "needs a channel.schedule other"),
+        ("channel.schedule=all", "channel.bit_rate", 8000, 8001, "from 1 bit/s to 2 times acoustics.bandwidth, 8000"),
+        ("channel.bit_rate=1000", "channel.data_ratio", 0, 9, "must be 0 with channel.bit_rate"),
+        (
+            "channel.bit_rate=1000",
+            "acoustics.path",
+            "transponder",
+            "echo",
+            "'echo': must be 'transponder' with channel",
+        ),
         ("navigation.sensor=none tracker.enabled=true", "channel.schedule", "every-step", "all", "goes with channel"),
     ],
 )

@@ -5,14 +5,17 @@ import math
 import numpy as np
 import pytest
 import torch
+from scipy import stats
 
 from tests.links import CODED
 from usvauv import policies
 from usvauv.env import Scenario, World
-from usvauv.kernels.mission.columns import AuvColumn, ExchangeColumn, Reply
-from usvauv.kernels.positioning import tracker, usbl
+from usvauv.env.site.site import Site
+from usvauv.env.world.mission_parameters import link_table
+from usvauv.kernels.mission.columns import AuvColumn, EstimateColumn, ExchangeColumn, Reply, TallyColumn
+from usvauv.kernels.positioning import acoustic_link, tracker, usbl
 
-SOUND = [*CODED, "channel.schedule=round-robin", "navigation.sensor=ground", "usbl.spacing=0.025"]
+SOUND = [*CODED, "channel.schedule=turns", "navigation.sensor=ground", "usbl.spacing=0.025"]
 # With it calm water, which has no vortices to spread, is compiled as the storm of `extreme` and `wide`.
 CALM = [*SOUND, "current.period=300", "current.viscosity=0.01", "observation.current=profile"]
 TILTED = ["usbl.attitude_error=0.002"]
@@ -56,15 +59,6 @@ class TestTiming:
         assert (fixes <= math.ceil(most)).all()
         assert most - least < 2
 
-    def test_by_need_does_not_go_on_asking_whom_it_cannot_hear(self):
-        """Most AUVs are out of hearing, and the boat knows least of these: still others are heard nearly as in turn."""
-        changes = [*TILTED, "mission.duration=400", "auv.count=8", "channel.turn_around=0.9"]
-        heard_by = {}
-        for schedule in ("round-robin", "by-need"):
-            world = World(Scenario.load("wide", [*changes, f"channel.schedule={schedule}"]), 6, 3, usv="hold:300,300")
-            heard_by[schedule] = sum(heard(world).sum() for _ in sail(world, policies.acting("straight", world), 300))
-        assert heard_by["by-need"] > 0.6 * heard_by["round-robin"]
-
 
 class TestReplies:
     def test_a_fix_is_of_where_the_reply_left(self):
@@ -98,6 +92,145 @@ class TestReplies:
         assert share == pytest.approx(0.7**2, abs=4 * math.sqrt(0.25 / tried))
 
 
+class TestMessages:
+    ALONE = "auv.count=1", "auv.depth_noise=0"
+    DATA = (*CALM, *ALONE, "channel.bit_rate=1000", "channel.request_bits=60", "channel.reply_bits=120")
+
+    def test_an_exchange_lasts_as_long_as_its_messages(self):
+        """Pulse and data, sound, turn-around, and all of it again but for that, from the beginning of the step."""
+        world = World(Scenario.load("ideal", [*self.DATA, "channel.turn_around=0.9"]), 20, 1, usv="hold:100,100")
+        for _ in sail(world, still(world), 1):
+            S = torch.sqrt((world.auv[:, 0, :2] - world.boat[:, 0, :2]).square().sum(-1) + 100**2)
+            lasts = (0.01 + 0.06 + S / SPEED) + 0.9 + (S / SPEED + 0.01 + 0.12)
+            torch.testing.assert_close(world.tally[:, TallyColumn.channel_free], lasts - 1, atol=1e-5, rtol=0)
+
+    def test_data_need_the_energy_of_their_bits(self):
+        """One hydrophone at the AUV and four at the boat: noncentral χ², from 4.5 dB for each bit."""
+        least = 4.5 + 10 * math.log10(1000 * 0.01)  # E/N0 of the pulse
+        loud = Scenario.load("ideal", self.DATA)
+        changes = [f"acoustics.source_level={187 - (self.ratio(loud, 130.0) - least)}"]
+        scenario = Scenario.load("ideal", [*self.DATA, *changes])
+        world = World(scenario, 2000, 2, usv="hold:100,100")
+        seen, expected = [], []
+        for _ in sail(world, still(world), 5):
+            S = np.sqrt((world.auv[:, 0, :2] - world.boat[:, 0, :2]).square().sum(-1).cpu().numpy() + 100**2)
+            energy = 10 ** (0.1 * self.ratio(scenario, S))
+            asked, heard_again = (stats.ncx2.sf(n + n * 10 ** (0.1 * least), n, n * energy) for n in (2, 8))
+            flags = world.auv[:, 0, AuvColumn.fix_flags].cpu().numpy().astype(int)
+            seen.append([flags & usbl.LOST == 0, flags & usbl.DETECTED > 0])
+            expected.append([asked, asked * heard_again])
+        seen, expected = (np.stack(each, -1).reshape(2, -1) for each in (seen, expected))
+        for likely in (expected[0] > 0.5, expected[0] < 0.5):
+            assert seen[:, likely].mean(1) == pytest.approx(expected[:, likely].mean(1), abs=0.02)
+            assert likely.sum() > 2000
+
+    @staticmethod
+    def ratio(scenario, S):
+        """E/N0 (dB) of a pulse over the slant range S, m."""
+        row = link_table(Site(scenario))[0]
+        loss = row[acoustic_link.SPREADING] * np.log10(S) + row[acoustic_link.ABSORPTION] * S / 1000
+        return row[acoustic_link.RATIO_AT_1M] - loss
+
+
+class TestTogether:
+    """Replies of 0.5 s over 1 to 10 km that begin at random times within a window, or in random slots of it.
+
+    Bits of 8 kbit/s in 4 kHz need 12.6 dB more than another reply, by which no two differ: all that overlap are lost.
+    """
+
+    BITS = "channel.bit_rate=8000", "channel.reply_bits=4000", "channel.request_bits=0", "channel.interval=16"
+    LOUD = "acoustics.source_level=230", "acoustics.spreading=10", "usbl.carriers=[1000]", "usbl.carrier_min=1000"
+    PLACE = "area.width=12000", "area.depth=400", "auv.depth=100", "boat.drifts=false", "usbl.carrier_max=1010"
+    SHARED = (*CALM, "channel.schedule=all", *BITS, *LOUD, *PLACE, "auv.depth_noise=0")
+    AUVS, LENGTH, FIRST = 12, 0.51, 2 * 1000 / SPEED
+    SLOT = 1.02 * LENGTH
+
+    def heard_of(self, draw, rounds=12, changes=()):
+        """Share of replies heard, of AUVs so far away that sound travels for `draw` (s, (W, K)) there and back."""
+        changes = [*self.SHARED, f"auv.count={self.AUVS}", *changes]
+        world = World(Scenario.load("ideal", changes), 400, 3, usv="hold:0,100")
+        world.reset()
+        act, share = still(world), []
+        for _ in range(rounds):
+            S = 0.5 * SPEED * draw((world.num_worlds, world.num_auvs))
+            for table in (world.auv, world.estimate):
+                table[..., 0] = torch.from_numpy(np.sqrt(S**2 - 100**2)).to(table)
+                table[..., 1] = 100
+            found = 0
+            for _ in range(16):
+                world.step(act(None))
+                found = found + heard(world)
+            share.append(found.mean(0))
+        return np.mean(share, 0)
+
+    def test_pure_aloha(self):
+        """Any overlap destroys both: (1 − 2L/W)^(K − 1) far from the window's ends, e^{−2G} for many AUVs."""
+        G = 0.5
+        window = self.AUVS * self.LENGTH / G
+        rng = np.random.default_rng(1)
+        at = (np.arange(1000) + 0.5) / 1000 * window
+        free = window - (np.minimum(at + self.LENGTH, window) - np.maximum(at - self.LENGTH, 0))
+        found = self.heard_of(lambda shape: self.FIRST + rng.uniform(0, window, shape)).mean()
+        assert G * found == pytest.approx(G * ((free / window) ** (self.AUVS - 1)).mean(), rel=0.02)
+
+    def test_slotted_aloha(self):
+        """Two in one of n slots are lost: (1 − 1/n)^(K − 1), e^{−G} for many AUVs."""
+        rng = np.random.default_rng(2)
+        found = self.heard_of(lambda shape: self.FIRST + self.SLOT * rng.integers(0, 12, shape)).mean()
+        G = self.AUVS / 12
+        assert G * found == pytest.approx(G * (1 - 1 / 12) ** (self.AUVS - 1), rel=0.02)
+
+    def test_a_far_reply_against_a_near_one(self):
+        """Bits of 1 kbit/s in 4 kHz have a processing gain of 6 dB and need 4.5: up to 1.5 dB less power is enough."""
+        changes = "auv.count=2", "channel.bit_rate=1000", "channel.reply_bits=900"
+        far = np.repeat([1300.0, 1420.0, 1540.0], [133, 133, 134])
+        S = np.stack((np.full(400, 1000.0), far), -1)
+        found = self.heard_of(lambda _: 2 * S / SPEED, 20, changes)
+        energy = 0.01 * 4000 * S[:, ::-1] / S  # of a pulse, with a loss of 10 dB a decade
+        assert found == pytest.approx(stats.ncx2.sf(8 + 8 * 10 * 10**0.45, 8, 8 * energy).mean(0), abs=0.03)
+
+
+class TestSlots:
+    CHANGES = (*CALM, "channel.schedule=slots", "channel.bit_rate=1000", "channel.reply_bits=100", "auv.depth_noise=0")
+    LENGTH, REQUEST = 0.01 + 0.1, 0.01 + 8 * 0.088
+
+    def world(self, places, error=0.0):
+        """Worlds after a step with AUVs in these places (W, 8, 2), estimated with a standard deviation, m."""
+        changes = [*self.CHANGES, "auv.count=8", "area.width=2000", "area.length=2000"]
+        world = World(Scenario.load("ideal", changes), len(places), 3, usv="hold:1000,1000")
+        world.reset()
+        angle = 2 * math.pi * torch.rand(places.shape[:2])
+        away = 2.9 * error * torch.stack((angle.cos(), angle.sin()), -1)
+        world.auv[..., :2], world.estimate[..., :2] = places.to(world.auv), (places + away).to(world.auv)
+        world.estimate[..., EstimateColumn.span("covariance_xx", "covariance_yy")] = torch.tensor(
+            [error**2, 0, error**2]
+        )
+        world.step(still(world)(None))
+        return world
+
+    @pytest.mark.parametrize("error", [3.0, 30.0])
+    def test_replies_never_overlap(self, error):
+        """Wherever AUVs are, up to three standard deviations from where they are estimated."""
+        places = 2000 * torch.rand((500, 8, 2), generator=torch.Generator().manual_seed(1))
+        world = self.world(places, error)
+        over = world.exchange[..., ExchangeColumn.over_at].sort().values.cpu()
+        assert over.diff().min() >= self.LENGTH
+        torch.testing.assert_close(over[:, -1], world.tally[:, TallyColumn.channel_free].cpu())
+        found = 0
+        for _ in range(8):
+            found = found + heard(world)
+            world.step(still(world)(None))
+        assert (found > 0).all()
+
+    def test_throughput(self):
+        """Of time division: K L of K L + request + turn-around + travel there and back, for AUVs at equal ranges."""
+        angle = torch.arange(8) / 8 * 2 * math.pi
+        world = self.world(1000 + 800 * torch.stack((angle.cos(), angle.sin()), -1).expand(4, 8, 2))
+        lasts = self.REQUEST + 0.1 + 2 * math.hypot(800, 100) / SPEED + 8 * self.LENGTH
+        found = 1 + world.tally[:, TallyColumn.channel_free].cpu().numpy()
+        assert 8 * self.LENGTH / found == pytest.approx(8 * self.LENGTH / lasts, rel=0.02)
+
+
 class TestFilters:
     @staticmethod
     def squares(world):
@@ -121,7 +254,7 @@ class TestFilters:
     @pytest.mark.parametrize(
         "changes",
         [
-            ["channel.turn_around=1", "auv.count=4", "channel.schedule=by-need"],
+            ["channel.turn_around=1", "auv.count=4", "channel.schedule=turns"],
             ["channel.turn_around=1", "usbl.packet_loss=0.3"],
             pytest.param(
                 ["channel.turn_around=1", "navigation.velocity_bias=0.2", "navigation.bias_correlation_time=50"],
@@ -150,7 +283,7 @@ class TestFilters:
 
     def test_one_good_fix_in_a_thousand_is_dropped(self):
         """Also where fixes follow the boat's error of its own position, which drifts by some decimetres a minute."""
-        changes = ["channel.schedule=round-robin", "usbl.spacing=0.025"]
+        changes = ["channel.schedule=turns", "usbl.spacing=0.025"]
         world = World(Scenario.load("extreme", changes), 300, 12, usv="hold:100,100")
         detected = dropped = 0
         for step, _ in enumerate(sail(world, policies.acting("straight", world), 80)):

@@ -15,7 +15,7 @@ from usvauv.kernels.positioning import tracker, usbl
 
 TEAMS = ["area.width=400", "area.length=400", "auv.count=4", "boat.count=2"]
 TWO = [*EVERY_STEP, *TEAMS, "task=station-keeping"]
-BY_NEED = [*TEAMS, "channel.schedule=by-need", "nodes.target_rule=tour"]
+IN_TURN = [*TEAMS, "channel.schedule=turns", "nodes.target_rule=tour"]
 CHANNEL = [*CODED, *TEAMS, "task=station-keeping"]
 APART = "hold:50,200,350,200"
 
@@ -62,7 +62,7 @@ def places(world):
 class TestService:
     def test_boats_begin_in_the_middle_of_groups(self):
         """Every boat has AUVs, which are those nearest to it, and begins at their mean."""
-        world = world_of([*BY_NEED, "auv.count=6", "boat.count=3"], "belief", worlds=300)
+        world = world_of([*IN_TURN, "auv.count=6", "boat.count=3"], "belief", worlds=300)
         by, auvs = server(world), world.auv[..., :2]
         assert torch.equal(by, torch.cdist(auvs, places(world)).argmin(-1))
         for b in range(3):
@@ -147,7 +147,7 @@ class TestChannel:
     @pytest.mark.slow
     def test_boats_ask_in_turn_and_one_at_a_time(self):
         """The one AUV of the first boat has half the exchanges, the three of the other a sixth each."""
-        world = world_of([*self.LONG, "channel.schedule=round-robin"], APART)
+        world = world_of([*self.LONG, "channel.schedule=turns"], APART)
         steps = 240
         heard, by, replies = exchanges(world, self.AUVS, steps)
         assert (heard.sum(-1) <= 1).all()
@@ -223,7 +223,7 @@ class TestPlans:
 
     def test_belief_visits_its_own_auvs(self):
         """And a state that is brought back has the same future."""
-        world = world_of(BY_NEED, "belief", 8, 3)
+        world = world_of(IN_TURN, "belief", 8, 3)
         counts = torch.zeros(2)
         for done in range(40):
             step(world)
