@@ -46,7 +46,7 @@ ACTING = [
     ("wide", "crab", ()),
 ]
 LONG = ("paper-ideal", ""), ("paper-extreme", ""), ("extreme-torpedo", ""), ("ideal", "sac-ideal"), ("bore", "")
-LONG += ("wide-torpedo", "loiter"), ("wide", "crab"), ("survey", "")
+LONG += ("coast", ""), ("wide-torpedo", "loiter"), ("wide", "crab"), ("survey", "")
 
 
 @pytest.mark.parametrize(

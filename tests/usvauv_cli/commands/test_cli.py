@@ -117,7 +117,7 @@ def test_a_terminal_without_a_letter_gets_a_question_mark(tmp_path):
         assert tomllib.loads(printed.decode(encoding))["name"] == "海 ²"
         assert (tmp_path / f"{encoding} a.toml err").read_bytes().decode(encoding) == ""
         problem = (tmp_path / f"{encoding} 海σ² err").read_bytes().decode(encoding)
-        assert problem.startswith(f"error: scenario '{said}': allowed are bore, extreme")
+        assert problem.startswith(f"error: scenario '{said}': allowed are bore, coast, extreme")
 
 
 SETTINGS = """
