@@ -19,6 +19,7 @@ SMALLEST: dict[str, tuple[str, dict[str, object]]] = {  # options, and constants
     "benchmarks.usbl": ("--seconds 0", {}),
     # In slow tests: half a minute to minutes, most of it for compiling.
     "benchmarks.curves": ("--worlds 1 --seconds 0", {"SIZE": 8, "TRIAD": 1 << 10}),
+    "benchmarks.data_sheet": ("", {}),
     "benchmarks.digest": ("", {"MISSIONS": [("ideal", [], "fim")], "SEAS": [[]], "STEPS": 2}),
     "benchmarks.stream": ("--episodes 2", {}),
     "benchmarks.studies.front": ("--episodes 2", {}),

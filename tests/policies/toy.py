@@ -78,6 +78,9 @@ class ToyWorld:
     def current(self) -> Tensor:
         return self.drift.expand(self.num_worlds, self.num_auvs, 2)
 
+    def water_velocity(self) -> Tensor:
+        return torch.tensor([0.9, 0.4]).expand(self.num_worlds, self.num_auvs, 2)
+
     def _observe(self) -> Tensor:
         auvs, diagonal = range(self.num_auvs), self.scenario.area.diagonal
         others = [self.position[:, [j for j in auvs if j != k]] - self.position[:, k : k + 1] for k in auvs]

@@ -295,10 +295,14 @@ FRAMES = 45  # for which the data of a completed service is shown
 
 
 class Popups:
-    """Words over nodes, each with the data of a service; `unit` is a pixel of the design."""
+    """Words over nodes, each with the data of a service so far; `unit` is a pixel of the design."""
 
     def __init__(self, play: Playback, unit: float) -> None:
-        self._play, self._delivered, self._unit = play, play.trace.delivered[:, 0], unit
+        self._play, self._unit = play, unit
+        self._delivered = play.trace.delivered[:, 0].astype(float)
+        goes_on = (self._delivered[1:] > 0) & (play.trace.service_rate[:-1, 0] == 0)
+        for before, now, same in zip(self._delivered, self._delivered[1:], goes_on, strict=False):
+            now += before * same  # in passing data come in each step
         self._steps = max(FRAMES * play.pace, 1.0)
 
     def draw(
