@@ -121,8 +121,9 @@ class RecordedSea:
         self.surface, self._storm, self._time = trace.surface, trace.storm, trace.time
         self.slow = max(speed_up, 1.0) if len(trace.storm) else 1.0
         some = self.surface[:: max(1, len(self.surface) // LOOKS)]
-        self._water = (some != some[:1]).any(axis=0) if len(some) > 1 else True  # the rest is land
         _, rows, columns = trace.surface.shape
+        moves = (some != some[:1]).any(axis=0) if len(some) > 1 else np.ones((rows, columns))
+        self._water = moves.astype(np.float32)  # 0 on land
         self._x, self._y = trace.scenario.area.middles(columns, rows)
         self._long: dict[int, np.ndarray] = {}  # of the latest steps
         self._shown: tuple[float, np.ndarray] = -1.0, np.zeros((rows, columns), np.float32)
@@ -135,7 +136,7 @@ class RecordedSea:
             return self.surface[step] if self.surface.size else self._shown[1]
         if self._shown[0] != t:  # several views show the same moment
             storm = elevation(self._storm, self._x, self._y, self._time_of(t) / self.slow)
-            self._shown = t, self._long_waves(t) + (storm if self.slow == 1.0 else storm * self._water)
+            self._shown = t, self._long_waves(t) + storm * self._water
         return self._shown[1]
 
     def on(self, t: float, x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -148,7 +149,8 @@ class RecordedSea:
         )
         across, up = np.meshgrid(columns, rows)
         long = cv2.remap(self._long_waves(t), across, up, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-        return long + elevation(self._storm, x, y, self._time_of(t) / self.slow)
+        water = cv2.remap(self._water, across, up, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
+        return long + elevation(self._storm, x, y, self._time_of(t) / self.slow) * water
 
     def under(self, place: np.ndarray, floating: np.ndarray) -> np.ndarray:
         """What is shown of elevation (m) and slopes to the east and north under a boat, (T, …, 3).
@@ -174,7 +176,7 @@ class RecordedSea:
         for step, _ in weights:
             if step not in self._long:
                 storm = elevation(self._storm, self._x, self._y, float(self._time[step]))
-                self._long[step] = self.surface[step] - storm
+                self._long[step] = self.surface[step] - storm * self._water
         self._long = {step: self._long[step] for step, _ in weights}
         return sum((np.float32(weight) * self._long[step] for step, weight in weights), np.zeros((), np.float32))
 

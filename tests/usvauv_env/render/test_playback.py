@@ -65,6 +65,16 @@ class TestSea:
         pixels = (np.arange(128) + 0.5) * 200 / 128
         np.testing.assert_allclose(RecordedSea(trace).on(4.4, pixels, pixels), RecordedSea(trace).at(4.4), atol=1e-4)
 
+    def test_there_are_no_waves_on_land(self, trace):
+        surface = np.array(trace.surface)
+        surface[:, :, :64] = 0.0  # as recorded on a shore
+        x, y = np.array([20.0, 60.0]), np.array([30.0, 90.0, 150.0])
+        for speed_up in (1.0, 30.0):
+            sea = RecordedSea(replace(trace, surface=surface), speed_up)
+            for t in (4.0, 4.4):
+                np.testing.assert_allclose(sea.at(t)[:, :62], 0.0, atol=1e-5)
+                np.testing.assert_allclose(sea.on(t, x, y), 0.0, atol=1e-5)
+
     def test_without_a_record_of_the_storm_it_is_between_the_recorded_ones(self, trace):
         sea = RecordedSea(replace(trace, storm=np.zeros((0, 5))))
         near = sea.at(5.001)
