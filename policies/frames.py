@@ -41,7 +41,7 @@ from usvauv.policies.heuristics.passing import Pass
 from usvauv.policies.heuristics.travel import Helm
 from usvauv.policies.policy import PolicyError
 
-PASS_PRICE = 60.0  # W
+PASS_PRICE = 20.0  # W
 PASSING_TERMS = ("current", "service", "next", "attitude", "motion")  # which `PassingFrame` needs
 TURN = 0.5 * math.pi  # rad, largest offset of a heading
 BORDER_MARGIN = 4.0  # m, more than a step at full speed
