@@ -23,7 +23,7 @@ from usvauv.kernels.mission.boats.boat_strategies import boat_strategies as stra
 from usvauv.kernels.mission.columns import AuvColumn, ForesightColumn
 from usvauv.kernels.mission.worlds import Strategy
 
-LEVELS = {150: 144, 200: 146, 300: 149}  # horizontal range, m → source level, dB
+LEVELS = {170: 144, 210: 146, 290: 149}  # slant range, m → source level, dB
 
 
 @ti.func

@@ -26,8 +26,8 @@ from usvauv.env.render.style import MARKERS, Ground, looks, write_pair
 
 SCENARIO = "extreme"
 CURVES = {
-    "straight": (1.2, 1.3, 1.4, 1.5, 1.6, 1.8),
-    "crab": (1.2, 1.3, 1.4, 1.5, 1.6, 1.8),
+    "straight": (1.2, 1.3, 1.4, 1.6, 1.8, 2.0),
+    "crab": (1.2, 1.3, 1.4, 1.6, 1.8, 2.0),
     "clear": (0.0, 20.0, 40.0, 80.0, 120.0, 200.0),
 }
 LEARNED_MARKS = MARKERS[len(CURVES) :]

@@ -43,23 +43,24 @@ def _level(decibel: int) -> tuple[str, ...]:
 BASE = _level(146)
 NEAR = _level(144)
 AXES = (
-    Axis("replies decoded up to, m", {150: NEAR, 200: BASE, 300: _level(149), 850: _level(187)}),
+    Axis("slant range of replies, m", {170: NEAR, 210: BASE, 290: _level(149), 5600: _level(187)}),
     Axis(
-        "time between pings at 200 m, s",
+        "time between pings at 210 m, s",
         {1.0: BASE} | {s: (*BASE, f"channel.interval={s:g}") for s in (10.0, 30.0)},
     ),
     Axis(
-        "error of an AUV's velocity at 200 m, m/s",
+        "error of an AUV's velocity at 210 m, m/s",
         {s: (*BASE, f"navigation.velocity_bias={s}") for s in (0.03, 0.2)} | {0.1: BASE},
     ),
     Axis(
-        "number of boats at 150 m",
+        "number of boats at 170 m",
         {1.0: NEAR} | {n: (*NEAR, f"boat.count={n:g}") for n in (2.0, 3.0, 4.0)},
         ("centroid", "fim", "visit", "belief"),
     ),
 )
 PERFECT = (
     "channel.schedule=every-step",
+    "channel.bit_rate=0",
     "navigation.sensor=none",
     "acoustics.source_level=250",
     "acoustics.sound_speed_error=0",
