@@ -1,4 +1,4 @@
-"""Speed, power, endurance and turning circle of the class `remus-100` beside published figures.
+"""Speed, power, endurance, turning circle, modem rate and fix error of the classes beside published figures.
 
     python -m benchmarks.data_sheet
 
@@ -6,6 +6,12 @@ The maker's are those of the data sheet of Hydroid and Kongsberg: 22 h at 3 knot
 knots. Turning circles are published as coefficients: those of T. Prestero (2001), doi 10.1575/1912/3040, adjusted to
 trials at sea, of which the radius is computed here, and those of Fossen's public simulator
 (`benchmarks.vehicles.RUDDER`).
+
+Sparus II: 8 to 10 h, Carreras et al. (2018), doi 10.1109/JOE.2018.2792278. Otter: 20 h at 2 knots, its maker, from four
+batteries of 915 Wh. The modem is compared with WHOI's Micro-Modem, which has a band of 4 kHz too and sends 80 to 5,400
+bit/s: Freitag et al. (2005), doi 10.1109/OCEANS.2005.1639901. Makers state the error of a USBL's bearing: 0.1°
+(EvoLogics, S2C R USBL) to 1° (Blueprint Subsea, SeaTrac X150). Here it is that of heading, mounting, pitch and roll in
+`coast`, without noise, which matters at long range only.
 """
 
 import argparse
@@ -26,6 +32,7 @@ KNOT = 1852 / 3600  # m/s
 ENDURANCE = {3: 22.0, 5: 8.0}  # knots → h, the maker
 TOP_SPEED = 2.6  # m/s, the maker
 CRUISE = 12.5  # revolutions a second: 1.5 m/s
+OTTER_BATTERY = 4 * 915.0  # Wh, the maker
 MASS = 299 / 9.81  # kg, of Prestero's vehicle
 # Prestero's coefficients in the horizontal plane by their indices, SI units; of a rudder's angle, in rad, positive here
 # to port. Those of v|v| in sway and r|r| in yaw are ten times what he computes for the hull.
@@ -80,6 +87,22 @@ def rows() -> list[Row]:
     return found
 
 
+def others() -> list[tuple[str, str, str]]:
+    """Figures of the other classes and of the link: what, published, here."""
+    hovering = Scenario.from_dict({"auv": {"vehicle": "sparus-ii"}})
+    (power,) = level_power(hovering, [3 * KNOT])
+    boat = Scenario.from_dict({"boat": {"vessel": "otter"}}).boat
+    loitering = boat.hotel + boat.propulsion_power * (2 * KNOT / boat.top_speed) ** 3
+    coast = Scenario.load("coast")
+    bearing = math.hypot(coast.usbl.heading_error, coast.usbl.attitude_error, coast.usbl.alignment_error)
+    return [
+        ("Sparus II, endurance at 3 knots, h", "8 to 10", f"{hovering.auv.battery / power:.1f}"),
+        ("Otter, endurance at 2 knots, h", "20", f"{OTTER_BATTERY / loitering:.1f}"),
+        ("acoustic modem, bit/s", "80 to 5400", f"{coast.channel.bit_rate:g}"),
+        ("error of a USBL's bearing, degrees", "0.1 to 1", f"{math.degrees(bearing):.2f}"),
+    ]
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     if parse(parser).json:
@@ -89,6 +112,9 @@ def main() -> None:
     for row in rows():
         point = "" if math.isnan(row.point) else f"{row.point:.3g}"
         print(f"{row.what:28} {row.published:9.3g} {point:>7} {row.torpedo:7.3g}  {row.source}")
+    print(f"\n{'others':36} {'published':>10} {'here':>7}")
+    for what, published, here in others():
+        print(f"{what:36} {published:>10} {here:>7}")
 
 
 if __name__ == "__main__":
