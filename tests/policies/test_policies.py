@@ -45,7 +45,7 @@ ACTING = [
     *(("wide-torpedo", name, ()) for name in ("pass", "loiter", "random")),
     ("wide", "crab", ()),
 ]
-LONG = ("paper-ideal", ""), ("paper-extreme", ""), ("extreme-torpedo", ""), ("ideal", "sac-ideal"), ("bore", "")
+LONG = ("paper-ideal", ""), ("paper-extreme", ""), ("extreme-torpedo", ""), ("ideal", ""), ("bore", "")
 LONG += ("coast", ""), ("wide-torpedo", "loiter"), ("wide", "crab"), ("survey", "")
 
 
@@ -129,10 +129,10 @@ class TestFace:
     @pytest.mark.parametrize(
         ("name", "part"),
         [
-            ("nonsense", "allowed are ppo-wide-torpedo, sac-ideal"),
+            ("nonsense", "allowed are ppo-wide-torpedo, ppo-extreme-torpedo"),
             ("straight:fast", "'fast' is not a speed"),
-            ("straight:nan", "between 1.2 and 2.2 m/s"),
-            ("crab:2.3", "between 1.2 and 2.2 m/s"),
+            ("straight:nan", "between 0.05 and 2 m/s"),
+            ("crab:2.3", "between 0.05 and 2 m/s"),
             ("random:3", "takes no parameter"),
             ("pace:-1", "must be at least 0 W"),
             ("pass", "needs nodes.service = passing"),

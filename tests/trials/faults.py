@@ -72,7 +72,7 @@ COMMANDS = {
     "sea mp4": [*SEA, "a.mp4", "--size", "320x320"],
     "sea nc": [*SEA, "a.nc"],
     "sea png": [*SEA, "a.png"],
-    "export": ["export", "sac-ideal", "--onnx", "a.onnx"],
+    "export": ["export", "sac-extreme", "--onnx", "a.onnx"],
     **{f"export {to}": ["export", "TRACE", "--to", to, "--out", f"a.{to}"] for to in ("mcap", "rrd")},
     **{f"export {to}": ["export", "TRACE", "--to", to, "--out", "tables"] for to in ("parquet", "csv")},
     "reproduce": ["reproduce", "fig3", "--quick", "--jobs", "2", "--out", "."],

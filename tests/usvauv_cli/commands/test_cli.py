@@ -372,7 +372,7 @@ class TestResultsThatAreThere:
             (["replay", "x.nc"], "--out", "a.png"),
             (["eval"], "--out", "a.csv"),
             (["sea"], "--out", "a.nc"),
-            (["export", "sac-ideal"], "--onnx", "a.onnx"),
+            (["export", "sac-extreme"], "--onnx", "a.onnx"),
         ],
     )
     def test_of_nobody_knows_what_are_kept(self, tmp_path, refused, command, option, name):
@@ -438,7 +438,7 @@ def test_a_folder_with_the_name_of_a_scenario_hides_nothing(tmp_path, run_usvauv
         (["train", "--resume", "--worlds", "8", "--each"], ["--worlds, --shared: a resumed run keeps"]),
         (["scenarios", "--set", "auv.count=3"], ["--set: needs a scenario"]),
         (["export", "mission.nc"], ["mission.nc: is a trace, which needs --to: csv, parquet, mcap, rrd"]),
-        (["export", "sac-ideal", "--onnx", "a.pt"], ["--onnx a.pt: the ending must be .onnx"]),
+        (["export", "sac-extreme", "--onnx", "a.pt"], ["--onnx a.pt: the ending must be .onnx"]),
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(tmp_path, run_usvauv, arguments, parts):
