@@ -31,7 +31,7 @@ class TestMotion:
         before = world.auv.clone()
         world.step(torch.full((200, 2, 2), 0.5))
         after = world.auv
-        speed = 2.2 * math.sqrt(0.5)
+        speed = world.scenario.auv.speed_max * math.sqrt(0.5)
         expected = (
             before[..., AuvColumn.span("x", "y")]
             + speed * torch.tensor([1.0, 1.0], device=world.device) / math.sqrt(2)
@@ -42,7 +42,7 @@ class TestMotion:
         torch.testing.assert_close(after[..., AuvColumn.span("x", "y")][moving], expected[moving], rtol=0, atol=2e-5)
 
     def test_polar_action(self):
-        world = World(Scenario.load("ideal", ["auv.action=polar", *AT_ONCE]), num_worlds=1, seed=4)
+        world = World(Scenario.load("ideal", ["auv.action=polar", "auv.speed_min=1.2", "auv.speed_max=2.2", *AT_ONCE]), num_worlds=1, seed=4)
         world.reset()
         world.step(torch.tensor([[[0.5, 0.0], [-1.0, 1.0]]]))
         water = world.auv[0, :, AuvColumn.span("water_x", "water_y")]
@@ -65,6 +65,7 @@ class TestStorm:
     def test_it_lifts_tilts_and_carries_the_boat(self):
         """Nothing but the storm moves here; the boat without lag drifts with the water of the step before."""
         changes = [*self.quiet, "boat.response_time=0", "boat.windage=0", "boat.dead_band=0"]
+        changes += ["boat.top_speed=4", "boat.thrust=0"]
         world = World(Scenario.load("extreme", changes), num_worlds=16, seed=3, usv="hold:60,80")
         run(world, 7)
         before = world.boat[:, 0].clone()

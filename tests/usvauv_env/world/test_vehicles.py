@@ -19,9 +19,10 @@ TORPEDO = ["auv.model=torpedo", "nodes.service=passing", "mission.duration=60"]
 
 
 def torpedo(worlds: int, seed: int, *overrides: str) -> World:
-    """In the storm of `extreme`; observations have the depth as with fins, and so one compilation serves all."""
+    """In the storm of `extreme`, 100 m deep; observations have the depth as with fins: one compilation serves all."""
     observed = 'observation.extra=["attitude", "motion", "depth"]'
-    scenario = Scenario.load("extreme-torpedo", ["mission.duration=60", observed, *overrides])
+    place = ["area.depth=120", "auv.depth=100"]
+    scenario = Scenario.load("extreme-torpedo", ["mission.duration=60", observed, *place, *overrides])
     return World(scenario, worlds, seed, usv="centroid")
 
 
