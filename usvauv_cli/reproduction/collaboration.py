@@ -60,6 +60,7 @@ AXES = (
 )
 PERFECT = (
     "channel.schedule=every-step",
+    "channel.bit_rate=0",
     "navigation.sensor=none",
     "acoustics.source_level=250",
     "acoustics.sound_speed_error=0",

@@ -92,4 +92,4 @@ def test_long_waves_add_no_resistance_and_those_of_the_hulls_length_do():
 )
 def test_what_is_refused(given, said):
     with pytest.raises(ScenarioError, match=said):
-        Scenario.load("extreme", ["storm.significant_height=1", *given])
+        Scenario.load("extreme", ["boat.vessel=none", "boat.dead_band=0", "storm.significant_height=1", *given])
