@@ -128,7 +128,11 @@ def test_a_boat_where_it_does_not_belong(settings, field, said):
     [
         (["auv.depth=98"], "auv.depth_rating", ""),
         (["auv.depth=99.8"], "auv.depth_rating", "come as deep as 100.4 m; must not exceed the rated depth, 100 m"),
-        (["auv.battery=30", "reference.straight_speed=1.6"], "auv.battery", "lasts for 0.257 h at 2.5 m/s and 0.626 h at 1.6 m/s; must last for the"),
+        (
+            ["auv.battery=30", "reference.straight_speed=1.6"],
+            "auv.battery",
+            "lasts for 0.257 h at 2.5 m/s and 0.626 h at 1.6 m/s; must last for the",
+        ),
         (["auv.speed_max=2", "torpedo.hotel=9"], "auv.vehicle", "speed_max = 2.0, not 2.5; torpedo.hotel = 9.0, not"),
     ],
 )

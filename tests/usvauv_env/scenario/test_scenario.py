@@ -136,11 +136,13 @@ def test_carriers_of_a_larger_team_stay_below_half_a_wavelength_apart():
 
 PEAK = 0.6382 / (2 * math.pi)  # of a Lamb–Oseen vortex, over Γ/δ
 DRAWN = math.sqrt(2) / (4 * PEAK)  # Γ of three vortices that in two seconds carry one another 1 m
-SEA = "boat.vessel=none boat.dead_band=0 sea.gravity=10 storm.spectrum=pm storm.peak_period=10 storm.significant_height=1"
+NO_LENGTH = "boat.vessel=none boat.dead_band=0"  # so that storm.shortest_wave counts
+SEA = f"{NO_LENGTH} sea.gravity=10 storm.spectrum=pm storm.peak_period=10 storm.significant_height=1"
 TIDE = "sea.forced_edge=east sea.regular_amplitude="
 SHALLOW = f"{SEA} area.depth=5 auv.depth=4"
 LONG = "sea.forced_edge=east area.depth=50 auv.depth=45 sea.regular_amplitude=5"
 SWELL = f"{TIDE}4 storm.spectrum=pm storm.significant_height=3 storm.swells=[[4,9,1,0,1]]"
+TRACKED = "channel.bit_rate=0 navigation.sensor=none tracker.enabled=true"
 MUTUAL = "current.mutual=true current.count=3 current.core_radius_min=1 mission.step=2"
 
 
@@ -200,7 +202,7 @@ MUTUAL = "current.mutual=true current.count=3 current.core_radius_min=1 mission.
             "echo",
             "'echo': must be 'transponder' with channel",
         ),
-        ("channel.bit_rate=0 navigation.sensor=none tracker.enabled=true", "channel.schedule", "every-step", "all", "goes with channel"),
+        (TRACKED, "channel.schedule", "every-step", "all", "goes with channel"),
     ],
 )
 def test_the_limit_itself_is_allowed(given, field, allowed, refused, said):

@@ -42,7 +42,8 @@ class TestMotion:
         torch.testing.assert_close(after[..., AuvColumn.span("x", "y")][moving], expected[moving], rtol=0, atol=2e-5)
 
     def test_polar_action(self):
-        world = World(Scenario.load("ideal", ["auv.action=polar", "auv.speed_min=1.2", "auv.speed_max=2.2", *AT_ONCE]), num_worlds=1, seed=4)
+        changes = ["auv.action=polar", "auv.speed_min=1.2", "auv.speed_max=2.2", *AT_ONCE]
+        world = World(Scenario.load("ideal", changes), num_worlds=1, seed=4)
         world.reset()
         world.step(torch.tensor([[[0.5, 0.0], [-1.0, 1.0]]]))
         water = world.auv[0, :, AuvColumn.span("water_x", "water_y")]
