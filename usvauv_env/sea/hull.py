@@ -34,7 +34,7 @@ import numpy as np
 from usvauv.kernels.vehicles.otter import SEA_WATER
 
 HEADINGS = 32  # of a quarter turn, between which the water plane is symmetric
-WAVES = 400  # at which motion is computed, between which it is linear
+WAVES = 128  # for each factor of e, at which motion is computed, between which it is linear
 SECTIONS = 16  # along the hull, of Gauss and Legendre
 SMALL = 1e-2  # ½ kL from which on a function is not its series
 
@@ -53,7 +53,8 @@ class Hull(NamedTuple):
         """
         if not k.size:
             return k, k
-        table = np.geomspace(k.min(), k.max(), WAVES)
+        first, last = np.floor(WAVES * np.log(k.min())), np.ceil(WAVES * np.log(k.max()))
+        table = np.exp(np.arange(first, last + 1) / WAVES)  # the same whichever seas are together
         heading = (np.arange(HEADINGS) + 0.5) / HEADINGS * np.pi / 2
         along = 0.5 * self.length * np.outer(table, np.cos(heading))
         across = 0.5 * self.beam * np.outer(table, np.sin(heading))

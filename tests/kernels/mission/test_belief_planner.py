@@ -12,7 +12,7 @@ from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, ExchangeColumn
 from usvauv.kernels.positioning import tracker
 from usvauv.kernels.types import array1, array2, array3, vec3
 
-WIDE = ["nodes.count=60"]
+WIDE = ["nodes.count=60", "boat.vessel=none", "boat.response_time=3", "boat.top_speed=2"]  # a slow boat
 VARIANCE, TAU, R = 0.01, 300.0, 16.0
 
 

@@ -8,6 +8,7 @@ import pytest
 import torch
 
 from tests.kernels.mission.test_fixes import PLAIN
+from tests.links import EVERY_STEP
 from usvauv import policies
 from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.record.metrics import episode_metrics
@@ -69,8 +70,8 @@ AT_ONCE = ["auv.speed_lag=0", "auv.speed_noise=0", "auv.depth_noise=0"]
 
 
 def serving(hover, *changes, scenario="ideal", boat=None):
-    """One world whose AUVs, at (100, 100), serve nodes there for a time (s); nothing arrives."""
-    own = ["nodes.arrival_rates=[0]", "auv.start_separation=0", *AT_ONCE, *changes]
+    """One world whose AUVs, of no class, serve nodes where they are, (100, 100), for a time (s); nothing arrives."""
+    own = ["nodes.arrival_rates=[0]", "auv.start_separation=0", "auv.vehicle=none", *AT_ONCE, *changes]
     world = World(Scenario.load(scenario, own), 1, 4, boat)
     world.reset()
     for k in range(world.num_auvs):
@@ -125,7 +126,7 @@ def test_above_its_thrust_a_hovering_auv_drifts_and_its_service_waits():
 
 def test_an_auv_with_a_spent_battery_drifts_is_silent_and_collects_nothing():
     """Of two that serve their nodes at 105 W the first has energy for ten steps, its service time for twelve."""
-    world = serving(12.0, "auv.battery=1000", "channel.schedule=every-step", "navigation.sensor=none")
+    world = serving(12.0, "auv.battery=1000", *EVERY_STEP)
     world.auv[0, 0, AuvColumn.charge] = 105.0 * 9.5 / 3600
     place, used = world.auv[0, :, AuvColumn.span("x", "y")].clone(), 0.0
     for step in range(20):
@@ -160,7 +161,7 @@ def test_speed_follows_its_command_and_errs():
     world = World(Scenario.load("ideal", ["mission.step=0.5"]), 2048, seed=1)
     world.reset()
     action = torch.zeros(2048, 2, 2)
-    action[..., 0] = 1.7 / 2.2
+    action[..., 0] = 1.7 / world.scenario.auv.speed_max
     ends, moves = [], []
     for _ in range(60):
         world.auv[..., AuvColumn.span("x", "y")] = 100.0
@@ -221,7 +222,7 @@ def test_a_refused_move_is_a_hover(current, moved, thrust):
 
 def test_a_mission_charges_hovering_by_the_current_at_the_auv():
     """In vortices of 1.5 to 3 m/s most AUVs that hover pay more than the least, and none more than top speed."""
-    strong = ["current.count=6", "current.circulation_min=300", "current.circulation_max=500"]
+    strong = ["current.count=6", "current.circulation_min=300", "current.circulation_max=500", "auv.vehicle=none"]
     world = World(Scenario.load("ideal", [*strong, "auv.hover_radius=60"]), 64, seed=4)
     policy = policies.load("straight", world)
     observation = world.reset()

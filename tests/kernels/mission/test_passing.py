@@ -16,6 +16,7 @@ from usvauv.kernels.mission.columns import AuvColumn, BeliefColumn, NodeColumn, 
 from usvauv.policies.heuristics.passing import Loiter, loiter_radius
 
 STILL = ["auv.speed_lag=0", "auv.speed_noise=0", "auv.depth_noise=0", "nodes.arrival_rates=[0]", "auv.count=1"]
+STILL += ["auv.vehicle=none"]  # the paper's law of power, 1.2 to 2.2 m/s
 SOUND = [
     "nodes.service=passing",
     "nodes.service_range=80",
@@ -174,7 +175,7 @@ class TestBed:
 
 class TestLoiter:
     def test_the_radius_is_the_largest_of_those_with_the_highest_rate(self):
-        site = Site(Scenario.load("ideal", ["nodes.service=passing", "nodes.margin=30"]))
+        site = Site(Scenario.load("ideal", ["auv.vehicle=none", "nodes.service=passing", "nodes.margin=30"]))
         within = 0.85 * math.sqrt(40**2 - 20**2)
         assert loiter_radius(site) == pytest.approx(0.5 * (within + 30 - 3), rel=1e-6)
         fading = Site(site.scenario.model_copy(update={"nodes": Scenario.load("ideal", SOUND).nodes}))

@@ -415,7 +415,7 @@ def test_a_folder_with_the_name_of_a_scenario_hides_nothing(tmp_path, run_usvauv
 @pytest.mark.parametrize(
     ("arguments", "parts"),
     [
-        (["simulate", "--policy", "straight:9"], ["straight:9", "2.2"]),
+        (["simulate", "--policy", "straight:9"], ["straight:9", "0.05 and 2 m/s"]),
         (["simulate", "--policy", "json:Best"], ["json:Best", "json/__init__.py", "no class or function 'Best'"]),
         (["simulate", "--seed", "-1"], ["--seed -1: must be from 0 to"]),
         (["simulate", "--duration", "1e12"], ["--duration 1000000000000.0: must be from 0.1 to 10000000"]),

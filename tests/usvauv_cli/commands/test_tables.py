@@ -40,20 +40,20 @@ def episodes(policies, boats, targets):
 
 
 def test_a_summary_names_spent_batteries_and_the_boats_energy(capsys):
-    trace = replace(random_trace(), scenario=Scenario.load("ideal", ["auv.count=4", "boat.count=2", "boat.hotel=9"]))
+    trace = replace(random_trace(), scenario=Scenario.load("ideal", ["auv.count=4", "boat.count=2"]))
     mission_summary(replace(episode_metrics(trace)[1], boat_energy_wh=123.4), trace)
     said = " ".join(capsys.readouterr().out.split())
     assert "; boats 123 Wh; 2 AUVs with a spent battery, the first after 14 s position error" in said
 
 
-def tables_of(rows, scenario, wide, overrides=()):
+def tables_of(rows, scenario, wide):
     """Print the tables of rows in a scenario."""
     batch = {}
     for row in rows:
         batch.setdefault(Combination(row.policy, row.usv, row.targets), []).append(row.columns())
     comparison = Comparison(list(batch))
     comparison.add(batch)
-    metrics_tables(comparison, Scenario.load(scenario, overrides), 0, wide)
+    metrics_tables(comparison, Scenario.load(scenario), 0, wide)
 
 
 @pytest.mark.parametrize("policies", [["clear"], LONG], ids=["one", "many"])
@@ -76,8 +76,7 @@ def test_tables_of_eval_fit_and_no_number_is_cut(capsys, policies, boats, target
 
 
 def test_wide_tables_have_every_figure_of_the_task(capsys):
-    own = ["auv.battery=1000", "boat.hotel=9"]
-    tables_of(episodes(LONG, ["fim"], ["tour"]), "extreme-torpedo", wide=True, overrides=own)
+    tables_of(episodes(LONG, ["fim"], ["tour"]), "extreme-torpedo", wide=True)
     text = capsys.readouterr().out
     assert max(map(len, text.splitlines())) > 80
     means, _, differences = text.partition("\ndifference from ")

@@ -300,8 +300,9 @@ def test_a_world_has_the_headings_of_its_boats_motion_through_the_water():
 def test_a_boats_energy_is_counted_where_its_power_is_given():
     """By the cube of its speed through the water, here over ground, besides the hotel load."""
     at_once = ["boat.response_time=0", "boat.windage=0", "boat.dead_band=0", "boat.drifts=false"]
-    numbers = ["mission.duration=40", "current.count=0", "storm.spectrum=none", "boat.propulsion_power=300"]
-    world = World(Scenario.load("extreme", [*at_once, *numbers, "boat.hotel=40"]), seed=1)
+    numbers = ["mission.duration=40", "current.count=0", "storm.spectrum=none", "boat.top_speed=4"]
+    numbers += ["boat.propulsion_power=300", "boat.hotel=40"]
+    world = World(Scenario.load("extreme", [*at_once, *numbers]), seed=1)
     trace = record(world, policies.load("straight", world).act, "straight")
     speed = np.linalg.norm(np.diff(trace.boat_position, axis=0), axis=-1)
     assert np.ptp(speed) > 0.5

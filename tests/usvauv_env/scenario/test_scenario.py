@@ -31,7 +31,8 @@ def test_file_holds_what_differs_and_what_is_printed_explains_every_field(name):
 
 def test_what_a_file_leaves_out_is_as_in_a_calm_scenario():
     """Each default is that of `ideal` or of `paper-ideal`: no wave, current or error comes unasked."""
-    plain, *calm = Scenario(), Scenario.load("ideal"), Scenario.load("paper-ideal")
+    ideal = Scenario.load("ideal", ["boat.vessel=none", "boat.response_time=3", "auv.vehicle=none"])
+    plain, *calm = Scenario(), ideal, Scenario.load("paper-ideal")
     for name, section in plain:
         for field, value in section if isinstance(section, Section) else ():
             assert value in [getattr(getattr(each, name), field) for each in calm], f"{name}.{field}"
@@ -135,11 +136,13 @@ def test_carriers_of_a_larger_team_stay_below_half_a_wavelength_apart():
 
 PEAK = 0.6382 / (2 * math.pi)  # of a Lamb–Oseen vortex, over Γ/δ
 DRAWN = math.sqrt(2) / (4 * PEAK)  # Γ of three vortices that in two seconds carry one another 1 m
-SEA = "sea.gravity=10 storm.spectrum=pm storm.peak_period=10 storm.significant_height=1"
+NO_LENGTH = "boat.vessel=none boat.dead_band=0"  # so that storm.shortest_wave counts
+SEA = f"{NO_LENGTH} sea.gravity=10 storm.spectrum=pm storm.peak_period=10 storm.significant_height=1"
 TIDE = "sea.forced_edge=east sea.regular_amplitude="
 SHALLOW = f"{SEA} area.depth=5 auv.depth=4"
 LONG = "sea.forced_edge=east area.depth=50 auv.depth=45 sea.regular_amplitude=5"
 SWELL = f"{TIDE}4 storm.spectrum=pm storm.significant_height=3 storm.swells=[[4,9,1,0,1]]"
+TRACKED = "channel.bit_rate=0 navigation.sensor=none tracker.enabled=true"
 MUTUAL = "current.mutual=true current.count=3 current.core_radius_min=1 mission.step=2"
 
 
@@ -158,7 +161,7 @@ MUTUAL = "current.mutual=true current.count=3 current.core_radius_min=1 mission.
             50.1,
             "most 50 m",
         ),
-        ("", "reference.crab_speed", 1.2, 1.19, "1.2 to 2.2 m/s"),
+        ("", "reference.crab_speed", 0.05, 0.049, "0.05 to 2 m/s"),
         ("mission.step=5", "nodes.arrival_rates", [1, 16, 2], [1, 17, 2], "up to 17: must not be above 16 at mission"),
         ("mission.step=0.01", "mission.duration", 1e5, 100000.01, "10000001 steps: must be at most 10000000"),
         ("task=station-keeping area.length=100", "stations.radius", 50, 50.1, "half the area's smaller side, 50 m"),
@@ -183,13 +186,13 @@ MUTUAL = "current.mutual=true current.count=3 current.core_radius_min=1 mission.
             "up to 40 m/s; allowed",
         ),
         ("usbl.carriers=[9000] usbl.carrier_max=20000", "usbl.sampling_rate", 40000, 39999, "two a period, 40000 Hz"),
-        ("auv.speed_max=1.6", "auv.speed_min", 1.6, 1.61, "speed_max must not be below speed_min"),
+        ("", "auv.speed_min", 2, 2.01, "speed_max must not be below speed_min"),
         ("", "nodes.buffer", 1000, 999, "start_backlog must not be above buffer"),
         ("", "sea.manning", 0, 0.01, 'needs equations = "nonlinear"'),
         ("sea.manning=0.01", "sea.equations", "nonlinear", "linear", 'needs equations = "nonlinear"'),
         ("", "sea.regular_amplitude", 0, 0.1, "forced_edge must name an edge"),
         ("sea.forced_edge=west", "sea.radiating_edges", ["east"], ["west"], "not name an edge twice: west"),
-        ("navigation.sensor=ground", "channel.schedule", "turns", "every-step", "needs a channel.schedule other"),
+        ("channel.bit_rate=0", "channel.schedule", "turns", "every-step", "needs a channel.schedule other"),
         ("channel.schedule=all", "channel.bit_rate", 8000, 8001, "from 1 bit/s to 2 times acoustics.bandwidth, 8000"),
         ("channel.bit_rate=1000", "channel.data_ratio", 0, 9, "must be 0 with channel.bit_rate"),
         (
@@ -199,7 +202,7 @@ MUTUAL = "current.mutual=true current.count=3 current.core_radius_min=1 mission.
             "echo",
             "'echo': must be 'transponder' with channel",
         ),
-        ("navigation.sensor=none tracker.enabled=true", "channel.schedule", "every-step", "all", "goes with channel"),
+        (TRACKED, "channel.schedule", "every-step", "all", "goes with channel"),
     ],
 )
 def test_the_limit_itself_is_allowed(given, field, allowed, refused, said):

@@ -59,6 +59,13 @@ def test_long_waves_are_followed():
         np.testing.assert_allclose(part, 1.0, atol=2e-3)
 
 
+def test_a_wave_moves_it_alike_whichever_are_beside_it():
+    """As single precision has it: seas of worlds in a batch are in one array."""
+    k = np.geomspace(0.013, 0.77, 2000)
+    together, *apart = (np.float32(Hull(L, B, T).motion(each)) for each in (k, *np.split(k, 20)))
+    np.testing.assert_array_equal(np.concatenate(apart, axis=1), together)
+
+
 def test_long_waves_add_no_resistance_and_those_of_the_hulls_length_do():
     """It vanishes for waves far longer and far shorter, and grows with the square of the height: less speed."""
     k = 2 * math.pi / np.array([0.3 * L, 2 * L, 30 * L])
@@ -85,4 +92,4 @@ def test_long_waves_add_no_resistance_and_those_of_the_hulls_length_do():
 )
 def test_what_is_refused(given, said):
     with pytest.raises(ScenarioError, match=said):
-        Scenario.load("extreme", ["storm.significant_height=1", *given])
+        Scenario.load("extreme", ["boat.vessel=none", "boat.dead_band=0", "storm.significant_height=1", *given])

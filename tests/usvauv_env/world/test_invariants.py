@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from tests.links import EVERY_STEP
+from tests.links import ALL_AT_ONCE, EVERY_STEP
 from tests.slowly import slowly
 from usvauv.env import Scenario, World, plugins
 from usvauv.kernels import runtime
@@ -54,9 +54,10 @@ def assert_sound(world: World, current: torch.Tensor) -> None:
         assert table[..., y].min() >= 0
         assert table[..., y].max() <= length
     travelling = of(AuvColumn.hovering) == 0
-    assert of(AuvColumn.power).min() >= 15  # the hotel load
-    assert (of(AuvColumn.power)[~travelling] >= 105).all()
-    assert (of(AuvColumn.power)[of(AuvColumn.border) == 1] >= 105).all()
+    hotel, hovering = (scenario.auv.hotel, scenario.auv.hotel) if scenario.auv.drag else (15, 105)  # the paper's, W
+    assert of(AuvColumn.power).min() >= hotel
+    assert (of(AuvColumn.power)[~travelling] >= hovering).all()
+    assert (of(AuvColumn.power)[of(AuvColumn.border) == 1] >= hovering).all()
     travelling &= of(AuvColumn.border) == 0
     speed = torch.hypot(of(AuvColumn.water_x), of(AuvColumn.water_y))[travelling]
     if not scenario.auv.speed_lag:
@@ -151,17 +152,9 @@ def test_alone_as_in_a_batch(case):
 
 MANY = {
     "extreme": ("extreme", ["auv.count=5", "usbl.packet_loss=0.2"], None),
-    "two boats": (
-        "wide",
-        ["boat.count=2", "channel.schedule=turns", "channel.bit_rate=2000", "channel.data_ratio=0"],
-        None,
-    ),
-    "in slots": (
-        "extreme",
-        ["channel.schedule=slots", "channel.bit_rate=1000", "usbl.packet_loss=0.2", "auv.count=5"],
-        None,
-    ),
-    "Otter and torpedoes": ("wide-torpedo", ["boat.model=otter"], None),
+    "two boats": ("wide", ["boat.count=2", "channel.schedule=turns"], None),
+    "all at once": ("extreme", [*ALL_AT_ONCE, "usbl.packet_loss=0.2", "auv.count=5"], None),
+    "Otter and torpedoes": ("wide-torpedo", ["boat.model=otter", "boat.vessel=otter"], None),
     "paper": ("paper-extreme", [], None),
     "greedy": ("extreme", ["planner.objective=a"], "fim-greedy"),
     "plugins": ("extreme", ["observation.extra=['backlog']", "nodes.target_rule=oldest"], "above:1"),
@@ -169,7 +162,7 @@ MANY = {
 
 
 @pytest.mark.cpu("many worlds side by side")
-@pytest.mark.parametrize("case", slowly(MANY, "in slots", "greedy", "two boats", "paper"))
+@pytest.mark.parametrize("case", slowly(MANY, "all at once", "greedy", "two boats", "paper"))
 @pytest.mark.usefixtures("own_registries")
 def test_alone_as_among_many(case, monkeypatch):
     """So many worlds that several are side by side in vectors: the first, one between and the last have equal bits."""

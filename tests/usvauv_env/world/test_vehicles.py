@@ -19,9 +19,10 @@ TORPEDO = ["auv.model=torpedo", "nodes.service=passing", "mission.duration=60"]
 
 
 def torpedo(worlds: int, seed: int, *overrides: str) -> World:
-    """In the storm of `extreme`; observations have the depth as with fins, and so one compilation serves all."""
+    """In the storm of `extreme`, 100 m deep; observations have the depth as with fins: one compilation serves all."""
     observed = 'observation.extra=["attitude", "motion", "depth"]'
-    scenario = Scenario.load("extreme-torpedo", ["mission.duration=60", observed, *overrides])
+    place = ["area.depth=120", "auv.depth=100"]
+    scenario = Scenario.load("extreme-torpedo", ["mission.duration=60", observed, *place, *overrides])
     return World(scenario, worlds, seed, usv="centroid")
 
 
@@ -58,7 +59,7 @@ def test_it_moves_as_vehicles_alone_in_the_same_water():
     eddy += ["current.centres=[[300.0, 300.0]]", "current.alternate=false", "current.count=0", "current.mutual=false"]
     eddy += ["current.period=100000", "current.decay_depth=0", "storm.spectrum=none", "sea.irregular_rms=0"]
     place = ["area.width=600", "area.length=600", "auv.start_margin=200", "auv.depth_noise=0"]
-    world = torpedo(3, 5, *place, *eddy)
+    world = torpedo(3, 5, "auv.vehicle=none", *place, *eddy)
     world.reset()
     auvs = Fleet(world.num_worlds * world.num_auvs)
     begun = world.body.reshape(auvs.count, -1).double().cpu().numpy()

@@ -34,7 +34,7 @@ def still(world):
 
 def test_a_boat_goes_where_its_action_leads():
     """Velocity through the water is the action times the top speed, at most that, and the current adds to it."""
-    ideal = ["boat.response_time=0", "boat.windage=0", "boat.dead_band=0"]
+    ideal = ["boat.response_time=0", "boat.windage=0", "boat.dead_band=0", "boat.top_speed=2", "boat.thrust=0"]
     world = World(Scenario.load("wide", ["auv.count=3", "boat.count=2", "nodes.count=20", *ideal]), 4, 5, "agent")
     world.reset()
     world.boat[..., : BoatColumn.y + 1] = torch.tensor([[300.0, 300.0], [250.0, 350.0]], device=world.device)

@@ -268,7 +268,7 @@ class TestPlans:
         ([], "hold:1,inf", "expected hold:X,Y"),
         ([], "fim:3", "usv: 'fim:3': allowed are fim, .*belief, agent, hold:X,Y"),
         ([], "fim-horizon", "^usv: 'fim-horizon': was removed in 0.3$"),
-        (["navigation.sensor=none", "channel.schedule=every-step"], "belief", "needs navigation.sensor to be ground"),
+        (EVERY_STEP, "belief", "needs navigation.sensor to be ground"),
     ],
 )
 def test_refusals(changes, usv, words):
