@@ -17,6 +17,7 @@ EVERY_STEP = [
     "usbl.lever_arm_error=0",
     "usbl.gnss_error=0",
     "channel.schedule=every-step",
+    "channel.bit_rate=0",
     "navigation.sensor=none",
     "boat.noise_level=0",
 ]

@@ -19,7 +19,7 @@ from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.sea.long_waves import forced_gain, long_wave_rms
 from usvauv.env.sea.storm import total_height, uneven_bed_warning, wave_systems
 from usvauv.env.site.site import Site
-from usvauv.env.world import mission_parameters
+from usvauv.env.world import boat_speed, mission_parameters
 from usvauv.env.world.current_statistics import drift_speeds
 from usvauv.kernels.mission.motion import travelling_power
 from usvauv.kernels.mission.tasks.data_collection import LEAST_RATE
@@ -120,7 +120,7 @@ def _short_waves(site: Site) -> Iterator[Finding]:
         check = "the boat's speed follows its command in"
         yield Finding(check, f"{lag:g} s", limit, _judge(lag == 0), "boat.response_time")
     if systems and site.scenario.boat.thrust:
-        speeds = mission_parameters.top_speed(site), mission_parameters.calm_top_speed(site.scenario)
+        speeds = boat_speed.top_speed(site), boat_speed.calm_top_speed(site.scenario)
         check, value = "the boat's top speed against these waves is", "{:.3g} m/s, in calm water {:.3g}".format(*speeds)
         yield Finding(check, value, "", "fine", "boat.thrust")
 
@@ -145,7 +145,7 @@ def _currents(site: Site) -> Iterator[Finding]:
     scenario = site.scenario
     for field, top, level, where in (
         ("auv.speed_max", scenario.auv.speed_max, Level.cruise, "at the AUVs' depth"),
-        ("boat.top_speed", mission_parameters.top_speed(site), Level.surface, "at the surface"),
+        ("boat.top_speed", boat_speed.top_speed(site), Level.surface, "at the surface"),
     ):
         median, tail = drift_speeds(site, level, (0.5, 0.99))
         verdict = "error" if median >= top else _judge(tail >= top)
