@@ -9,12 +9,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from tests.links import EVERY_STEP
 from usvauv import env, policies
 from usvauv.env import Scenario, ScenarioError, World, plugins
 from usvauv.env.world.observation_layout import ObservationLayout
-from usvauv.kernels.mission.columns import AuvColumn, NodeColumn
+from usvauv.kernels.mission.columns import AuvColumn, EstimateColumn, NodeColumn
+from usvauv.kernels.positioning import usbl
 from usvauv.kernels.vehicles.fleet import Fleet
 from usvauv.kernels.vehicles.vehicle import Command
 
@@ -132,6 +134,21 @@ def test_boat_strategy_target_rule_noise_law_observation_term_and_policy(evaluat
                 seen += 1
         before = targets
     assert seen > 30
+
+
+def test_schedule():
+    """The first interrogation, which lasts longer than a step, is of the AUV that the plugin says, and is answered."""
+    plugins.load(ROOT / "examples" / "plugins" / "schedule.py")
+    changes = ["auv.count=4", "channel.schedule=variance", "channel.turn_around=1.2"]
+    world = World(Scenario.load("ideal", changes), 50)
+    world.reset()
+    variance = 1 + torch.rand(50, 4, generator=torch.Generator().manual_seed(1))
+    for axis in ("covariance_xx", "covariance_yy"):
+        world.estimate[..., getattr(EstimateColumn, axis)] = variance.to(world.device)
+    for _ in range(2):
+        world.step(torch.zeros(50, 4, 2, device=world.device))
+    heard = world.auv[..., AuvColumn.fix_flags].int().cpu() & usbl.DETECTED > 0
+    assert torch.equal(heard, variance == variance.amax(1, keepdim=True))
 
 
 @pytest.mark.parametrize(

@@ -2,19 +2,22 @@
 
 It has one exchange at a time, an interrogation and the reply or replies to it. It lasts for the sound's two-way travel
 time, the transponder's turn-around time and the length of the messages (`usvauv.kernels.mission.messages`). The boat
-interrogates all AUVs at once, or those that it serves in turn. All reply with different codes at once, or one after
-another: the interrogation tells each how long to wait, so that its reply reaches the boat after those of nearer AUVs,
-by the boat's estimates and with three standard deviations of these as guard time. Nobody receives while it sends, as an
-exchange lasts until the last reply is over. No AUV is located twice in a mission step. Several boats begin exchanges in
-turn; a boat without an AUV to interrogate passes its turn on. The boat that interrogated receives the replies, and all
-boats share their contents. There can be a least time between exchanges. Without a channel a signal of each AUV arrives
-in each step.
+interrogates all AUVs at once, or one of those that it serves, whose turn a function of `schedules` decides. All reply
+with different codes at once, or one after another: the interrogation tells each how long to wait, so that its reply
+reaches the boat after those of nearer AUVs, by the boat's estimates and with three standard deviations of these as
+guard time. Nobody receives while it sends, as an exchange lasts until the last reply is over. No AUV is located twice
+in a mission step. Several boats begin exchanges in turn; a boat without an AUV to interrogate passes its turn on. The
+boat that interrogated receives the replies, and all boats share their contents. There can be a least time between
+exchanges. Without a channel a signal of each AUV arrives in each step.
 
 All exchanges of a step are decided before its fixes are made. `hear` writes what arrives to `worlds.reception`, from
 which `usvauv.kernels.mission.fixes` makes fixes and `usvauv.kernels.mission.estimates` the estimates.
 
 Times count from the end of the present mission step, s; earlier times are negative, ages are their opposite.
 """
+
+from collections.abc import Callable
+from typing import Annotated
 
 import taichi as ti
 
@@ -34,10 +37,14 @@ from usvauv.kernels.mission.motion import is_spent
 from usvauv.kernels.mission.replies import height, true_height
 from usvauv.kernels.mission.worlds import uniforms
 from usvauv.kernels.positioning import usbl
+from usvauv.kernels.registry import Registry
 from usvauv.kernels.types import ivec2, vec2, vec3
 
 GUARD = 3.0  # standard deviations of an estimate
 BEYOND = 1e30  # m
+
+Urgency = Annotated[Callable[..., float], "worlds, w, b, k"]
+schedules: Registry[Urgency] = Registry("schedule", form=Urgency)
 
 
 @func
@@ -64,7 +71,7 @@ def duration(worlds: ti.template(), w, b, k) -> vec2:
     p = ti.static(worlds.p)
     travel = ti.sqrt(squared_distance(worlds, w, b, k)) / p.sound_speed
     addressed = worlds.auv.shape[1]
-    if ti.static(worlds.program.schedule == Schedule.turns):
+    if ti.static(worlds.program.schedule == Schedule.one):
         addressed = 1
     reply = request_length(worlds, addressed) + travel + p.turn_around
     return vec2(reply, reply + travel + p.reply_length)
@@ -86,19 +93,33 @@ def may_ask(worlds: ti.template(), w, k):
 
 
 @func
-def ask_next(worlds: ti.template(), w, b, start):
-    """Boat b interrogates the next AUV in turn; returns when the reply is over, or `start` if there is none to ask."""
+def in_turn(worlds: ti.template(), w, b, k) -> ti.f32:
+    """Asks AUVs one after another, by their numbers."""
     count = worlds.auv.shape[1]
     last = ti.cast(worlds.boat.asked[w, b], ti.i32)
+    return -ti.cast((k - last - 1 + count) % count, ti.f32)
+
+
+schedules.register("turns", in_turn)
+
+
+@func
+def ask_one(worlds: ti.template(), w, b, start):
+    """Boat b interrogates its most urgent AUV; returns when the reply is over, or `start` if there is none to ask."""
     end = start
-    for n in range(count):
-        k = (last + 1 + n) % count
-        if end == start and boat_motion.serves(worlds, w, b, k):
+    asked = -1
+    most = -BEYOND
+    for k in range(worlds.auv.shape[1]):
+        if boat_motion.serves(worlds, w, b, k):
             over = time_reply(worlds, w, b, k, start)
-            if may_ask(worlds, w, k):
-                worlds.exchange.reply[w, k] = Reply.due
-                worlds.boat.asked[w, b] = ti.cast(k, ti.f32)
+            urgency = worlds.program.urgency(worlds, w, b, k)
+            if may_ask(worlds, w, k) and urgency > most:
+                asked = k
+                most = urgency
                 end = over
+    if asked >= 0:
+        worlds.exchange.reply[w, asked] = Reply.due
+        worlds.boat.asked[w, b] = ti.cast(asked, ti.f32)
     return end
 
 
@@ -150,6 +171,7 @@ def ask_all(worlds: ti.template(), w, b, start):
     end = start
     free = 0.0
     last = -1
+    may = True
     for n in range(count):
         k = n
         delay = 0.0
@@ -161,10 +183,6 @@ def ask_all(worlds: ti.template(), w, b, start):
         exchange.reply[w, k] = Reply.due
         last = k
         end = ti.max(end, time_reply(worlds, w, b, k, start + delay))
-    may = True
-    for k in range(count):
-        if ti.static(worlds.program.schedule == Schedule.all and not worlds.program.messages):
-            exchange.over_at[w, k] = end  # all are used together
         may = may and may_ask(worlds, w, k)
     if may:
         worlds.boat.asked[w, b] = ti.cast(last, ti.f32)
@@ -326,16 +344,16 @@ def begin_exchange(worlds: ti.template(), w):
     start = ti.max(worlds.tally.channel_free[w], worlds.tally.next_ping[w])
     start = ti.max(start, -worlds.p.step)
     last = ti.cast(worlds.tally.asking[w], ti.i32)
-    turns = boats
-    if ti.static(worlds.program.schedule == Schedule.all):
-        turns = 1  # every boat has an AUV to ask, if not now then in the next step
+    turns = 1  # who asks all AUVs waits until it may
+    if ti.static(worlds.program.schedule == Schedule.one):
+        turns = boats
     begins = False
     for turn in range(turns):
         if not begins and start < 0.0:
             b = (last + 1 + turn) % boats
             end = start
-            if ti.static(worlds.program.schedule == Schedule.turns):
-                end = ask_next(worlds, w, b, start)
+            if ti.static(worlds.program.schedule == Schedule.one):
+                end = ask_one(worlds, w, b, start)
             else:
                 end = ask_all(worlds, w, b, start)
             if end > start:

@@ -389,14 +389,14 @@ class ForesightColumn(StateColumns):
 
 
 class Schedule(Columns):
-    """When fixes are made: in each step without exchanges; or by exchanges: all AUVs together, which reply at once or
-    one after another; or one AUV in turn.
+    """When fixes are made: in each step without exchanges; or by exchanges: with all AUVs, which reply at once or one
+    after another, or with one AUV.
     """
 
     every_step: int
     all: int
     slots: int
-    turns: int
+    one: int
 
 
 class Sensor(Columns):

@@ -74,6 +74,7 @@ class Program(NamedTuple):
         objective_code: the boat's objective, from `usvauv.kernels.planning.objectives.objective_code`.
         refraction: sound is refracted in layers, and fixes include this.
         schedule: of `Schedule`.
+        urgency: with `Schedule.one`: a function (worlds, w, b, k) → how urgent it is that boat b asks AUV k.
         messages: data take time on the channel, `usvauv.kernels.mission.messages`.
         sensor: of `Sensor`.
         turns: phases of a fix can lack whole turns, see `usvauv.kernels.positioning.usbl`.
@@ -98,6 +99,7 @@ class Program(NamedTuple):
     objective_code: int
     refraction: bool
     schedule: int
+    urgency: Callable[..., Any] | None
     messages: bool
     sensor: int
     turns: bool

@@ -12,6 +12,7 @@ from pydantic import Discriminator, Field, Tag, field_validator, model_validator
 
 from usvauv.env.scenario.fields import Bandwidth, Carrier, FileName, Number, Place, Section, one_of
 from usvauv.kernels.flow.at_depth import LEAST_HEIGHT
+from usvauv.kernels.mission.channel import schedules
 from usvauv.kernels.planning.information import MAX_AUVS
 from usvauv.kernels.positioning.sonar import absorption_laws, ambient_noise_laws
 from usvauv.kernels.shallow_water.discretisation import Side
@@ -383,23 +384,17 @@ class Usbl(Section):
 class Channel(Section):
     """The single acoustic channel, in which boats interrogate AUVs in turn and AUVs reply."""
 
-    schedule: Literal["every-step", "all", "slots", "turns"] = Field(
+    schedule: Annotated[str, one_of(("every-step", "all", "slots"), schedules)] = Field(
         "every-step",
-        description="fixes in each step at no cost; or by exchanges that take time: with all AUVs, which reply at once"
-        " or in time slots by their estimated range, or with one AUV in turn",
+        description="every-step: fixes in each step at no cost; or exchanges that take time: with all AUVs, which reply"
+        " at once (all) or in time slots by their estimated range (slots), with one AUV in turn (turns), or with the"
+        " one that a plugin's schedule chooses",
     )
     turn_around: float = Field(
         0.1, ge=0, le=10, description="time from the interrogation to the transponder's reply, s"
     )
     interval: float = Field(
         0.0, ge=0, le=3600, description="least time from the beginning of an exchange to that of the next, s"
-    )
-    data_ratio: float = Field(
-        0.0,
-        ge=0,
-        le=60,
-        description="least E/N0 of a coded pulse at which the data in a reply can be decoded, dB; below 9:"
-        " whenever the pulse is detected",
     )
     bit_rate: float = Field(
         0.0,
@@ -413,3 +408,8 @@ class Channel(Section):
         88, ge=0, le=10_000, description="data in an interrogation for each AUV that it addresses, bit"
     )
     reply_bits: int = Field(136, ge=0, le=10_000, description="data in a reply, bit")
+
+    @property
+    def priced(self) -> bool:
+        """Whether data take time and energy."""
+        return self.schedule != "every-step" and self.bit_rate > 0

@@ -54,6 +54,7 @@ RETIRED: dict[str, tuple[str, tuple[object, ...]]] = {
     "sea.start_modes": ("0.4", (4,)),
     "sea.sponge_edges": ("0.4: sea.radiating_edges let waves leave", ([],)),
     "sea.sponge_width": ("0.4", (40.0,)),
+    "channel.data_ratio": ("0.4: channel.bit_rate decides the energy of data", (0.0,)),
     "reference.zermelo_speed": ("0.4: with the policy zermelo", (1.1, 1.2, 1.3, 1.5, 1.6, 1.7, 1.8)),
 }
 CLASSES = {"boat": "vessel", "auv": "vehicle"}  # a section, and its field with the name of a class

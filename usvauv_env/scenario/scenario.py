@@ -152,17 +152,13 @@ class Scenario(Section):
 
     def _check_messages(self) -> None:
         channel, most = self.channel, MOST_EFFICIENT * self.acoustics.bandwidth
-        if not channel.bit_rate:
+        if not channel.priced:
             return
-        if channel.schedule == "every-step":
-            raise ValueError("channel.bit_rate: needs a channel.schedule other than every-step")
         if not 1 <= channel.bit_rate <= most:
             raise ValueError(
                 f"channel.bit_rate = {channel.bit_rate:g}: must be 0, or from 1 bit/s to {MOST_EFFICIENT:g} times"
                 f" acoustics.bandwidth, {most:g}"
             )
-        if channel.data_ratio:
-            raise ValueError("channel.data_ratio: must be 0 with channel.bit_rate, which decides the energy of data")
         for name, value, needed in (
             ("usbl.signal", self.usbl.signal, "code"),
             ("acoustics.path", self.acoustics.path, "transponder"),

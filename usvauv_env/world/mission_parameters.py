@@ -14,22 +14,23 @@ import torch
 from usvauv.env.scenario.fields import ScenarioError
 from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.scenario.team import CLEAREST, Nodes
-from usvauv.env.sea.hull import Hull
-from usvauv.env.sea.storm import density, total_height, wave_systems
+from usvauv.env.sea.storm import total_height, wave_systems
 from usvauv.env.sea.water import Seeds, current_bound
 from usvauv.env.site.positions import far_position
 from usvauv.env.site.site import Site
 from usvauv.env.site.sound_speed import SoundSpeedProfile
+from usvauv.env.world.boat_speed import control_time, response_time, top_speed
 from usvauv.env.world.current_statistics import FOREVER, current_model
+from usvauv.env.world.message_parameters import data_ratio, message_parameters
 from usvauv.env.world.observation_layout import ObservationLayout
 from usvauv.env.world.strategy_choice import StrategyChoice
 from usvauv.kernels import runtime
-from usvauv.kernels.flow import airy
 from usvauv.kernels.flow.vortex_motion import steps_of_renewal
 from usvauv.kernels.functions import LANES
 from usvauv.kernels.mission import target_rules
-from usvauv.kernels.mission.boats.boat_motion import CONTROL_TIME, DRIFT_TIME
+from usvauv.kernels.mission.boats.boat_motion import DRIFT_TIME
 from usvauv.kernels.mission.boats.boat_strategies import BoatStrategy
+from usvauv.kernels.mission.channel import schedules
 from usvauv.kernels.mission.columns import Action, Flag, Information, Parameter, Schedule, Sensor
 from usvauv.kernels.mission.episode import draw_vortices
 from usvauv.kernels.mission.observation import observation_terms
@@ -39,15 +40,7 @@ from usvauv.kernels.mission.worlds import Program
 from usvauv.kernels.planning import objectives
 from usvauv.kernels.planning.information import MAX_AUVS
 from usvauv.kernels.positioning import sonar, usbl
-from usvauv.kernels.positioning.acoustic_link import (
-    CODE_ENERGY,
-    Accuracy,
-    Sonar,
-    attenuation_per_km,
-    bit_energy,
-    optical_budget,
-    rate_laws,
-)
+from usvauv.kernels.positioning.acoustic_link import Accuracy, Sonar, attenuation_per_km, optical_budget, rate_laws
 from usvauv.kernels.positioning.acoustic_link import link_table as link_constants
 from usvauv.kernels.positioning.sonar import (
     NoiseLaw,
@@ -68,8 +61,6 @@ DEPTH_TIME = 20.0  # s, correlation time of the error of an AUV's depth
 SPEED_RESPONSE = Parameter.names[Parameter.span("speed_memory", "speed_noise_rest")]
 SERVICE_FILL = 0.65  # share of a full buffer collected in a typical service, for the boat's prediction
 STRONGEST = 50.0  # m/s, upper limit of Wu's law for the drag of the sea surface
-COARSER = 16  # frequencies of a spectrum of which one is taken for the resistance
-BISECTIONS = 24
 SHORTEST = 1e-4  # s, of a vehicle's substep
 LOUDEST = 200.0  # dB re 1 µPa²/Hz, of ambient noise
 
@@ -117,47 +108,6 @@ def wind_direction(site: Site) -> float:
     scenario = site.scenario
     systems = wave_systems(site) if site.waves is not None else ()
     return systems[0].direction if systems else scenario.storm.direction
-
-
-def calm_top_speed(scenario: Scenario) -> float:
-    """Top speed of a boat through calm water, m/s."""
-    most = otter.top_speed(scenario.otter.model_dump()) if scenario.boat.model == "otter" else math.inf
-    return min(scenario.boat.top_speed, most)
-
-
-def top_speed(site: Site) -> float:
-    """Top speed of a boat through the water in the short waves of a site, m/s.
-
-    There its thrust is the drag in calm water, which grows with the square of the speed, and the resistance that waves
-    add, 2 ∫ R/a² S dω over all systems (`usvauv.env.sea.hull`); by bisection.
-    """
-    scenario, boat = site.scenario, site.scenario.boat
-    calm, depth, gravity = calm_top_speed(scenario), site.mean_depth, scenario.sea.gravity
-    if not boat.thrust:
-        return calm
-    hull, waves = Hull(boat.length, boat.beam, boat.draught), []
-    for system in wave_systems(site):
-        omega, S = (part[::COARSER] for part in density(system, scenario.shortest_wave, depth, gravity))
-        share = 2 * (system.significant_height / 4) ** 2 * S / S.sum()
-        waves.append((airy.wavenumber(omega, depth, gravity), omega, share))
-    slow, fast = 0.0, calm
-    for _ in range(BISECTIONS):
-        speed = (slow + fast) / 2
-        added = sum(share @ hull.added_resistance(k, omega, speed, gravity) for k, omega, share in waves)
-        slow, fast = (speed, fast) if boat.thrust * (speed / calm) ** 2 + added < boat.thrust else (slow, speed)
-    return fast
-
-
-def response_time(scenario: Scenario) -> float:
-    """Time constant of a boat's velocity through the water, s."""
-    boat = scenario.boat
-    return otter.response_time(scenario.otter.model_dump()) if boat.model == "otter" else boat.response_time
-
-
-def control_time(scenario: Scenario) -> float:
-    """Distance to a goal over a boat's commanded speed, s: the distance decreases as e^{−t/`CONTROL_TIME`}."""
-    step = scenario.mission.step
-    return step / -math.expm1(-step / CONTROL_TIME) if response_time(scenario) else step
 
 
 def absorption(scenario: Scenario, frequency: float) -> float:
@@ -228,6 +178,7 @@ def program(site: Site, strategy: BoatStrategy, link: np.ndarray) -> Program:
         ScenarioError: an unknown observation term.
     """
     s = site.scenario
+    urgency = schedules.get(s.channel.schedule)
     return Program(
         task=s.task_definition,
         strategy=strategy.functions,
@@ -237,8 +188,9 @@ def program(site: Site, strategy: BoatStrategy, link: np.ndarray) -> Program:
         information=getattr(Information, s.nodes.information.replace("-", "_")),
         objective_code=objectives.objective_code(s.planner.measurement, s.planner.objective),
         refraction=site.sound_speed is not None,
-        schedule=getattr(Schedule, s.channel.schedule.replace("-", "_")),
-        messages=s.channel.bit_rate > 0,
+        schedule=Schedule.one if urgency else getattr(Schedule, s.channel.schedule.replace("-", "_")),
+        urgency=urgency,
+        messages=s.channel.priced,
         sensor=Sensor.command if s.tracker.enabled else getattr(Sensor, s.navigation.sensor),
         turns=usbl.turns_possible(link),
         fleet=s.boat.count > 1,
@@ -319,43 +271,11 @@ def own_noise(scenario: Scenario, frequency: float) -> float:
     return boat_noise(frequency, boat.top_speed, boat.noise_level, OWN_NOISE_FREQUENCY, boat.top_speed)
 
 
-def data_ratio(scenario: Scenario, bits: int) -> float:
-    """Least E/N0 (dB) of a message's pulse at which its bits can be decoded, which have the pulse's power."""
-    rate = scenario.channel.bit_rate
-    if not rate:
-        return scenario.channel.data_ratio
-    in_a_pulse = 10.0 * math.log10(rate * pulse_length(scenario))
-    return bit_energy(rate / scenario.acoustics.bandwidth) + in_a_pulse if bits else -math.inf
-
-
-def pulse_length(scenario: Scenario) -> float:
-    """Length of the positioning signal, s."""
-    usbl = scenario.usbl
-    return usbl.pulse_length if usbl.signal == "code" else usbl.periods / usbl.carrier_min
-
-
-def messages(scenario: Scenario) -> dict[str, float]:
-    """Parameters of the lengths of messages and of the reception of interrogations."""
-    channel, pulse = scenario.channel, pulse_length(scenario)
-    if not channel.bit_rate:
-        return dict.fromkeys(("request_pulse", "request_data", "request_threshold", "crosstalk"), 0.0) | {
-            "reply_length": pulse
-        }
-    energy = max(CODE_ENERGY, 10.0 ** (0.1 * data_ratio(scenario, channel.request_bits)))
-    return {
-        "request_pulse": pulse,
-        "request_data": channel.request_bits / channel.bit_rate,
-        "request_threshold": 2.0 + 2.0 * energy,
-        "crosstalk": 1.0 / (pulse * scenario.acoustics.bandwidth),
-        "reply_length": pulse + channel.reply_bits / channel.bit_rate,
-    }
-
-
 def link_table(site: Site) -> np.ndarray:
     """Acoustic constants of each AUV's positioning link, see `usvauv.kernels.positioning.acoustic_link`."""
     s = site.scenario
     names = {field.name for field in fields(Sonar)}
-    given = {name: value for part in (s.acoustics, s.usbl, s.channel) for name, value in part if name in names}
+    given = {name: value for part in (s.acoustics, s.usbl) for name, value in part if name in names}
     computed = {
         "data_ratio": data_ratio(s, s.channel.reply_bits),
         "sound_speed": sound_speed(site),
@@ -429,7 +349,7 @@ def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
         "gnss_memory": math.exp(-s.mission.step / s.usbl.gnss_correlation_time),
         "gnss_time": s.usbl.gnss_correlation_time,
         "ping_interval": s.channel.interval,
-        **messages(s),
+        **message_parameters(s),
         "velocity_walk": s.navigation.velocity_noise**2,
         "bias_memory": math.exp(-s.mission.step / s.navigation.bias_correlation_time),
         "velocity_variance": 0.5 * s.reference.straight_speed**2,

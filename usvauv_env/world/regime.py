@@ -1,5 +1,5 @@
-"""Whether a scenario's conditions can occur: resonance, waves, currents against vehicles, links, the boat's response,
-depth and endurance of AUVs, numbers that differ from those of a class.
+"""Whether a scenario's conditions can occur: resonance, waves, currents against vehicles, links and the channel, the
+boat's response, depth and endurance of AUVs, numbers that differ from those of a class.
 
 The solvers also give correct results for conditions that no sea has, from which nothing can be learned. Each check has
 a value, a limit and a verdict. Conventions of the paper's demonstration that a scenario names, as `paper-*` do, are
@@ -19,11 +19,14 @@ from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.sea.long_waves import forced_gain, long_wave_rms
 from usvauv.env.sea.storm import total_height, uneven_bed_warning, wave_systems
 from usvauv.env.site.site import Site
-from usvauv.env.world import mission_parameters
+from usvauv.env.world import boat_speed, mission_parameters
 from usvauv.env.world.current_statistics import drift_speeds
+from usvauv.env.world.message_parameters import least_energy, message_parameters
+from usvauv.kernels.mission.channel import schedules
 from usvauv.kernels.mission.motion import travelling_power
 from usvauv.kernels.mission.tasks.data_collection import LEAST_RATE
 from usvauv.kernels.positioning import acoustic_link
+from usvauv.kernels.positioning.sonar import path_loss
 from usvauv.kernels.types import Level
 
 Verdict = Literal["fine", "warning", "error", "convention"]
@@ -34,6 +37,7 @@ LARGEST_AMPLITUDE = 0.1  # of long waves over the depth, with linear equations
 LARGEST_LONG_STEEPNESS = 0.01  # 2a/λ of long waves; ocean swell of that steepness has periods of 20 s
 LARGEST_STEEPNESS = 0.06  # Hs/(g Tp²/2π) of a storm; DNV-RP-C205 has 0.067 for its shortest periods
 LARGEST_EFFICIENCY = 2.0  # bit/s/Hz of a modem under water
+LONGEST_WAIT = 30.0  # s, for the next fix of an AUV
 DEVIATIONS = 3.0  # of the error of depth, which hardly any is beyond
 
 
@@ -67,7 +71,7 @@ def check(scenario: Scenario) -> list[Finding]:
     """
     site = Site(scenario)
     found = [*_long_waves(site), *_short_waves(site), *_boat(site), *_currents(site), _replies(site)]
-    found += [*_depth(site), *_endurance(scenario), *_classes(scenario)]
+    found += [*_channel(site), *_depth(site), *_endurance(scenario), *_classes(scenario)]
     return [*found, _data_link(site)] if scenario.task_definition.targets == "nodes" else found
 
 
@@ -120,7 +124,7 @@ def _short_waves(site: Site) -> Iterator[Finding]:
         check = "the boat's speed follows its command in"
         yield Finding(check, f"{lag:g} s", limit, _judge(lag == 0), "boat.response_time")
     if systems and site.scenario.boat.thrust:
-        speeds = mission_parameters.top_speed(site), mission_parameters.calm_top_speed(site.scenario)
+        speeds = boat_speed.top_speed(site), boat_speed.calm_top_speed(site.scenario)
         check, value = "the boat's top speed against these waves is", "{:.3g} m/s, in calm water {:.3g}".format(*speeds)
         yield Finding(check, value, "", "fine", "boat.thrust")
 
@@ -145,7 +149,7 @@ def _currents(site: Site) -> Iterator[Finding]:
     scenario = site.scenario
     for field, top, level, where in (
         ("auv.speed_max", scenario.auv.speed_max, Level.cruise, "at the AUVs' depth"),
-        ("boat.top_speed", mission_parameters.top_speed(site), Level.surface, "at the surface"),
+        ("boat.top_speed", boat_speed.top_speed(site), Level.surface, "at the surface"),
     ):
         median, tail = drift_speeds(site, level, (0.5, 0.99))
         verdict = "error" if median >= top else _judge(tail >= top)
@@ -213,6 +217,37 @@ def _replies(site: Site) -> Finding:
     verdict = "convention" if agreed else _judge(reach < depth, "error" if max(reaches) < depth else "warning")
     limit = f"must be at least the AUVs' depth, {depth:g} m"
     return Finding("replies can be decoded up to", f"{reach:.3g} m", limit, verdict, "acoustics.source_level")
+
+
+def _channel(site: Site) -> Iterator[Finding]:
+    """What a reply takes, how often an AUV is located, and whether replies at once can be told apart."""
+    scenario, channel, count = site.scenario, site.scenario.channel, site.scenario.auv.count
+    if channel.schedule == "every-step":
+        return
+    p, sound_speed = message_parameters(scenario), mission_parameters.sound_speed(site)
+    nearest, farthest = scenario.auv.depth, math.hypot(scenario.area.diagonal, scenario.auv.depth)
+    if channel.priced:
+        check = f"a reply of {channel.reply_bits} bit lasts {1e3 * p['reply_length']:.3g} ms and needs an E/N0 of"
+        ratio = 10 * math.log10(least_energy(scenario, channel.reply_bits))
+        yield Finding(check, f"{ratio:.3g} dB", "", "fine", "channel.bit_rate")
+
+    addressed, exchanges = (1, count) if channel.schedule in schedules else (count, 1)
+    lasts = p["request_pulse"] + addressed * p["request_data"] + channel.turn_around + 2 * farthest / sound_speed
+    lasts += p["reply_length"] * (count if channel.schedule == "slots" else 1)
+    wait = max(exchanges * max(lasts, channel.interval), scenario.mission.step)
+    field = "channel.interval" if channel.interval > lasts else "channel.schedule"
+    check = f"an exchange lasts up to {lasts:.3g} s, and an AUV in range has a fix every"
+    yield Finding(check, f"{wait:.3g} s", f"at most {LONGEST_WAIT:g} s", _judge(wait > LONGEST_WAIT), field)
+
+    if channel.schedule == "all" and channel.priced and count > 1:
+        overlapping = min(farthest, nearest + 0.5 * sound_speed * p["reply_length"])
+        absorption = mission_parameters.absorption(scenario, max(mission_parameters.carriers(scenario)))
+        near, far = (path_loss(S, scenario.acoustics.spreading, absorption) for S in (nearest, overlapping))
+        weakest = near - far - 10 * math.log10(count - 1)
+        needed = 10 * math.log10(least_energy(scenario, channel.reply_bits) * p["crosstalk"])
+        check = f"replies overlap, and against {count - 1} from {nearest:g} m away one from {overlapping:.4g} m has"
+        limit = f"must be at least {needed:.2g} dB; slots and turns keep replies apart"
+        yield Finding(check, f"{weakest:.2g} dB", limit, _judge(weakest < needed), "channel.schedule")
 
 
 def _data_link(site: Site) -> Finding:

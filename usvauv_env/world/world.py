@@ -16,7 +16,7 @@ from usvauv.env.sea.long_waves import LongWaves
 from usvauv.env.sea.water import AirySea, Seeds, WorldWater, whole_number
 from usvauv.env.site.site import Site
 from usvauv.env.storage.memory import require
-from usvauv.env.world import mission_parameters
+from usvauv.env.world import boat_speed, mission_parameters
 from usvauv.env.world.mission_kernels import MissionKernels, workspace_numbers
 from usvauv.env.world.observation_layout import ObservationLayout
 from usvauv.env.world.state import (
@@ -319,14 +319,14 @@ class World:
         top_speed = self._kernels.tables["p"][Parameter.top_speed]
         velocity = top_speed * action / action.norm(dim=-1, keepdim=True).clamp(min=1.0)
         place = self.boat[..., BoatColumn.span("x", "y")]
-        if response := mission_parameters.response_time(self.scenario):
+        if response := boat_speed.response_time(self.scenario):
             drift = self.boat[..., BoatColumn.span("drift_x", "drift_y")]
             velocity = velocity + drift
             place = place + response * (self.boat[..., BoatColumn.span("water_x", "water_y")] + drift)
             place = place + boat.dead_band * velocity / velocity.norm(dim=-1, keepdim=True).clamp(min=1e-6)
         elif boat.drifts:
             velocity = velocity + self.boat[..., BoatColumn.span("current_x", "current_y")]
-        place = place + mission_parameters.control_time(self.scenario) * velocity
+        place = place + boat_speed.control_time(self.scenario) * velocity
         self.boat[..., BoatColumn.span("goal_x", "goal_y")] = place
 
     @property

@@ -1,7 +1,7 @@
 """What a plugin writes, by subject; each module lists its registries, the classes of their items, and helpers.
 
     `usvauv.extend.task`     what AUVs do: tasks, their figures of merit, and which node an AUV heads for
-    `usvauv.extend.boat`     where a boat goes
+    `usvauv.extend.boat`     where a boat goes, and which AUV it interrogates
     `usvauv.extend.policy`   heuristics, algorithms, and features and actions of a network
     `usvauv.extend.vehicle`  models of an AUV
     `usvauv.extend.world`    observation terms, ambient noise, and the arrays of all worlds, which every function reads

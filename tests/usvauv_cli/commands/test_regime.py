@@ -98,6 +98,46 @@ def test_what_does_not_occur(settings, field, verdict):
     assert verdicts(*settings)[field].verdict == verdict
 
 
+def test_a_reply_is_stated_with_its_length_and_energy():
+    """Bits of 2 kbit/s in 4 kHz need 4.5 dB, twenty in a pulse of 10 ms 13 dB more; at 40 bit/s the pulse needs 9."""
+    for rate, said in ((2000, "lasts 78 ms and needs an E/N0 of 17.5 dB"), (400, "350 ms"), (40, "of 9.03 dB")):
+        found = regime.check(Scenario.load("ideal", [f"channel.bit_rate={rate}"]))
+        assert said in next(str(each) for each in found if each.field == "channel.bit_rate")
+    # Uncoded bits need 11 dB more, which replies that are heard 208 m away do not have at 100 m.
+    assert verdicts("channel.bit_rate=8000", scenario="wide")["acoustics.source_level"].verdict == "error"
+    assert not any(each.field.startswith("channel") for each in regime.check(Scenario.load("paper-ideal")))
+
+
+# Eight AUVs, up to 300 m away: 0.4 s there and back, 0.1 s at the AUV and pulses of 0.01 s.
+@pytest.mark.parametrize(
+    ("schedule", "field", "fine", "warns"),
+    [
+        ("slots", "channel.bit_rate", 61, 60),  # 8 · 88 bit and 8 · 136, 9 pulses
+        ("all", "channel.bit_rate", 29, 28),  # 8 · 88 bit and 136, 2 pulses
+        ("turns", "channel.turn_around", 3.2, 3.3),  # eight times it, 0.4 s, 88 bit and 136 at 2 kbit/s, 2 pulses
+        ("slots", "channel.interval", 30, 30.1),
+        ("turns", "channel.interval", 3.75, 3.8),
+    ],
+)
+def test_an_auv_has_a_fix_in_30_s(schedule, field, fine, warns):
+    for value, verdict in ((fine, "fine"), (warns, "warning")):
+        changes = ["auv.count=8", f"channel.schedule={schedule}", f"{field}={value}"]
+        found = [each for each in regime.check(Scenario.load("ideal", changes)) if each.value.endswith(" s")]
+        (waits,) = (each for each in found if each.field in ("channel.schedule", "channel.interval"))
+        assert (waits.verdict, waits.field == "channel.interval") == (verdict, field == "channel.interval")
+
+
+def test_replies_at_once_need_a_low_rate_and_like_ranges():
+    """Bits of 1 kbit/s in 4 kHz are read with 1.5 dB less than the others. A deep team has 0.4 dB less, and with three
+    AUVs 3 dB more; below 100 m, 20 log10 2.095 and 0.3 dB by absorption.
+    """
+    deep = ["channel.schedule=all", "channel.bit_rate=1000", "area.depth=1100", "auv.depth=1000"]
+    found = [verdicts(*deep, *more).get("channel.schedule") for more in ([], ["auv.count=3"], ["auv.depth=100"])]
+    assert [each and each.value for each in found] == [None, "-3.4 dB", "-6.7 dB"]
+    assert "1.5 dB" in verdicts("channel.schedule=all")["channel.schedule"].limit
+    assert "channel.schedule" not in verdicts("channel.schedule=all", "channel.bit_rate=0")
+
+
 CALM = ["storm.spectrum=jonswap", "storm.significant_height=1.2", "storm.peak_period=5"]
 OWN = [f"boat.{field}={value}" for field, value in classes_of("boat")["otter"]["boat"].items()]
 OTTER = ["boat.vessel=otter", *OWN, *CALM, "usbl.array_depth=0.5"]

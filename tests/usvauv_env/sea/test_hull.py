@@ -12,7 +12,7 @@ from usvauv.env.sea.hull import Hull
 from usvauv.env.sea.storm import band
 from usvauv.env.sea.water import build_short_waves
 from usvauv.env.site.site import Site
-from usvauv.env.world.mission_parameters import top_speed
+from usvauv.env.world.boat_speed import top_speed
 from usvauv.kernels.flow import airy
 
 G, H = 9.81, 120.0

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from tests.links import ALL_AT_ONCE, EVERY_STEP
+from tests.links import EVERY_STEP
 from tests.slowly import slowly
 from usvauv.env import Scenario, World, plugins
 from usvauv.kernels import runtime
@@ -153,7 +153,6 @@ def test_alone_as_in_a_batch(case):
 MANY = {
     "extreme": ("extreme", ["auv.count=5", "usbl.packet_loss=0.2"], None),
     "two boats": ("wide", ["boat.count=2", "channel.schedule=turns"], None),
-    "all at once": ("extreme", [*ALL_AT_ONCE, "usbl.packet_loss=0.2", "auv.count=5"], None),
     "Otter and torpedoes": ("wide-torpedo", ["boat.model=otter", "boat.vessel=otter"], None),
     "paper": ("paper-extreme", [], None),
     "greedy": ("extreme", ["planner.objective=a"], "fim-greedy"),
@@ -162,7 +161,7 @@ MANY = {
 
 
 @pytest.mark.cpu("many worlds side by side")
-@pytest.mark.parametrize("case", slowly(MANY, "all at once", "greedy", "two boats", "paper"))
+@pytest.mark.parametrize("case", slowly(MANY, "greedy", "two boats", "paper"))
 @pytest.mark.usefixtures("own_registries")
 def test_alone_as_among_many(case, monkeypatch):
     """So many worlds that several are side by side in vectors: the first, one between and the last have equal bits."""

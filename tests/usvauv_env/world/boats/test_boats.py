@@ -163,19 +163,18 @@ class TestChannel:
         assert set(np.diff(by[:, 0][heard[:, 0]])) == {-1.0, 1.0}
 
     def test_all_at_once_by_each_boat_in_turn(self):
-        """All AUVs are heard by the boat that has asked; the exchange lasts until the reply of the farthest."""
+        """Each AUV is heard by the boat that has asked; the exchange lasts until the reply of the farthest."""
         world = world_of([*self.LONG, "channel.schedule=all"], APART)
         heard, by, _ = exchanges(world, self.AUVS, 100)
-        assert (heard.all(-1) == heard.any(-1)).all()
-        assert (by == by[..., :1]).all()
-        order = by[:, 0, 0][heard[:, 0, 0]]
         farthest = math.hypot(320, 100)
-        assert len(order) == pytest.approx(100 / (2 * farthest / 1500 + 1.21), abs=3)
-        assert set(np.diff(order)) == {-1.0, 1.0}
+        for k in range(4):
+            order = by[:, 0, k][heard[:, 0, k]]
+            assert len(order) == pytest.approx(100 / (2 * farthest / 1500 + 1.21), abs=3)
+            assert set(np.diff(order)) == {-1.0, 1.0}
 
     def test_a_boat_far_from_all_does_not_jump_the_queue(self):
         """No AUV is located twice in a step: the near boat waits for the next one, and the far one for the near one."""
-        world = world_of([*CHANNEL, "channel.turn_around=0.6", "channel.schedule=all"], APART)
+        world = world_of([*CHANNEL, "channel.turn_around=0.6", "channel.schedule=slots"], APART)
         auvs = torch.tensor([[40.0, 200.0], [60.0, 200.0], [50.0, 190.0], [50.0, 210.0]])
         heard, by, _ = exchanges(world, auvs, 40)
         order = by[:, 0, 0][heard[:, 0, 0]]

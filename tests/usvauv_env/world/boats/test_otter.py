@@ -10,7 +10,7 @@ from tests.usvauv_env.world.boats.test_boat_motion import PLACE, sailed
 from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.record.recorder import record
 from usvauv.env.scenario.team import Otter
-from usvauv.env.world import mission_parameters
+from usvauv.env.world.boat_speed import top_speed
 from usvauv.kernels.errors import DivergenceError
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn
 from usvauv.kernels.vehicles import otter
@@ -187,7 +187,7 @@ def test_it_does_what_its_action_asks_for():
     """Velocity through the water is the action times the top speed, which is that of its thrust at most."""
     sections = {"navigation": {"sensor": "ground"}, "channel": {"schedule": "all"}, "boat": {"top_speed": 9}}
     world = world_of("agent", 2, **sections)
-    most = mission_parameters.top_speed(world.site)
+    most = top_speed(world.site)
     assert most == otter.top_speed(world.scenario.otter.model_dump()) == pytest.approx(3.087, rel=2e-3)
     action = torch.tensor([[[0.4, 0.3]], [[-0.3, 0.0]]])
     sailed(world, 40, (0.2, 0.1), action)
