@@ -21,8 +21,6 @@ EVERY_STEP = [
     "navigation.sensor=none",
     "boat.noise_level=0",
 ]
-# All AUVs are asked with one pulse, which has no data, and so are their replies.
-ALL_AT_ONCE = ["channel.schedule=all", "channel.bit_rate=0"]
 # A coded pulse that a transponder answers.
 CODED = [
     *EVERY_STEP,
