@@ -41,7 +41,6 @@ from usvauv.policies.heuristics.passing import Pass
 from usvauv.policies.heuristics.travel import Helm
 from usvauv.policies.policy import PolicyError
 
-PASS_PRICE = 20.0  # W
 PASSING_TERMS = ("current", "service", "next", "attitude", "motion")  # which `PassingFrame` needs
 TURN = 0.5 * math.pi  # rad, largest offset of a heading
 BORDER_MARGIN = 4.0  # m, more than a step at full speed
@@ -299,7 +298,7 @@ class PassingFrame(TargetFrame):
     offsets from it.
 
     a_0 turns the heading by up to `TURN` to the left, a_1 adds to the speed, 1 being the span from the lowest to the
-    highest; the sum is kept within these. Action 0 is `pass` at `PASS_PRICE`.
+    highest; the sum is kept within these. Action 0 is `pass` at the scenario's own price.
 
     Raises:
         PolicyError: the observation lacks one of `PASSING_TERMS`.
@@ -312,9 +311,10 @@ class PassingFrame(TargetFrame):
                 f"training: frame = 'passing': scenario {scenario.name!r} does not observe {', '.join(missing)}"
             )
         self.features += 2
-        self.start = f"pass:{PASS_PRICE:g}"
+        price = scenario.reference.pass_price
+        self.start = f"pass:{price:g}"
         self.seen = Observed(self)
-        self.heuristic = Pass(self.start, self.seen, PASS_PRICE)
+        self.heuristic = Pass(self.start, self.seen, price)
 
     def shared(self, observation: Tensor) -> tuple[Tensor, ...]:
         """Heading (unit vectors, (W, K, 2)) and speed (W, K), m/s, of the heuristic."""

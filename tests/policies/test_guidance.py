@@ -14,7 +14,6 @@ from usvauv.env import Scenario, World
 from usvauv.policies import PolicyError
 from usvauv.policies.frames import (
     BORDER_MARGIN,
-    PASS_PRICE,
     PRICE,
     TURN,
     GuidedFrame,
@@ -223,7 +222,7 @@ class TestPassingFrame:
     def test_no_action_is_the_heuristic_pass_and_actions_are_offsets_from_it(self):
         observed = 'observation.extra=["attitude", "motion", "depth"]'  # as in the tests of vehicles in worlds
         world = World(Scenario.load("extreme-torpedo", [observed]), 8, 3, "centroid")
-        frame, heuristic = PassingFrame(world.scenario), policies.load(f"pass:{PASS_PRICE}", world)
+        frame, heuristic = PassingFrame(world.scenario), policies.load("pass", world)
         observation, same = world.reset(), []
         for _ in range(40):
             action = heuristic.act(observation)
