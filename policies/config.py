@@ -113,15 +113,16 @@ class TrainingConfig:
         """The algorithm's defaults in a scenario, overridden by those of `settings`, by name, that are not None.
 
         Where data are collected in passing and all terms that the frame `passing` needs are observed, the default is
-        that frame without renewal, since a node's data come in many steps; with fins as actions it is `fins`.
+        that frame without renewal, since a node's data come in many steps; with fins as actions it is `fins`. With
+        either frame the default algorithm is `ppo`, in `docs/policies.md` the one that learns reliably there.
         """
         passing = not set(PASSING_TERMS).difference(ObservationLayout.of(scenario).terms)
         frame = "fins" if scenario.auv.action == "fins" else "passing" if passing else None
         own = {"frame": frame, "renewal": False} if frame else {}
-        algorithm = settings.get("algorithm", cls.algorithm)
+        algorithm = settings.get("algorithm") or ("ppo" if frame else cls.algorithm)
         defaults = algorithms[algorithm].defaults if algorithm in algorithms else {}
         given = {name: value for name, value in settings.items() if value is not None}
-        return cls(**{**own, **defaults, **given})
+        return cls(**{**own, **defaults, **given, "algorithm": algorithm})
 
     @property
     def on_policy(self) -> bool:

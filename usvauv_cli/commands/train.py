@@ -28,7 +28,10 @@ FOLDER = "seed-"  # and the seed: the folder of one of several runs
 
 def train(
     scenario: options.ScenarioName = "extreme",
-    algorithm: Annotated[str, typer.Option(help="sac, td3, ddpg or ppo.")] = "sac",
+    algorithm: Annotated[
+        str | None,
+        typer.Option(help="sac, td3, ddpg or ppo; by default ppo for vehicles that take data in passing, else sac."),
+    ] = None,
     steps: Annotated[
         int | None,
         typer.Option(
@@ -120,7 +123,7 @@ def train(
         config = config.changed(learn or ())
         last = seed + seeds - 1
         replace(config, seed=last)  # refuses one that is too large
-        name = f"{setting.name}-{algorithm}-{seed if seeds == 1 else f'{seed}-to-{last}'}"
+        name = f"{setting.name}-{config.algorithm}-{seed if seeds == 1 else f'{seed}-to-{last}'}"
         place = out or Path("runs") / name
         if not resume:
             options.make_folder(place)
