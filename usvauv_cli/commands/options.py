@@ -188,16 +188,15 @@ def check_policy(name: str, scenario: Scenario) -> None:
 
 
 def check_regime(*scenarios: Scenario) -> None:
-    """Refuse scenarios in which nothing can come of a mission; warn of what hardly occurs at sea, a line each."""
+    """Refuse a scenario in which nothing can come of a mission; warn of what hardly occurs at sea, a line each."""
     from usvauv.env.world import regime
 
     lines: list[str] = []
     for scenario in scenarios:
-        for finding in regime.check(scenario):
-            if finding.verdict == "error":
-                raise UserError(f"{scenario.name}: {finding}")
-            if finding.verdict == "warning":
-                lines.append(f"warning: {finding}")
+        findings = regime.check(scenario)
+        if errors := [f"{scenario.name}: {finding}" for finding in findings if finding.verdict == "error"]:
+            raise UserError(*errors)
+        lines += [f"warning: {finding}" for finding in findings if finding.verdict == "warning"]
     for line in dict.fromkeys(lines):
         typer.echo(line, err=True)
 

@@ -406,6 +406,57 @@ def test_a_file_of_another_kind_is_refused_with_the_command_that_takes_it(tmp_pa
     assert told in refused(*command.split())
 
 
+BAD = """
+base = "extreme"
+[storm]
+significant_height = -2
+peak_periodd = 3
+[auv]
+count = "two"
+[sea]
+irregular_rms = "calm"
+start_rms = 3.0
+[current]
+core_radius_min = 60
+circulation_min = 1000
+"""
+
+
+@pytest.mark.parametrize(
+    ("content", "places"),
+    [
+        (
+            BAD,
+            [
+                "sea.start_rms = 3.0: was removed",
+                "sea.irregular_rms = 'calm': input should be a valid number, unable to parse string as a number, or",
+                "storm.significant_height = -2: input should be greater than or equal to 0.001",
+                "storm.peak_periodd: unknown field; allowed here: spectrum, ",
+                "current: circulation_max = 260: must not be below circulation_min, 1000",
+                "current: core_radius_max = 25: must not be below core_radius_min, 60",
+                "auv.count = 'two': input should be a valid integer",
+            ],
+        ),
+        (
+            'base = "extreme"\n[auv]\ndepth = 130\nstart_margin = 100\n[boat]\ncount = 3',
+            [
+                "auv.depth = 130: must be below area.depth, 120 m",
+                "boat.count = 3: must not be above auv.count, 2",
+                "auv.start_margin = 100: must be below half the area's smaller side, 100 m",
+            ],
+        ),
+    ],
+)
+def test_all_that_is_wrong_with_a_scenario_is_said_at_once(tmp_path, run_usvauv, content, places):
+    (tmp_path / "bad.toml").write_text(content)
+    for command in (["simulate", "bad.toml"], ["scenarios", "bad.toml", "--check"], ["eval", "bad.toml"]):
+        code, stdout, stderr = run_usvauv(*command)
+        lines = stderr.splitlines()
+        assert (code, stdout, len(lines)) == (2, "", len(places))
+        for line, place in zip(lines, places, strict=True):
+            assert line.startswith(f"error: bad.toml: {place}")
+
+
 def test_a_folder_with_the_name_of_a_scenario_hides_nothing(tmp_path, run_usvauv):
     (tmp_path / "extreme").mkdir()
     (tmp_path / "extreme" / "best.safetensors").touch()
