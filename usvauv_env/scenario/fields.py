@@ -221,7 +221,7 @@ def layers_of(name_or_path: str | Path, above: tuple[str, ...] = ()) -> list[Lay
         above: the files that are based on it, the nearest last; a base's path is relative to the file that names it.
 
     Raises:
-        ScenarioError: a file is missing or unreadable, or is based on itself.
+        ScenarioError: a file is missing, unreadable or empty, or is based on itself.
     """
     name = str(name_or_path)
     chain = " → ".join([*above, name])
@@ -237,6 +237,8 @@ def layers_of(name_or_path: str | Path, above: tuple[str, ...] = ()) -> list[Lay
         raise ScenarioError(f"{what} {name!r}: {known}") from None
     except TextFileError as error:
         raise ScenarioError(f"{chain}: {error}") from None
+    if not data:
+        raise ScenarioError(f"{chain}: has no field, so it is no scenario; `usvauv scenarios extreme` prints one")
     if os.path.realpath(name) in map(os.path.realpath, above):
         raise ScenarioError(f"{chain}: base: a scenario cannot be based on itself")
     if BASE not in data:

@@ -406,6 +406,31 @@ def test_a_file_of_another_kind_is_refused_with_the_command_that_takes_it(tmp_pa
     assert told in refused(*command.split())
 
 
+@pytest.mark.parametrize("command", ["simulate", "eval", "scenarios", "train"])
+@pytest.mark.parametrize("content", ["", "# to do\n"])
+def test_an_empty_file_is_no_scenario(tmp_path, refused, command, content):
+    """As `usvauv scenarios extrem > mine.toml` leaves it."""
+    (tmp_path / "mine.toml").write_text(content)
+    assert refused(command, "mine.toml").startswith("mine.toml: has no field, so it is no scenario; ")
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "simulate --out a.mp4 --trace a.nc",
+        "simulate --out a.png --at 3",
+        "eval --out a.csv --report page",
+        "sea --out a.png",
+        "train --out run",
+    ],
+)
+def test_a_refusal_leaves_no_file(tmp_path, run_usvauv, command):
+    """A mission that would be in vain; the file's place has been checked before."""
+    assert run_usvauv(*command.split(), "--set", "current.speed=9", "--set", "auv.speed_min=0.01")[0] == 2
+    assert not list(tmp_path.iterdir())
+
+
 BAD = """
 base = "extreme"
 [storm]
