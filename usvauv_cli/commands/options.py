@@ -332,9 +332,8 @@ def check_shown(video: Video, length: float, *scenarios: Scenario) -> None:
     """Refuse a time beyond the mission, of some length, s, and a vehicle to go along with that a scenario has not."""
     from usvauv.env.render.mission import Vehicle
 
-    end = video.at[1] if isinstance(video.at, tuple) else video.at
-    if end is not None and end > length * (1 + 1e-9):
-        raise UserError(f"--at {end:g}: the mission is from 0 to {length:g} s")
+    if video.end is not None and video.end > length * (1 + 1e-9):
+        raise UserError(f"--at {video.end:g}: the mission is from 0 to {length:g} s")
     try:
         for scenario in scenarios if video.follow else ():
             Vehicle.parse(video.follow, scenario)

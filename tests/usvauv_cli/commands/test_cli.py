@@ -91,6 +91,22 @@ def test_replay_draws_what_simulate_drew(tmp_path, run_usvauv):
     assert (tmp_path / "c.png").stat().st_size > 1000
 
 
+@pytest.mark.parametrize(
+    ("options", "simulated"),
+    [
+        ("--view sea --at 3.5 --out a.png", 4),
+        ("--view sea --at 2:3 --speedup 1 --out a.webm", 3),
+        ("--view sea --at 3 --out a.png --duration 6", 6),
+        ("--view map --at 3 --out a.png", 8),
+    ],
+)
+def test_a_view_of_the_sea_is_simulated_no_longer_than_shown(run_usvauv, options, simulated):
+    mission = ("--set", "mission.duration=8", "--set", "sea.fine_cells=64", *HELD)
+    code, stdout, stderr = run_usvauv("simulate", "--size", "320x240", *options.split(), *mission)
+    assert code == 0, stderr
+    assert f": {simulated} s of mission" in stdout
+
+
 TERMINALS = """
 import sys
 from usvauv.cli.app import main
@@ -504,6 +520,7 @@ def test_a_folder_with_the_name_of_a_scenario_hides_nothing(tmp_path, run_usvauv
         (["simulate", "--out", "missing/a.mp4"], ["missing/a.mp4", "does not exist"]),
         (["simulate", "--at", "3"], ["--at 3", "usvauv-extreme.mp4", "BEGIN:END"]),
         (["simulate", "--at", "3:b"], ["--at '3:b'", "120:180"]),
+        (["simulate", "--out", "a.gif", "--fps", "60"], ["--fps 60: must be from 1 to 50 in a.gif"]),
         (["simulate", "--follow", "boat", "--set", "boat.count=2"], ["--follow 'boat'", "usv:1 to usv:2"]),
         (["replay", "a.nc", "--out", "a.geojson", "--at", "1:2"], ["--at 1:2", "a.geojson", "whole area"]),
         (["eval", "--policy", "."], ["holds no best.safetensors"]),
