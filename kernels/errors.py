@@ -1,4 +1,4 @@
-"""Errors that a user can cause and correct, each a message of one line."""
+"""Errors that a user can cause and correct, each a message of one line, or of one for each problem."""
 
 import re
 import sysconfig
@@ -14,16 +14,23 @@ PLACE = re.compile(r"(?:TypeError when calling `\w+`: )?(File \".*)")  # of what
 
 
 class UserError(Exception):
-    """A request cannot be carried out; the message is one line with the problem and what is allowed.
+    """A request cannot be carried out; the message has a line for each problem, with what is allowed.
 
     The command line prints it without a traceback and exits with code 2. What a message quotes can be of any length
     and hold line breaks and control characters: these are written as Python writes them, and the middle is left out.
     """
 
-    def __init__(self, message: str) -> None:
-        if len(message) > LONGEST:
-            message = f"{message[: LONGEST // 2]} … {message[-LONGEST // 2 :]}"
-        super().__init__("".join(c if c.isprintable() else repr(c)[1:-1] for c in message))
+    def __init__(self, *problems: str) -> None:
+        super().__init__(*map(_line, problems))
+
+    def __str__(self) -> str:
+        return "\n".join(self.args)
+
+
+def _line(problem: str) -> str:
+    if len(problem) > LONGEST:
+        problem = f"{problem[: LONGEST // 2]} … {problem[-LONGEST // 2 :]}"
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in problem)
 
 
 class DivergenceError(UserError, ArithmeticError):

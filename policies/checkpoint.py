@@ -340,7 +340,7 @@ def _scenario_and_config(content: Mapping[str, Any], path: Path) -> tuple[Scenar
         scenario = Scenario.from_dict(content["scenario"], str(path), stored=True)
         config = TrainingConfig.from_dict(content["training"], str(path))
     except (KeyError, ScenarioError) as error:
-        raise PolicyError(f"{path}: checkpoint is damaged: {error}") from None
+        raise PolicyError(f"{path}: checkpoint is damaged: {str(error).splitlines()[0]}") from None
     own = {
         "algorithm": config.algorithm,
         "num_auvs": scenario.auv.count,

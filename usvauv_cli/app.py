@@ -84,7 +84,7 @@ def run(interruption: Interruption | None = None) -> int:
             raise
         message = _message(error)
         if message:  # without a message no command was given, and help was shown
-            _say(f"error: {message}")
+            _say("\n".join(f"error: {line}" for line in message.split("\n")))
         return FAILED
     return code
 
@@ -163,7 +163,7 @@ def _signal(error: BaseException, interruption: Interruption | None) -> int | No
 
 
 def _message(error: BaseException) -> str:
-    """An error in one line."""
+    """An error in words, a line for each problem."""
     if isinstance(error, UserError):
         return text_of(error) or in_words(error)
     # Usage errors of the command-line library, whichever copy of it typer includes.

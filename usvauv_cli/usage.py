@@ -61,7 +61,7 @@ def _of_toml(path: Path) -> str:
         names = read_text(path, "TOML").keys()
     except (OSError, TextFileError):
         return ""
-    return "study" if "runs" in names else "scenario" if names <= {BASE, *Scenario.model_fields} else ""
+    return "study" if "runs" in names else "scenario" if names and names <= {BASE, *Scenario.model_fields} else ""
 
 
 def expect(kind: str, name: str | Path) -> None:

@@ -1,12 +1,12 @@
-"""Inputs made wrong at random, of every kind that a command reads: each must be accepted or refused in one line.
+"""Inputs made wrong at random, of every kind that a command reads: each must be accepted, or refused in words.
 
     python -m tests.trials.fuzz --seed 1 --count 20000
     python -m tests.trials.fuzz --seed 1 --kind plan --first 137 --count 1      # one case again
 
-A case is a function of (kind, seed, number). Anything but acceptance, `UserError` of one line, or a usage error of the
-command line is a failure, and so are a number that is not finite in what is accepted and a case that takes longer than
-`PATIENCE` or more memory than `ROOM`. One accepted scenario in `RUN` is run for some steps. Each kind runs in a process
-of its own, which is started again behind a case that ends it.
+A case is a function of (kind, seed, number). Anything but acceptance, `UserError` in lines that can be printed, or a
+usage error of the command line is a failure, and so are a number that is not finite in what is accepted and a case that
+takes longer than `PATIENCE` or more memory than `ROOM`. One accepted scenario in `RUN` is run for some steps. Each kind
+runs in a process of its own, which is started again behind a case that ends it.
 """
 
 from __future__ import annotations
@@ -396,7 +396,8 @@ def run_case(kind: str, seed: int, number: int, folder: Path) -> str:
     try:
         globals()[f"fuzz_{kind}"](r, folder)
     except UserError as error:
-        return "refused" if str(error).isprintable() else f"message of several lines: {error!r}"
+        lines = str(error).split("\n")
+        return "refused" if all(line and line.isprintable() for line in lines) else f"unprintable message: {error!r}"
     except (Exception, SystemExit):
         return " | ".join(traceback.format_exc().strip().splitlines()[-3:])
     return "accepted"

@@ -117,12 +117,12 @@ def evaluate(
     if reference is None:
         parts = dict.fromkeys(part for which in scenarios for part in which if part)
         raise UserError(f"--against {against!r}: {choices(against, parts)}")
+    options.check_regime(setting)
     if report_folder:
         if resume:
             raise UserError("--report: cannot go with --resume: its figures are of missions that are not run again")
         options.make_folder(report_folder, "--report")
         options.writable(context, report_folder / "index.html", "--report", (".html",))
-    options.check_regime(setting)
     options.preparing(setting, arch)
     recordings = Recordings(len(scenarios))
     kept = front_episodes(len(scenarios)) if report_folder else 0

@@ -188,16 +188,15 @@ def check_policy(name: str, scenario: Scenario) -> None:
 
 
 def check_regime(*scenarios: Scenario) -> None:
-    """Refuse scenarios in which nothing can come of a mission; warn of what hardly occurs at sea, a line each."""
+    """Refuse a scenario in which nothing can come of a mission; warn of what hardly occurs at sea, a line each."""
     from usvauv.env.world import regime
 
     lines: list[str] = []
     for scenario in scenarios:
-        for finding in regime.check(scenario):
-            if finding.verdict == "error":
-                raise UserError(f"{scenario.name}: {finding}")
-            if finding.verdict == "warning":
-                lines.append(f"warning: {finding}")
+        findings = regime.check(scenario)
+        if errors := [f"{scenario.name}: {finding}" for finding in findings if finding.verdict == "error"]:
+            raise UserError(*errors)
+        lines += [f"warning: {finding}" for finding in findings if finding.verdict == "warning"]
     for line in dict.fromkeys(lines):
         typer.echo(line, err=True)
 
@@ -333,9 +332,8 @@ def check_shown(video: Video, length: float, *scenarios: Scenario) -> None:
     """Refuse a time beyond the mission, of some length, s, and a vehicle to go along with that a scenario has not."""
     from usvauv.env.render.mission import Vehicle
 
-    end = video.at[1] if isinstance(video.at, tuple) else video.at
-    if end is not None and end > length * (1 + 1e-9):
-        raise UserError(f"--at {end:g}: the mission is from 0 to {length:g} s")
+    if video.end is not None and video.end > length * (1 + 1e-9):
+        raise UserError(f"--at {video.end:g}: the mission is from 0 to {length:g} s")
     try:
         for scenario in scenarios if video.follow else ():
             Vehicle.parse(video.follow, scenario)

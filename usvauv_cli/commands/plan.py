@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -138,11 +139,10 @@ def plan(
 
     from usvauv.env.accuracy.boat_place import solve
     from usvauv.env.exchange import geojson
-    from usvauv.env.scenario import Scenario
     from usvauv.env.site.positions import DEGREES, auv_position, boat_position, look_geographic
     from usvauv.env.storage.files import atomic_write
 
-    setting = Scenario.load(scenario, overrides or ())
+    setting = scenario_of(scenario, overrides or ())
     estimates: list[PositionEstimate] = []
     read: Log | None = None
     hint = DEGREES if look_geographic(auv or (), setting) else ""
@@ -207,6 +207,18 @@ def plan(
         print_table(result)
         for path in filter(None, (out, json_file)):
             typer.echo(f"written: {Path(path).resolve()}")
+
+
+def scenario_of(name: str, overrides: Sequence[str]) -> Scenario:
+    """The scenario, whose own `auv.depth` gives way where the water is not so deep: the AUVs given have theirs."""
+    from usvauv.env.scenario import Scenario
+    from usvauv.env.scenario.fields import layers_of, merged, parse_override
+
+    usual = {section: {"depth": getattr(Scenario.from_dict({}), section).depth} for section in ("area", "auv")}
+    data = merged([usual, *(layer.data for layer in layers_of(name)), *map(parse_override, overrides)])
+    depths = [data[section]["depth"] for section in usual if isinstance(data[section], Mapping)]
+    gives_way = len(depths) == 2 and all(isinstance(depth, int | float) for depth in depths) and depths[1] >= depths[0]
+    return Scenario.load(name, [*([f"auv.depth={0.9 * depths[0]}"] if gives_way else []), *overrides])
 
 
 def surface_slope(text: str) -> tuple[float, float]:

@@ -64,6 +64,9 @@ def simulate(
 ) -> None:
     """Simulate one mission, with the sea solved live, and show it as a video.
 
+    With `--view sea --at` it is simulated to the end of what is shown, unless `--duration` or `--trace` asks for more;
+    the map's plots show all of it.
+
     **Examples:**
 
     `usvauv simulate`
@@ -92,6 +95,8 @@ def simulate(
     step = setting.mission.step
     steps = max(1, round(duration / step)) if duration else setting.mission.steps
     options.check_shown(video, steps * step, setting)
+    if view == "sea" and video.end is not None and not (duration or trace):
+        steps = min(steps, max(1, math.ceil(video.end / step - 1e-9)))
     check_room(setting, 1, steps)
     steering = policy or loading.default(setting)
     runs: list[Run] = [(steering, usv, targets)]

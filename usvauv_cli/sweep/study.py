@@ -19,7 +19,7 @@ from pydantic import Field, ValidationError, model_validator
 from usvauv.cli.sweep.run_folder import Piece, key_of
 from usvauv.env.record.metrics import FIGURES, task_metrics
 from usvauv.env.scenario import Scenario
-from usvauv.env.scenario.fields import Layer, Section, one_line, one_of
+from usvauv.env.scenario.fields import Layer, Section, one_of, problems_of
 from usvauv.env.storage.files import TextFileError, decoded, read_text
 from usvauv.env.world.strategy_choice import StrategyChoice
 from usvauv.kernels.errors import UserError
@@ -134,7 +134,7 @@ def _valid(kind: type[S], values: Mapping[str, Any], source: str) -> S:
     try:
         return kind.model_validate(values)
     except ValidationError as error:
-        raise UserError(one_line(error, [Layer(values, source)], kind)) from None
+        raise UserError(*problems_of(error, [Layer(values, source)], kind)) from None
 
 
 def _combinations(fields: Mapping[str, Any], source: str) -> Iterator[dict[str, Any]]:
@@ -165,7 +165,7 @@ def define(run: StudyRun, evaluation: Evaluation, source: str) -> dict[str, Any]
         else:
             loading.check(run.policy, scenario)
     except UserError as error:
-        raise UserError(f"{source}: {error}") from None
+        raise UserError(*(f"{source}: {problem}" for problem in error.args)) from None
     return {
         "scenario": scenario.to_dict(),
         "policy": run.policy,

@@ -250,7 +250,7 @@ class Trace:
         except netcdf.NetcdfError as error:
             raise TraceError(str(error)) from None
         except (TraceError, ScenarioError, OceanError) as error:
-            raise TraceError(f"{path}: not a usvauv trace: {error}") from None
+            raise TraceError(f"{path}: not a usvauv trace: {error.args[0]}") from None
         about |= arrays
         return cls(**about, start=start)
 

@@ -153,6 +153,11 @@ class Video:
     def _sea(self, traces: Sequence[Trace]) -> bool:
         return self.view == "sea" and len(traces) == 1
 
+    @property
+    def end(self) -> float | None:
+        """Time in the mission of the picture, or of the end of the part shown, s; None: not asked for."""
+        return self.at[1] if isinstance(self.at, tuple) else self.at
+
     def moments(self, traces: Sequence[Trace]) -> np.ndarray:
         """Moments that are shown, one a frame, in steps from the first, up to the end of the shorter trace.
 
@@ -163,7 +168,7 @@ class Video:
         time, step = traces[0].time[: min(len(trace.time) for trace in traces)], traces[0].scenario.mission.step
         if not len(time):
             raise OutputError(f"{self.path}: there is nothing to show: the trace has no steps")
-        begin, end = self.at if isinstance(self.at, tuple) else (0.0, self.at)
+        begin, end = self.at[0] if isinstance(self.at, tuple) else 0.0, self.end
         if end is not None and end > time[-1]:
             raise UserError(f"at {end:g}: the mission is from 0 to {time[-1]:g} s")
         last = len(time) - 1.0

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from datetime import date, datetime
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import Discriminator, Field, Tag, field_validator, model_validator
+from pydantic import Discriminator, Field, Tag, field_validator
 
 from usvauv.env.scenario.fields import Bandwidth, Carrier, FileName, Number, Place, Section, one_of
 from usvauv.kernels.flow.at_depth import LEAST_HEIGHT
@@ -34,6 +35,10 @@ Centre = Annotated[
     Annotated[tuple[Place, Place], Tag("metres")] | Annotated[str, Tag("degrees")],
     Discriminator(lambda value: "degrees" if isinstance(value, str) else "metres"),
 ]
+
+
+def _below(name: str, least: float, most: float) -> str:
+    return f"{name}_max = {most:g}: must not be below {name}_min, {least:g}"
 
 
 class Area(Section):
@@ -74,11 +79,9 @@ class Mission(Section):
         """Mission steps in an episode."""
         return max(1, round(self.duration / self.step))
 
-    @model_validator(mode="after")
-    def _check(self) -> Mission:
+    def _problems(self) -> Iterator[str]:
         if self.steps > MOST_STEPS:
-            raise ValueError(f"duration / step = {self.steps} steps: must be at most {MOST_STEPS}")
-        return self
+            yield f"duration / step = {self.steps} steps: must be at most {MOST_STEPS}"
 
 
 class Sea(Section):
@@ -128,19 +131,17 @@ class Sea(Section):
     irregular_period_min: float = Field(75.0, ge=1, le=1e6, description="their shortest period, s")
     irregular_period_max: float = Field(300.0, ge=1, le=1e6, description="their longest period, s")
 
-    @model_validator(mode="after")
-    def _check(self) -> Sea:
+    def _problems(self) -> Iterator[str]:
         if self.irregular_period_max < self.irregular_period_min:
-            raise ValueError("irregular_period_max must not be below irregular_period_min")
+            yield _below("irregular_period", self.irregular_period_min, self.irregular_period_max)
         if self.forced_edge == "none" and (self.regular_amplitude > 0 or self.irregular_rms != 0):
-            raise ValueError("forced_edge must name an edge when regular_amplitude or irregular_rms is above 0")
-        named = (self.forced_edge, *self.radiating_edges)
-        for side in named:
+            yield "forced_edge must name an edge when regular_amplitude or irregular_rms is above 0"
+        named = [self.forced_edge, *self.radiating_edges]
+        for side in dict.fromkeys(named):
             if named.count(side) > 1:
-                raise ValueError(f"forced_edge and radiating_edges must not name an edge twice: {side}")
+                yield f"forced_edge and radiating_edges must not name an edge twice: {side}"
         if self.manning > 0 and self.equations == "linear":
-            raise ValueError(f'manning = {self.manning:g}: needs equations = "nonlinear"; linear ones have drag')
-        return self
+            yield f'manning = {self.manning:g}: needs equations = "nonlinear"; linear ones have drag'
 
 
 class Storm(Section):
@@ -239,19 +240,17 @@ class Current(Section):
         0.0, ge=0, le=1e5, description="depth at which vortices have 1/e of their speed at the surface, m; 0: the same"
     )
 
-    @model_validator(mode="after")
-    def _check(self) -> Current:
+    def _problems(self) -> Iterator[str]:
         if self.circulation_max < self.circulation_min:
-            raise ValueError("circulation_max must not be below circulation_min")
+            yield _below("circulation", self.circulation_min, self.circulation_max)
         if self.core_radius_max < self.core_radius_min:
-            raise ValueError("core_radius_max must not be below core_radius_min")
+            yield _below("core_radius", self.core_radius_min, self.core_radius_max)
         if self.fastest + self.speed > FASTEST_WATER:
-            raise ValueError(
+            yield (
                 f"circulation_max = {self.circulation_max:g} at core_radius_min = {self.core_radius_min:g}: the"
                 f" vortices together, with speed = {self.speed:g}, flow at up to {self.fastest + self.speed:.3g} m/s;"
                 f" allowed are {FASTEST_WATER:g} m/s"
             )
-        return self
 
     def uniform(self, depths: ArrayLike, bed: float) -> np.ndarray:
         """The uniform current at depths over a bed at a mean depth, m: (..., 2), m/s."""
@@ -362,15 +361,13 @@ class Usbl(Section):
     )
     gnss_correlation_time: float = Field(60.0, ge=0.1, le=1e6, description="correlation time of that error, s")
 
-    @model_validator(mode="after")
-    def _check(self) -> Usbl:
+    def _problems(self) -> Iterator[str]:
         if self.carrier_max < self.carrier_min:
-            raise ValueError("carrier_max must not be below carrier_min")
+            yield _below("carrier", self.carrier_min, self.carrier_max)
         highest = max(*self.carriers, self.carrier_max)
         if self.sampling_rate < 2 * highest:  # Nyquist
             least = 2 * highest
-            raise ValueError(f"sampling_rate = {self.sampling_rate:g}: must be at least two a period, {least:g} Hz")
-        return self
+            yield f"sampling_rate = {self.sampling_rate:g}: must be at least two a period, {least:g} Hz"
 
     def carrier(self, auv: int, count: int) -> float:
         """Carrier of AUV number `auv` in a team of `count`, Hz: listed ones first, then evenly between the limits."""

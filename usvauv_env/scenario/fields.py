@@ -5,17 +5,26 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import cache, reduce
 from importlib import resources
 from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, get_args
+from typing import Annotated, Any, NamedTuple, Self, get_args
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 from pydantic.fields import FieldInfo
-from pydantic_core import PydanticCustomError
+from pydantic_core import ErrorDetails, PydanticCustomError
 
 from usvauv.env.storage.files import DEEPEST, TextFileError, parse_text, read_text
 from usvauv.kernels.errors import UserError, choices
@@ -88,6 +97,16 @@ class Section(BaseModel):
         kinds = field.annotation, *get_args(field.annotation)
         return value if bool in kinds or _fields(field) else no_boolean(value)
 
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if problems := "\n".join(self._problems()):
+            raise ValueError(problems)
+        return self
+
+    def _problems(self) -> Iterator[str]:
+        """What is wrong with fields that are right by themselves, each with field, value and what is allowed."""
+        yield from ()
+
 
 class Layer(NamedTuple):
     """Values that a file, a keyword or an option gives to a scenario.
@@ -114,13 +133,32 @@ def merged(layers: Iterable[Mapping[str, Any]]) -> Mapping[str, Any]:
     return reduce(over, layers)
 
 
-def one_line(error: ValidationError, layers: Sequence[Layer], model: type[Section]) -> str:
-    """The first problem of a validation as one line: the layer in which the value stands, field, problem, value."""
-    problem = error.errors()[0]
-    place, field = problem["loc"], ".".join(str(part) for part in problem["loc"])
+def problems_of(error: ValidationError, layers: Sequence[Layer], model: type[Section]) -> list[str]:
+    """The problems of a validation, a line for each field: the layer where the value stands, field, problem, value."""
+    fields: dict[tuple[int | str, ...], list[ErrorDetails]] = {}
+    for problem in error.errors():
+        fields.setdefault(problem["loc"][:2], []).append(problem)
+    return [line for problems in fields.values() for line in _lines(problems, layers, model)]
+
+
+def _lines(problems: Sequence[ErrorDetails], layers: Sequence[Layer], model: type[Section]) -> Iterator[str]:
+    """What is wrong with a field: its first problem, or all of a value that is of none of several types; a line for
+    each problem of a section's fields together.
+    """
+    problem = problems[0]
+    place = problem["loc"]
     plain = {"tuple_type": "must be a list", "model_type": "must be a section with fields"}  # not Python's words
-    message = plain.get(problem["type"], problem["msg"]).removeprefix("Value error, ")
-    line = f"{field} = {problem['input']!r}: {message[0].lower()}{message[1:]}"
+    messages = [plain.get(each["type"], each["msg"]).removeprefix("Value error, ") for each in problems]
+    messages = [f"{each[0].lower()}{each[1:]}" for each in messages]
+    if len(place) == 3 and isinstance(place[2], str):  # a type's name
+        place, messages[0] = place[:2], ", or ".join(dict.fromkeys(messages))
+    message, field = messages[0], ".".join(str(part) for part in place)
+    if problem["type"] == "value_error":
+        for each in message.split("\n"):
+            named = [(*place, *name.split(".")) for name in re.findall(r"[a-z]\w*(?:\.\w+)*", each)]
+            yield _in_layer(f"{field}: {each}" if field else each, [name for name in named if len(name) > 1], layers)
+        return
+    line = f"{field} = {problem['input']!r}: {message}"
     if problem["type"] == "extra_forbidden":
         section: Any = model
         for part in place[:-1]:
@@ -131,14 +169,16 @@ def one_line(error: ValidationError, layers: Sequence[Layer], model: type[Sectio
         guess = choices(place[-1], names).partition("; ")[2]
         found = f"unknown field; allowed here: {', '.join(section.model_fields)}"
         line = f"{field}: {found}{guess and f'; {guess}'}"
-    elif problem["type"] == "literal_error":
+    elif problem["type"] == "literal_error" and len(problems) == 1:
         names = re.findall(r"'([^']*)'", problem.get("ctx", {})["expected"])
         line = f"{field} = {problem['input']!r}: {choices(problem['input'], names)}"
-    elif problem["type"] == "value_error":
-        line = f"{field}: {message}" if field else message
-        if named := re.match(r"\w+(\.\w+)*", message):  # a check of several fields begins with one of them
-            place = (*place, *named[0].split("."))
-    layer = next((each for each in reversed(layers) if _holds(each.data, place)), layers[-1])
+    yield _in_layer(line, [place], layers)
+
+
+def _in_layer(line: str, places: Sequence[Sequence[int | str]], layers: Sequence[Layer]) -> str:
+    """A line after the name of the last of the layers that has one of some fields."""
+    of_any = (each for each in reversed(layers) if any(_holds(each.data, place) for place in places))
+    layer = next(of_any, layers[-1])
     return f"{layer.source}: {line.removeprefix(f'{layer.section}.')}"
 
 
@@ -165,7 +205,7 @@ def section(description: str) -> Any:
 
 
 class ScenarioError(UserError, ValueError):
-    """A scenario cannot be used; the message is one line naming the file, the field, its value and what is allowed."""
+    """A scenario cannot be used; a line for each problem names the file, the field, its value and what is allowed."""
 
 
 def shipped() -> list[str]:
@@ -182,7 +222,7 @@ def layers_of(name_or_path: str | Path, above: tuple[str, ...] = ()) -> list[Lay
         above: the files that are based on it, the nearest last; a base's path is relative to the file that names it.
 
     Raises:
-        ScenarioError: a file is missing or unreadable, or is based on itself.
+        ScenarioError: a file is missing, unreadable or empty, or is based on itself.
     """
     name = str(name_or_path)
     chain = " → ".join([*above, name])
@@ -198,6 +238,8 @@ def layers_of(name_or_path: str | Path, above: tuple[str, ...] = ()) -> list[Lay
         raise ScenarioError(f"{what} {name!r}: {known}") from None
     except TextFileError as error:
         raise ScenarioError(f"{chain}: {error}") from None
+    if not data:
+        raise ScenarioError(f"{chain}: has no field, so it is no scenario; `usvauv scenarios extreme` prints one")
     if os.path.realpath(name) in map(os.path.realpath, above):
         raise ScenarioError(f"{chain}: base: a scenario cannot be based on itself")
     if BASE not in data:
@@ -253,11 +295,10 @@ def parse_override(override: str) -> Mapping[str, Any]:
     return data
 
 
-def without_retired(layer: Layer, stored: bool) -> Mapping[str, Any]:
+def without_retired(layer: Layer, stored: bool, problems: list[str]) -> Mapping[str, Any]:
     """Data of a layer without the fields and values in `RETIRED` and `GONE`.
 
-    Raises:
-        ScenarioError: a retired field has a value that only stored scenarios may have.
+    `problems` gets a line for each retired field with a value that only stored scenarios may have.
     """
     data = layer.data
     for name in (*RETIRED, *GONE):
@@ -274,7 +315,7 @@ def without_retired(layer: Layer, stored: bool) -> Mapping[str, Any]:
         else:
             continue
         if not stored and value not in harmless:
-            raise ScenarioError(f"{layer.source}: {name} = {value!r}: was removed in {removed_in}")
+            problems.append(f"{layer.source}: {name} = {value!r}: was removed in {removed_in}")
         data = {**data, section: content}
     return data
 

@@ -7,11 +7,11 @@ with each field's description as a comment.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, field_validator
 
 from usvauv.env.scenario import environment, team
 from usvauv.env.scenario.environment import INFRAGRAVITY, SMALLEST_PERIOD
@@ -24,9 +24,9 @@ from usvauv.env.scenario.fields import (
     layers_of,
     layers_of_classes,
     merged,
-    one_line,
     one_of,
     parse_override,
+    problems_of,
     section,
     shipped,
     without_retired,
@@ -40,6 +40,14 @@ from usvauv.kernels.vehicles.vehicle import vehicles
 LONGEST_NAME = 120  # bytes; it is part of file names, which may have 255
 MOST_CHANGES = 12  # changes that `repr` lists
 VEHICLE_TERMS = "attitude", "depth", "motion"  # observation terms of vehicles with dynamics
+
+
+def _raised(check: Callable[..., None], *arguments: Any) -> Iterator[str]:
+    """What a check refuses."""
+    try:
+        check(*arguments)
+    except ValueError as error:
+        yield str(error)
 
 
 class Scenario(Section):
@@ -87,75 +95,67 @@ class Scenario(Section):
             )
         return name
 
-    @model_validator(mode="after")
-    def _check(self) -> Scenario:
+    def _problems(self) -> Iterator[str]:
         declared = self.task_definition.declared
         for name in self.task_parameters.numbers:
             if name not in declared:
-                raise ValueError(
-                    f"task_parameters.{name}: allowed for task {self.task!r}: {', '.join(declared) or 'none'}"
-                )
+                yield (f"task_parameters.{name}: allowed for task {self.task!r}: {', '.join(declared) or 'none'}")
         if self.auv.separation == "geometry" and self.auv.depth >= self.area.depth:
-            raise ValueError(f"auv.depth = {self.auv.depth:g}: must be below area.depth, {self.area.depth:g} m")
+            yield f"auv.depth = {self.auv.depth:g}: must be below area.depth, {self.area.depth:g} m"
         nodes = self.nodes
         if nodes.service == "passing" and self.service_radius < 1.0:
-            raise ValueError(
+            yield (
                 f"nodes.service_range = {nodes.service_range:g}: must reach farther than the AUVs' height over the"
                 f" nodes, {self.height_over_nodes:g} m"
             )
         if nodes.service == "passing" and nodes.hovering_time == "exact":
-            raise ValueError("nodes.hovering_time = exact: must be steps with nodes.service = passing")
-        self._check_vehicle()
+            yield "nodes.hovering_time = exact: must be steps with nodes.service = passing"
+        yield from self._problems_of_vehicle()
         if self.boat.model == "otter":
-            self.otter.check(0.0)
+            yield from _raised(self.otter.check, 0.0)
         if self.boat.count > self.auv.count:
-            raise ValueError(f"boat.count = {self.boat.count}: must not be above auv.count, {self.auv.count}")
+            yield f"boat.count = {self.boat.count}: must not be above auv.count, {self.auv.count}"
         smaller = min(self.area.width, self.area.length)
         for field, margin in (("auv.start_margin", self.auv.start_margin), ("nodes.margin", self.nodes.margin)):
             if 2 * margin >= smaller:
-                raise ValueError(f"{field} = {margin:g}: must be below half the area's smaller side, {smaller / 2:g} m")
+                yield f"{field} = {margin:g}: must be below half the area's smaller side, {smaller / 2:g} m"
         room = (self.area.width - 2 * self.auv.start_margin) * (self.area.length - 2 * self.auv.start_margin)
-        if self.auv.count * self.auv.start_separation**2 > 0.5 * room:  # well below where random placing jams
+        if 0 < 0.5 * room < self.auv.count * self.auv.start_separation**2:  # well below where random placing jams
             allowed = math.sqrt(0.5 * room / self.auv.count)
-            raise ValueError(
+            yield (
                 f"auv.start_separation = {self.auv.start_separation:g}: is too large for {self.auv.count} AUVs in this"
                 f" area, at most {allowed:.3g} m"
             )
         for field, speed in self.reference:
             if field.endswith("_speed") and not self.auv.speed_min <= speed <= self.auv.speed_max:
-                raise ValueError(
+                yield (
                     f"reference.{field} = {speed:g}: must lie between auv.speed_min and auv.speed_max,"
                     f" {self.auv.speed_min:g} to {self.auv.speed_max:g} m/s"
                 )
         most = max(self.nodes.arrival_rates)
         if self.mission.step * most > 80:  # keeps the table of arrivals small
-            raise ValueError(
-                f"nodes.arrival_rates up to {most:g}: must not be above {80 / self.mission.step:g} at mission.step"
-            )
+            yield (f"nodes.arrival_rates up to {most:g}: must not be above {80 / self.mission.step:g} at mission.step")
         if self.task == "station-keeping" and 2 * self.stations.radius > smaller:
-            raise ValueError(
+            yield (
                 f"stations.radius = {self.stations.radius:g}: must not be above half the area's smaller side,"
                 f" {smaller / 2:g} m"
             )
         if self.navigation.sensor != "none" and self.channel.schedule == "every-step":
-            raise ValueError("navigation.sensor: needs a channel.schedule other than every-step")
+            yield "navigation.sensor: needs a channel.schedule other than every-step"
         if self.tracker.enabled and self.channel.schedule != "every-step":
-            raise ValueError(
-                "tracker.enabled: goes with channel.schedule = every-step; else navigation.sensor has filters"
-            )
-        self._check_messages()
-        self._check_long_waves()
+            yield ("tracker.enabled: goes with channel.schedule = every-step; else navigation.sensor has filters")
+        yield from self._problems_of_messages()
+        yield from self._problems_of_long_waves()
         if not self.water.waves:
-            self._check_storm()
-        self._check_current()
-        return self
+            yield from self._problems_of_storm()
+        yield from self._problems_of_current()
 
-    def _check_messages(self) -> None:
+    def _problems_of_messages(self) -> Iterator[str]:
         channel, most = self.channel, MOST_EFFICIENT * self.acoustics.bandwidth
         if not channel.priced:
             return
         if not 1 <= channel.bit_rate <= most:
-            raise ValueError(
+            yield (
                 f"channel.bit_rate = {channel.bit_rate:g}: must be 0, or from 1 bit/s to {MOST_EFFICIENT:g} times"
                 f" acoustics.bandwidth, {most:g}"
             )
@@ -165,35 +165,36 @@ class Scenario(Section):
             ("acoustics.noise_law", self.acoustics.noise_law, "density"),
         ):
             if value != needed:
-                raise ValueError(f"{name} = {value!r}: must be {needed!r} with channel.bit_rate")
+                yield f"{name} = {value!r}: must be {needed!r} with channel.bit_rate"
 
-    def _check_vehicle(self) -> None:
+    def _problems_of_vehicle(self) -> Iterator[str]:
         auv, depth = self.auv, self.area.depth
         declared = vehicles[auv.model].numbers if auv.model not in ("point", "torpedo") else {}
         for name, value in self.vehicle_parameters.numbers.items():
             if name not in declared:
                 allowed = ", ".join(declared) or "none"
-                raise ValueError(f"vehicle_parameters.{name}: allowed for auv.model {auv.model!r}: {allowed}")
+                yield f"vehicle_parameters.{name}: allowed for auv.model {auv.model!r}: {allowed}"
+                continue
             _, low, high, _ = declared[name]
             if not low <= value <= high:
-                raise ValueError(f"vehicle_parameters.{name} = {value:g}: must be from {low:g} to {high:g}")
+                yield f"vehicle_parameters.{name} = {value:g}: must be from {low:g} to {high:g}"
         if not auv.dynamic:
             for term in VEHICLE_TERMS:
                 if term in self.observation.extra:
-                    raise ValueError(f"observation.extra: {term!r}: needs an auv.model with dynamics, not point")
+                    yield f"observation.extra: {term!r}: needs an auv.model with dynamics, not point"
             return
         if self.task == "data-collection" and self.nodes.service == "hover":
-            raise ValueError(f'nodes.service = "hover": a {auv.model} cannot hover: must be "passing"')
+            yield f'nodes.service = "hover": a {auv.model} cannot hover: must be "passing"'
         if auv.model == "torpedo":
             try:
                 vehicles["torpedo"].table_of(dict(self.torpedo))
                 vehicles["torpedo"].substep(dict(self.torpedo), auv.variation)
                 check_roll(dict(self.torpedo))
             except ValueError as error:
-                raise ValueError(f"torpedo: {error}") from None
+                yield f"torpedo: {error}"
         for name in ("altitude", *(["depth_max"] if auv.action == "vector-depth" else [])):
             if getattr(auv, name) >= depth:
-                raise ValueError(f"auv.{name} = {getattr(auv, name):g}: must be below area.depth, {depth:g} m")
+                yield f"auv.{name} = {getattr(auv, name):g}: must be below area.depth, {depth:g} m"
 
     @property
     def highest_long_wave(self) -> float:
@@ -206,14 +207,14 @@ class Scenario(Section):
             rms = INFRAGRAVITY / 4 * root * squares / max(self.storm.total_height, 1e-9)
         return self.sea.regular_amplitude + 4 * rms
 
-    def _check_long_waves(self) -> None:
+    def _problems_of_long_waves(self) -> Iterator[str]:
         area = self.area
         if not self.water.bathymetry and self.highest_long_wave > area.depth / 2:
-            raise ValueError(
+            yield (
                 f"sea.regular_amplitude + 4 sea.irregular_rms = {self.highest_long_wave:.3g} m: must not be above half"
                 f" of area.depth, {area.depth / 2:g} m"
             )
-        self.check_troughs(0.0 if self.water.waves else self.storm.total_height)
+        yield from _raised(self.check_troughs, 0.0 if self.water.waves else self.storm.total_height)
 
     def check_troughs(self, height: float) -> None:
         """Refuse AUVs so shallow that troughs of long and of short waves, of a significant height (m), reach them.
@@ -240,37 +241,38 @@ class Scenario(Section):
         """Ratio of the vortices' speed at the AUVs' depth to that at the surface."""
         return math.exp(-self.auv.depth / self.current.decay_depth) if self.current.decay_depth else 1.0
 
-    def _check_current(self) -> None:
+    def _problems_of_current(self) -> Iterator[str]:
         current = self.current
         if current.shear and self.water.currents:
-            raise ValueError(
+            yield (
                 f"current.shear = {current.shear:g}: must be 0 with water.currents, whose currents change with depth"
             )
         spread = 4 * current.viscosity * self.mission.steps * self.mission.step
         least = SMALLEST_PERIOD * math.sqrt(current.core_radius_max**2 + spread)
         if current.vortices and 0 < current.period < least:
-            raise ValueError(
+            yield (
                 f"current.period = {current.period:g}: must be 0, or at least {least:.6g} m, {SMALLEST_PERIOD:g} times"
                 " the largest core radius at the mission's end"
             )
         others = current.fastest * (1 - 1 / current.vortices) if current.vortices else 0.0
         moved = self.mission.step * others / math.sqrt(2)  # two cores of equal size: δ² is their sum
         if current.mutual and moved > current.core_radius_min:
-            raise ValueError(
+            yield (
                 f"mission.step: vortices move one another by {moved:.3g} m in a step; at most current.core_radius_min,"
                 f" {current.core_radius_min:g} m"
             )
 
-    def _check_storm(self) -> None:
+    def _problems_of_storm(self) -> Iterator[str]:
         shortest = 2 * math.pi / self.shortest_wave
         highest = math.sqrt(self.sea.gravity * shortest * math.tanh(shortest * self.area.depth))
         for system in self.storm.systems:
             if highest < 4 * math.pi / system.peak_period:
-                raise ValueError(
+                yield (
                     f"{self.shortest_wave_field} = {self.shortest_wave:g}: a wave of that length must have at least"
                     " twice the frequency of storm.peak_period"
                 )
-            self.check_breaking("storm.significant_height", system.significant_height, system.peak_period)
+            height, period = system.significant_height, system.peak_period
+            yield from _raised(self.check_breaking, "storm.significant_height", height, period)
 
     def check_breaking(self, name: str, height: float, peak_period: float) -> None:
         """Refuse waves that would break; `name` is the field or file with the height.
@@ -399,10 +401,15 @@ class Scenario(Section):
             except TextFileError as error:
                 raise ScenarioError(f"{layer.source}: {error}") from None
         layers = [*layers_of_classes(merged(layer.data for layer in layers)), *layers]
+        problems: list[str] = []
+        data = merged([without_retired(layer, stored, problems) for layer in layers])
         try:
-            return cls.model_validate(merged(without_retired(layer, stored) for layer in layers))
+            scenario = cls.model_validate(data)
         except ValidationError as error:
-            raise ScenarioError(one_line(error, layers, cls)) from None
+            problems += problems_of(error, layers, cls)
+        if problems:
+            raise ScenarioError(*problems)
+        return scenario
 
     def __repr__(self) -> str:
         """Name and sizes, and differences from the shipped scenario of that name, or else from the defaults."""

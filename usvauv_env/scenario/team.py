@@ -4,9 +4,10 @@ observations, rewards.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import ConfigDict, Field, create_model, field_validator, model_validator
+from pydantic import ConfigDict, Field, create_model, field_validator
 
 from usvauv.env.scenario.fields import (
     LARGEST,
@@ -125,18 +126,16 @@ class Boat(Section):
         """Whether its energy is counted."""
         return self.propulsion_power > 0 or self.hotel > 0
 
-    @model_validator(mode="after")
-    def _check(self) -> Boat:
+    def _problems(self) -> Iterator[str]:
         for name in ("windage", "dead_band"):
             if self.model == "point" and getattr(self, name) > 0 and self.response_time == 0:
-                raise ValueError(f"{name} = {getattr(self, name):g}: must be 0 where response_time is 0")
+                yield f"{name} = {getattr(self, name):g}: must be 0 where response_time is 0"
         for name in ("beam", "draught", "thrust"):
             if getattr(self, name) and not self.length:
-                raise ValueError(f"{name} = {getattr(self, name):g}: needs a length above 0")
+                yield f"{name} = {getattr(self, name):g}: needs a length above 0"
         for name in ("beam", "draught"):
             if self.length and not getattr(self, name):
-                raise ValueError(f"length = {self.length:g}: needs a {name} above 0")
-        return self
+                yield f"length = {self.length:g}: needs a {name} above 0"
 
 
 class Otter(Section):
@@ -333,25 +332,23 @@ class Auv(Section):
         """Least intended depth of the AUVs, m."""
         return {"vector-depth": self.depth_min, "fins": 0.0}.get(self.action, self.depth)
 
-    @model_validator(mode="after")
-    def _check(self) -> Auv:
+    def _problems(self) -> Iterator[str]:
         if not self.dynamic:
             for name in ("altitude", "variation"):
                 if getattr(self, name) > 0:
-                    raise ValueError(f"{name} = {getattr(self, name):g}: needs a model with dynamics, not point")
+                    yield f"{name} = {getattr(self, name):g}: needs a model with dynamics, not point"
             if self.action_size != 2:
-                raise ValueError(f"action = {self.action!r}: needs a model with dynamics, not point")
+                yield f"action = {self.action!r}: needs a model with dynamics, not point"
         elif self.separation != "geometry":
-            raise ValueError(f"separation = {self.separation!r}: must be geometry with model = {self.model!r}")
+            yield f"separation = {self.separation!r}: must be geometry with model = {self.model!r}"
         if self.depth_max <= self.depth_min:
-            raise ValueError(f"depth_max = {self.depth_max:g}: must be above depth_min, {self.depth_min:g} m")
+            yield f"depth_max = {self.depth_max:g}: must be above depth_min, {self.depth_min:g} m"
         if self.speed_max < self.speed_min:
-            raise ValueError("speed_max must not be below speed_min")
+            yield f"speed_max = {self.speed_max:g}: must not be below speed_min, {self.speed_min:g} m/s"
         if self.hotel and not self.drag:
-            raise ValueError(f"hotel = {self.hotel:g}: needs a drag above 0")
+            yield f"hotel = {self.hotel:g}: needs a drag above 0"
         if self.speed_noise and not self.speed_lag:
-            raise ValueError(f"speed_noise = {self.speed_noise:g}: needs a speed_lag above 0")
-        return self
+            yield f"speed_noise = {self.speed_noise:g}: needs a speed_lag above 0"
 
 
 _numbers: Any = {
@@ -422,11 +419,9 @@ class Nodes(Section):
         target_rules.parse(text)
         return text
 
-    @model_validator(mode="after")
-    def _check(self) -> Nodes:
+    def _problems(self) -> Iterator[str]:
         if self.start_backlog > self.buffer:
-            raise ValueError("start_backlog must not be above buffer")
-        return self
+            yield f"start_backlog = {self.start_backlog:g}: must not be above buffer, {self.buffer:g}"
 
 
 class Stations(Section):

@@ -444,3 +444,18 @@ class TestCommand:
         code, _, err = plan("--log", "log.csv", "--beacon", "lost")
         assert code == 2
         assert "no AUV is left: 'lost' (300 s)" in err
+
+
+def test_auvs_have_the_depths_of_the_log_whatever_the_scenarios_cruise_depth(plan, tmp_path):
+    """`extreme` has AUVs at 100 m, which water of 60 m does not allow."""
+    rows = "".join(f"{time},a,100,80,30\n{time},b,50,20,40\n" for time in range(4))
+    (tmp_path / "fixes.csv").write_text(f"time,auv,x,y,depth\n{rows}")
+    places = []
+    for settings in ([], ["--set", "auv.depth=35"]):
+        code, stdout, stderr = plan("--log", "fixes.csv", "--set", "area.depth=60", *settings, "--json", "-")
+        assert code == 0, stderr
+        result = json.loads(stdout)
+        assert [auv["depth"] for auv in result["auvs"]] == [30, 40]
+        places.append(result["optimum"])
+    assert places[0] == places[1]
+    assert plan("--log", "fixes.csv", "--set", "area.depth=60", "--set", "auv.depth=70")[0] == 2

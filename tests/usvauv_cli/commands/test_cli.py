@@ -91,6 +91,22 @@ def test_replay_draws_what_simulate_drew(tmp_path, run_usvauv):
     assert (tmp_path / "c.png").stat().st_size > 1000
 
 
+@pytest.mark.parametrize(
+    ("options", "simulated"),
+    [
+        ("--view sea --at 3.5 --out a.png", 4),
+        ("--view sea --at 2:3 --speedup 1 --out a.webm", 3),
+        ("--view sea --at 3 --out a.png --duration 6", 6),
+        ("--view map --at 3 --out a.png", 8),
+    ],
+)
+def test_a_view_of_the_sea_is_simulated_no_longer_than_shown(run_usvauv, options, simulated):
+    mission = ("--set", "mission.duration=8", "--set", "sea.fine_cells=64", *HELD)
+    code, stdout, stderr = run_usvauv("simulate", "--size", "320x240", *options.split(), *mission)
+    assert code == 0, stderr
+    assert f": {simulated} s of mission" in stdout
+
+
 TERMINALS = """
 import sys
 from usvauv.cli.app import main
@@ -406,6 +422,82 @@ def test_a_file_of_another_kind_is_refused_with_the_command_that_takes_it(tmp_pa
     assert told in refused(*command.split())
 
 
+@pytest.mark.parametrize("command", ["simulate", "eval", "scenarios", "train"])
+@pytest.mark.parametrize("content", ["", "# to do\n"])
+def test_an_empty_file_is_no_scenario(tmp_path, refused, command, content):
+    """As `usvauv scenarios extrem > mine.toml` leaves it."""
+    (tmp_path / "mine.toml").write_text(content)
+    assert refused(command, "mine.toml").startswith("mine.toml: has no field, so it is no scenario; ")
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "simulate --out a.mp4 --trace a.nc",
+        "simulate --out a.png --at 3",
+        "eval --out a.csv --report page",
+        "sea --out a.png",
+        "train --out run",
+    ],
+)
+def test_a_refusal_leaves_no_file(tmp_path, run_usvauv, command):
+    """A mission that would be in vain; the file's place has been checked before."""
+    assert run_usvauv(*command.split(), "--set", "current.speed=9", "--set", "auv.speed_min=0.01")[0] == 2
+    assert not list(tmp_path.iterdir())
+
+
+BAD = """
+base = "extreme"
+[storm]
+significant_height = -2
+peak_periodd = 3
+[auv]
+count = "two"
+[sea]
+irregular_rms = "calm"
+start_rms = 3.0
+[current]
+core_radius_min = 60
+circulation_min = 1000
+"""
+
+
+@pytest.mark.parametrize(
+    ("content", "places"),
+    [
+        (
+            BAD,
+            [
+                "sea.start_rms = 3.0: was removed",
+                "sea.irregular_rms = 'calm': input should be a valid number, unable to parse string as a number, or",
+                "storm.significant_height = -2: input should be greater than or equal to 0.001",
+                "storm.peak_periodd: unknown field; allowed here: spectrum, ",
+                "current: circulation_max = 260: must not be below circulation_min, 1000",
+                "current: core_radius_max = 25: must not be below core_radius_min, 60",
+                "auv.count = 'two': input should be a valid integer",
+            ],
+        ),
+        (
+            'base = "extreme"\n[auv]\ndepth = 130\nstart_margin = 100\n[boat]\ncount = 3',
+            [
+                "auv.depth = 130: must be below area.depth, 120 m",
+                "boat.count = 3: must not be above auv.count, 2",
+                "auv.start_margin = 100: must be below half the area's smaller side, 100 m",
+            ],
+        ),
+    ],
+)
+def test_all_that_is_wrong_with_a_scenario_is_said_at_once(tmp_path, run_usvauv, content, places):
+    (tmp_path / "bad.toml").write_text(content)
+    for command in (["simulate", "bad.toml"], ["scenarios", "bad.toml", "--check"], ["eval", "bad.toml"]):
+        code, stdout, stderr = run_usvauv(*command)
+        lines = stderr.splitlines()
+        assert (code, stdout, len(lines)) == (2, "", len(places))
+        for line, place in zip(lines, places, strict=True):
+            assert line.startswith(f"error: bad.toml: {place}")
+
+
 def test_a_folder_with_the_name_of_a_scenario_hides_nothing(tmp_path, run_usvauv):
     (tmp_path / "extreme").mkdir()
     (tmp_path / "extreme" / "best.safetensors").touch()
@@ -428,6 +520,7 @@ def test_a_folder_with_the_name_of_a_scenario_hides_nothing(tmp_path, run_usvauv
         (["simulate", "--out", "missing/a.mp4"], ["missing/a.mp4", "does not exist"]),
         (["simulate", "--at", "3"], ["--at 3", "usvauv-extreme.mp4", "BEGIN:END"]),
         (["simulate", "--at", "3:b"], ["--at '3:b'", "120:180"]),
+        (["simulate", "--out", "a.gif", "--fps", "60"], ["--fps 60: must be from 1 to 50 in a.gif"]),
         (["simulate", "--follow", "boat", "--set", "boat.count=2"], ["--follow 'boat'", "usv:1 to usv:2"]),
         (["replay", "a.nc", "--out", "a.geojson", "--at", "1:2"], ["--at 1:2", "a.geojson", "whole area"]),
         (["eval", "--policy", "."], ["holds no best.safetensors"]),

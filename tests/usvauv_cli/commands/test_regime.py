@@ -48,6 +48,15 @@ def test_the_gain_counts_in_the_height():
     assert "sea.equations" not in verdicts(*area, *POOL, "sea.irregular_period_min=160")
 
 
+def test_a_command_names_all_for_which_no_mission_is_possible(run_usvauv):
+    """A source that nobody hears, and a current that carries the boat off."""
+    settings = ["--set", "acoustics.source_level=90", "--set", "current.speed=9"]
+    code, stdout, stderr = run_usvauv("simulate", *settings)
+    assert (code, stdout) == (2, "")
+    assert "error: extreme: acoustics.source_level: replies can be decoded up to" in stderr
+    assert "error: extreme: boat.top_speed: current at the surface, median" in stderr
+
+
 def test_a_study_warns_once_for_all_its_runs(run_usvauv, tmp_path, monkeypatch):
     monkeypatch.setattr(perform, "Local", lambda jobs, cores: Here())
     study = tmp_path / "study.toml"

@@ -42,7 +42,7 @@ def test_a_link_that_carries_nothing_holds_its_auv():
     ("kind", "count"),
     [("toml", 30), ("override", 100), ("learn", 200), ("checkpoint", 10), ("plan", 12), ("attributes", 8)],
 )
-def test_inputs_are_accepted_or_refused_in_one_line(tmp_path, kind, count):
+def test_inputs_are_accepted_or_refused_in_words(tmp_path, kind, count):
     outcomes = {number: run_case(kind, 5, number, tmp_path) for number in range(count)}
     assert {n: outcome for n, outcome in outcomes.items() if outcome not in ("accepted", "refused")} == {}
     assert "refused" in outcomes.values()
