@@ -64,7 +64,7 @@ class TestReplies:
     def test_a_fix_is_of_where_the_reply_left(self):
         """Without noise a fix lies behind a moving AUV by its way since: half the exchange, no turn-around."""
         changes = ["auv.count=1", "area.depth=2000", "auv.depth=1900", "acoustics.source_level=240", "mission.step=0.1"]
-        changes += ["channel.turn_around=1.0", "auv.speed_lag=0", "auv.speed_noise=0"]
+        changes += ["channel.turn_around=1.0", "auv.speed_lag=0", "auv.speed_noise=0", "auv.speed_min=1.2"]
         world = World(Scenario.load("ideal", [*CALM, *changes]), 50, 6, usv="hold:100,100")
         seen = right = 0
         for _ in sail(world, still(world), 300):
