@@ -104,7 +104,7 @@ class TestRefusal:
     def test_missing(self, tmp_path):
         (tmp_path / "empty").mkdir()
         self.refused(tmp_path / "empty", "holds no best.safetensors")
-        self.refused(tmp_path / "nowhere", "allowed are ppo-wide-torpedo, ppo-extreme-torpedo")
+        self.refused(tmp_path / "nowhere", "allowed are ppo-wide-torpedo, sac-extreme")
         with pytest.raises(PolicyError, match=r"last\.safetensors: checkpoint is missing"):
             resume(training_run(tmp_path))
 

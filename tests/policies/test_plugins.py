@@ -44,7 +44,7 @@ def load_example(name: str, folder: Path) -> None:
 def test_a_policy_leads_its_target_by_the_drift(tmp_path):
     world = ToyWorld(scenario(), 16, seed=2)
     observation = world.reset()
-    with pytest.raises(PolicyError, match="allowed are ppo-wide-torpedo, ppo-extreme-torpedo"):
+    with pytest.raises(PolicyError, match="allowed are ppo-wide-torpedo, sac-extreme"):
         policies.load("lead:20", world)
     load_example("policy.py", tmp_path)
     assert policies.available()[-1] == "lead"

@@ -21,17 +21,18 @@ from usvauv.policies.guidance import unit, unrotate
 
 
 @pytest.mark.parametrize(
-    ("name", "where"), [("clear", "extreme"), ("sac-extreme", "extreme"), ("ppo-extreme-torpedo", "extreme-torpedo")]
+    ("name", "where"), [("clear", "extreme"), ("sac-extreme", "extreme"), ("ppo-wide-torpedo", "wide-torpedo")]
 )
 def test_actions_of_many_worlds_are_those_of_each(name, where, monkeypatch):
     world = ToyWorld(Scenario.load(where), 2100)
-    policy, observation = policies.load(name, world), torch.rand((2100, 2, world.observation_size), generator=seeded())
+    policy, shape = policies.load(name, world), (2100, world.num_auvs)
+    observation = torch.rand((*shape, world.observation_size), generator=seeded())
     monkeypatch.setattr(policy_base, "LARGEST_PIECE", 700)
     divided = policy.act(observation)
     monkeypatch.setattr(policy_base, "PIECE", 1 << 30)
     monkeypatch.setattr(policy_base, "LARGEST_PIECE", 1 << 30)
     torch.testing.assert_close(divided, policy.act(observation), rtol=0, atol=0)
-    assert divided.shape == (2100, 2, 2)
+    assert divided.shape == (*shape, 2)
     if name != "clear":  # which reads the current of a whole world
         assert torch.equal(policy.act(observation[7:12]), divided[7:12])
 
@@ -108,9 +109,9 @@ class TestActing:
         assert policy.act(observation)[:, 0].isnan().all()
 
     def test_a_policy_of_the_passing_frame_can_be_copied(self):
-        world = ToyWorld(Scenario.load("extreme-torpedo"), 3)
-        policy = policies.load("ppo-extreme-torpedo", world)
-        observation = torch.rand((3, 2, world.observation_size), generator=seeded())
+        world = ToyWorld(Scenario.load("wide-torpedo"), 3)
+        policy = policies.load("ppo-wide-torpedo", world)
+        observation = torch.rand((3, world.num_auvs, world.observation_size), generator=seeded())
         torch.testing.assert_close(copy.deepcopy(policy).act(observation), policy.act(observation), rtol=0, atol=0)
 
     def test_in_several_threads_at_once(self):
@@ -129,7 +130,7 @@ class TestFace:
     @pytest.mark.parametrize(
         ("name", "part"),
         [
-            ("nonsense", "allowed are ppo-wide-torpedo, ppo-extreme-torpedo"),
+            ("nonsense", "allowed are ppo-wide-torpedo, sac-extreme"),
             ("straight:fast", "'fast' is not a speed"),
             ("straight:nan", "between 0.05 and 2 m/s"),
             ("crab:2.3", "between 0.05 and 2 m/s"),

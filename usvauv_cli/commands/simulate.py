@@ -249,7 +249,7 @@ def live(
 
     `usvauv live`
 
-    `usvauv live wide --policy sac-wide --open`
+    `usvauv live wide --policy pace --open`
     """
     from usvauv.cli.live.server import Show, listen, serve
     from usvauv.cli.live.session import Session

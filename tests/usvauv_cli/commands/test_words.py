@@ -56,7 +56,7 @@ class TestLists:
             (
                 "policies",
                 [*heuristics, *trained()],
-                {"ppo-extreme-torpedo": "Default in extreme-torpedo.", "keep": "Default in station-keeping"},
+                {"ppo-wide-torpedo": "Default in wide-torpedo.", "keep": "Default in station-keeping"},
             ),
             (
                 "boats",
@@ -81,7 +81,7 @@ class TestLists:
     def test_which_policy_is_learned_and_in_what(self, run_usvauv):
         learned = run_usvauv("policies")[1].partition("Learned, shipped with usvauv:\n")[2].partition("Your own:")[0]
         assert list(listed(learned)) == trained()
-        assert listed(learned)["sac-wide"] == "SAC, trained in wide with 8 AUVs and the boat belief."
+        assert listed(learned)["sac-extreme"] == "SAC, trained in extreme with 2 AUVs and the boat fim."
 
     def test_have_what_a_plugin_adds(self, tmp_path, run_usvauv, own_registries):
         (tmp_path / "mine.py").write_text(PLUGIN)
