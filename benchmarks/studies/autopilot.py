@@ -104,9 +104,8 @@ def responses() -> list[str]:
 
 @functools.cache
 def in_extreme(variation: float) -> dict[str, Array]:
-    """Vehicles of `extreme`, (seconds, vehicles): errors of course (°) and depth (m), current; NaN near the border."""
-    settings = ["auv.model=torpedo", "nodes.service=passing", f"auv.variation={variation}"]
-    scenario = Scenario.load("extreme", settings)
+    """Vehicles of `extreme-torpedo`, (seconds, vehicles): errors of course (°) and depth (m), current; NaN near the border."""
+    scenario = Scenario.load("extreme-torpedo", [f"auv.variation={variation}"])
     world, random = World(scenario, WORLDS, seed=7), np.random.default_rng(7)
     world.reset()
     auv = world.state()["auv"]
@@ -142,7 +141,7 @@ def told_of_extreme(variation: float) -> list[str]:
     course, depth, current = (found[name][FIRST:] for name in ("course", "depth", "current"))
     counted = ~np.isnan(course)
     return [
-        f"extreme at 100 m, numbers within ±{variation:.0%}: currents {np.nanmedian(current):.2f} m/s"
+        f"extreme-torpedo, numbers within ±{variation:.0%}: currents {np.nanmedian(current):.2f} m/s"
         f" (95 %: {np.nanquantile(current, 0.95):.2f}), course within {rms(course):.2f}° rms"
         f" (95 %: {np.nanquantile(np.abs(course), 0.95):.2f}°), depth within {rms(depth):.3f} m rms"
         f" (95 %: {np.nanquantile(np.abs(depth), 0.95):.3f} m),"
