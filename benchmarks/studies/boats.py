@@ -1,4 +1,4 @@
-"""The boat's strategies in `wide` with a point and with an Otter as the boat: what a boat that has to turn changes.
+"""The boat's strategies in `wide` with a boat of the class `otter`, as a point and as a model that has to turn.
 
     python -m benchmarks.studies.boats
 
@@ -25,7 +25,7 @@ FIGURES = {"delivered_mbit": "data, Mbit", "position_error_median": "median erro
 
 def measure(model: str, usv: str, episodes: int, seed: int) -> dict[str, np.ndarray]:
     """Figures of each episode, (episodes,)."""
-    scenario = Scenario.load("wide", [f"boat.model={model}"])
+    scenario = Scenario.load("wide", ["boat.vessel=otter", f"boat.model={model}"])
     rows = run_episodes(scenario, policies.named("clear"), episodes=episodes, seed=seed, usv=usv)
     return {name: figure(rows, name) for name in FIGURES}
 
