@@ -1,9 +1,9 @@
-"""The torpedo under its autopilot: step responses, its course and depth in `extreme`, lines and circles.
+"""The torpedo under its autopilot: step responses, its course and depth in `extreme-torpedo`, lines and circles.
 
     python -m benchmarks.studies.autopilot --out docs/autopilot.png
 
 Steps begin when the vehicle is trimmed. "With numbers off" is the worst of eight vehicles whose mass, drag and fins
-have 80 or 120 % of the model's, from 10 s before the step. In `extreme` vehicles cross the middle of the area at 100 m,
+have 80 or 120 % of the model's, from 10 s before the step. In `extreme-torpedo` vehicles cross the middle of the area,
 each on a course and at a speed of its own. Places within 30 m of the border do not count, nor do the first 30 s, in
 which the vehicles turn: half a turn on the autopilot's 5 hull lengths at 1.2 m/s takes 21 s, and the course's error has
 come to its level after 30 s, as the figure and the last lines show.
@@ -104,7 +104,7 @@ def responses() -> list[str]:
 
 @functools.cache
 def in_extreme(variation: float) -> dict[str, Array]:
-    """Vehicles of `extreme-torpedo`, (seconds, vehicles): errors of course (°) and depth (m), current; NaN near the border."""
+    """Vehicles in the storm, (seconds, vehicles): errors of course (°) and depth (m), current; NaN near the border."""
     scenario = Scenario.load("extreme-torpedo", [f"auv.variation={variation}"])
     world, random = World(scenario, WORLDS, seed=7), np.random.default_rng(7)
     world.reset()
@@ -254,7 +254,7 @@ def draw(ground: Ground) -> Figure:
             axes.plot(np.arange(1, SECONDS + 1), np.nanquantile(error, part, axis=1), color=colour, label=f"{part:.0%}")
         axes.axvline(FIRST, color=ground.muted, lw=0.8, ls=":")
         axes.set(
-            xlabel="time, s", ylabel=f"error of {name}, {unit}", title=f"{name} in extreme, at 100 m", ylim=(0, None)
+            xlabel="time, s", ylabel=f"error of {name}, {unit}", title=f"{name} in extreme-torpedo", ylim=(0, None)
         )
         axes.legend()
     off_course.set(ylim=(0, 5))

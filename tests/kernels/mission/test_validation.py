@@ -45,7 +45,7 @@ def test_a_wide_array_takes_phases_as_they_are():
 
 @pytest.mark.parametrize("tracked", [False, True])
 def test_a_kidnapped_auv_is_found(tracked):
-    """Without a tracker once it can have gone that far, at 2.2 m/s and the fastest water; with one by three fixes."""
+    """Without a tracker once it can have gone that far, at 2 m/s and the fastest water; with one by three fixes."""
     scenario = Scenario.load("extreme", [*PLAIN, f"tracker.enabled={str(tracked).lower()}"])
     world = World(scenario, 16, seed=3, usv="centroid")
     observation = world.reset()

@@ -427,7 +427,7 @@ class TestCommand:
         assert 0 < said["optimum"]["x"] < trace.scenario.area.width
 
     def test_old_fixes_are_uncertain_and_very_old_ones_left_out(self, plan, tmp_path):
-        """AUVs of up to 2.2 m/s that were last heard 0, 20 and 300 s before the end, in 200 m."""
+        """AUVs of up to 2 m/s that were last heard 0, 20 and 300 s before the end, in 200 m."""
         rows = [
             f"{t},{name},{place},90"
             for name, last, place in (("now", 400, "60,60"), ("lately", 380, "120,80"), ("lost", 100, "150,150"))
@@ -440,7 +440,7 @@ class TestCommand:
         now, lately = json.loads((tmp_path / "plan.json").read_text())["log"]
         assert (now["name"], now["age"], lately["name"], lately["age"]) == ("now", 0, "lately", 20)
         assert now["uncertainty"] < 0.1
-        assert 0.8 * 44 < lately["uncertainty"] < 44  # of at most 2.2 m/s × 20 s
+        assert 0.8 * 40 < lately["uncertainty"] < 40  # of at most 2 m/s × 20 s
         code, _, err = plan("--log", "log.csv", "--beacon", "lost")
         assert code == 2
         assert "no AUV is left: 'lost' (300 s)" in err
