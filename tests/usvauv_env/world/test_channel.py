@@ -281,6 +281,25 @@ class TestFilters:
         else:
             assert mean.mean() == pytest.approx(2, abs=0.25)
 
+    @pytest.mark.slow
+    @pytest.mark.parametrize(
+        ("scenario", "policy", "expected"), [("wide", "clear", 1.0), ("wide-torpedo", "pass", 1.7)]
+    )
+    def test_the_boats_estimates_are_not_overconfident(self, scenario, policy, expected):
+        """Normalised squared errors have at most the mean 2, in whole missions with gaps of minutes."""
+        world = World(Scenario.load(scenario), 64, 2026)
+        squares = []
+        for step, _ in enumerate(sail(world, policies.acting(policy, world), world.steps)):
+            if step > 50 and step % 20 == 0:
+                track = world.estimate.double().cpu().numpy()
+                off = (world.estimate[..., :2] - world.auv[..., :2]).double().cpu().numpy()
+                xx, xy, yy = np.moveaxis(track[..., EstimateColumn.span("covariance_xx", "covariance_yy")], -1, 0)
+                squared = yy * off[..., 0] ** 2 - 2 * xy * off[..., 0] * off[..., 1] + xx * off[..., 1] ** 2
+                squares.append(squared / (xx * yy - xy**2))
+        squares = np.concatenate(squares)
+        assert squares.mean() == pytest.approx(expected, abs=0.25)
+        assert (squares < 5.99).mean() > 0.95
+
     def test_one_good_fix_in_a_thousand_is_dropped(self):
         """Also where fixes follow the boat's error of its own position, which drifts by some decimetres a minute."""
         changes = ["channel.schedule=turns", "usbl.spacing=0.025"]
