@@ -337,10 +337,11 @@ class Trainer:
         """Train runs that have done equally many steps until each has done `until` of its `total` world-steps; yields
         their figures after every `WINDOW` steps of all worlds, at an evaluation and at the end.
         """
-        first, before, steps_before = runs[0], [run.seconds for run in runs], runs[0].steps
+        first, before = runs[0], [run.seconds for run in runs]
         count, worlds = min(self.threads, len(runs)), first.config.num_worlds
         stacks = [SeedStack(runs[index::count]) for index in range(count)]
         begun, over = time.perf_counter(), False
+        since, steps_then = begun, first.steps  # the rate is that from then on: of steps with updates, which are slower
         with ThreadPoolExecutor(1) as pool, ThreadPoolExecutor(count) as workers:
             while not over:
                 list((workers.map if count > 1 else map)(lambda each: each.step(pool, total), stacks))
@@ -354,9 +355,11 @@ class Trainer:
                 for run, seconds in zip(runs, before, strict=True):
                     if due:  # also when stopped, because a resumed run begins after this step
                         evaluate(run)
-                    elapsed = time.perf_counter() - begun
-                    run.seconds = seconds + elapsed
-                    figures[run] = report(run, total, (first.steps - steps_before) / elapsed)
+                    now = time.perf_counter()
+                    run.seconds = seconds + now - begun
+                    figures[run] = report(run, total, (first.steps - steps_then) / (now - since))
+                if not first.learner.updates:
+                    since, steps_then = time.perf_counter(), first.steps
                 yield figures
                 over |= self.stopped
                 if due or over:

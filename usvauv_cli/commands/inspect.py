@@ -101,7 +101,7 @@ def scenarios(
         if any(found.verdict == "error" for found in findings):
             raise typer.Exit(2)
         return
-    text = setting.to_toml()
+    text = setting.model_copy(update={"description": setting.about}).to_toml()
     if not sys.stdout.encoding.lower().startswith("utf"):  # TOML is UTF-8, of which ASCII is a part
         text = re.sub(r'"(?:[^"\\\n]|\\.)*"', _escaped, text).encode("ascii", sys.stdout.errors or "replace").decode()
     typer.echo(text, nl=False)

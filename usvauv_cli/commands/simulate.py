@@ -283,7 +283,7 @@ def mission_summary(row: EpisodeMetrics, trace: Trace) -> None:
     if row.spent:
         energy += f"; {counted(row.spent, 'AUV')} with a spent battery, the first after {duration(row.spent_first)}"
     lines = [
-        f"{row.scenario}, seed {row.seed}, policy {row.policy}, {boats} {row.usv}:"
+        f"{row.scenario}{scenario.change}, seed {row.seed}, policy {row.policy}, {boats} {row.usv}:"
         f" {duration(float(trace.time[-1]))} of mission",
         f"energy: {row.energy_wh:.1f} Wh; mean power of an AUV under way (EC) {row.ec:.0f} W{energy}",
         f"position error: {row.position_error_rms:.2f} m rms, median {row.position_error_median:.2f} m,"

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -143,6 +143,7 @@ def train(
             stack.enter_context(locked(folder))
             clean(folder)
         folders = folders or {seed: place}
+        stack.enter_context(_telling_what_is_lost(place, [path_of(folder, LAST) for folder in folders.values()]))
         saved = [folder for folder in folders.values() if path_of(folder, LAST).exists()]
         found = {folder: policies.read_run(folder) for folder in saved or (folders.values() if resume else ())}
         setting, config, begun = next(iter(found.values()), (setting, config, {}))
@@ -211,6 +212,17 @@ def train(
             own = place / f"{FOLDER}{config.seed}" if several else place
             typer.echo(f"compare them in other episodes: usvauv eval {setting.name} --policy {own} --policy {name}")
     trainer.interruption.raise_if_asked()
+
+
+@contextmanager
+def _telling_what_is_lost(place: Path, states: Sequence[Path]) -> Iterator[None]:
+    """Say, where Ctrl-C comes before any of the states is saved, that there is nothing to resume."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        if not any(state.exists() for state in states):
+            typer.echo(f"stopped before training; nothing in {place} to resume: the same command begins anew")
+        raise
 
 
 def _folders(out: Path) -> dict[int, Path]:

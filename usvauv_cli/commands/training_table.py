@@ -92,8 +92,9 @@ def _score(figures: dict) -> str:
 
 
 def _share(figures: dict) -> str:
-    """The share of a run that is done, and the time left."""
-    left = f", {duration(figures['eta'], rough=True)} left" if figures["steps"] < figures["total"] else ""
+    """The share of a run that is done, and the time left, which nobody knows before updates have begun."""
+    known = figures["updates"] and figures["steps"] < figures["total"]
+    left = f", {duration(figures['eta'], rough=True)} left" if known else ""
     return f"{min(figures['steps'] / figures['total'], 1):.0%}{left}"
 
 

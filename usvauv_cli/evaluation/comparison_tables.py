@@ -114,7 +114,7 @@ def metrics_tables(comparison: Comparison, scenario: Scenario, seed: int, wide: 
     """
     first, count = comparison.combinations[0], comparison.episodes
     parts = column_tables(scenario, comparison.of_task)
-    about = f"{scenario.name}, seed {seed}, {counted(count, 'episode')}"
+    about = f"{scenario.name}{scenario.change}, seed {seed}, {counted(count, 'episode')}"
     several = comparison.combinations
     varied = ["policy", *(name for name in ("usv", "targets") if len({getattr(which, name) for which in several}) > 1)]
     about += "".join(f", {name} {getattr(first, name)}" for name in ("usv", "targets") if name not in varied)

@@ -122,7 +122,7 @@ def _named(trace: Trace) -> dict[str, str]:
         "boat": trace.usv,
         "targets": trace.scenario.nodes.target_rule,
         "seed": str(trace.seed),
-        "scenario": trace.scenario.name,
+        "scenario": f"“{trace.scenario.name}”{trace.scenario.change}",
     }
 
 
@@ -131,7 +131,7 @@ def title_of(first: Trace, second: Trace) -> tuple[str, str]:
     one, other = _named(first), _named(second)
     shared = [f"{name} {one[name]}" for name in ("policy", "boat", "seed") if one[name] == other[name]]
     same = one["scenario"] == other["scenario"]
-    return f"Scenario “{one['scenario']}”" if same else "Two scenarios", " · ".join(shared)
+    return f"Scenario {one['scenario']}" if same else "Two scenarios", " · ".join(shared)
 
 
 def differences(first: Trace, second: Trace) -> tuple[str, str]:

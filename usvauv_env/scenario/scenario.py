@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -39,6 +40,7 @@ from usvauv.kernels.vehicles.vehicle import vehicles
 
 LONGEST_NAME = 120  # bytes; it is part of file names, which may have 255
 MOST_CHANGES = 12  # changes that `repr` lists
+CHOSEN = "boat.strategy", "nodes.target_rule"  # fields that commands have options for, and name beside the scenario
 VEHICLE_TERMS = "attitude", "depth", "motion"  # observation terms of vehicles with dynamics
 
 
@@ -330,6 +332,37 @@ class Scenario(Section):
         """Number of possible targets: nodes, or stations."""
         return self.nodes.count if self.task_definition.targets == "nodes" else self.auv.count
 
+    @property
+    def numbers(self) -> str:
+        """Its sizes in a few words: area, AUVs, nodes, significant height, boats."""
+        teams = (
+            (self.auv.count, "AUV", self.auv.vehicle),
+            (self.nodes.count if self.task_definition.targets == "nodes" else 0, "node", "none"),
+            (self.boat.count, "boat", self.boat.vessel),
+        )
+        *vehicles_and_nodes, boats = (
+            f"{count} {what}{'s' * (count > 1)}{'' if kind == 'none' else f' ({kind})'}"
+            for count, what, kind in teams
+            if count
+        )
+        waves = "waves of a file" if self.water.waves else f"Hs {self.storm.total_height:.3g} m"
+        return ", ".join([f"{self.area.width:g} × {self.area.length:g} m", *vehicles_and_nodes, waves, boats])
+
+    @property
+    def change(self) -> str:
+        """What follows on its name where that is of a scenario that ships with other numbers: its own; else empty."""
+        same = self.name not in _as_shipped() or not self._differs(_as_shipped()[self.name])
+        return "" if same else f", changed: {self.numbers}"
+
+    @property
+    def about(self) -> str:
+        """Its description; `numbers` where it has none, or that of a scenario that ships with other numbers."""
+        whose = next((each for each in _as_shipped().values() if each.description == self.description), None)
+        return self.numbers if not self.description or (whose and self._differs(whose)) else self.description
+
+    def _differs(self, other: Scenario) -> bool:
+        return any(name not in CHOSEN for name, _, _ in self.differences(other))
+
     shipped = staticmethod(shipped)
 
     @classmethod
@@ -458,3 +491,9 @@ class Scenario(Section):
             sections += [f"{key} = {as_toml(getattr(value, key))}  # {about[key].description}" for key in about]
             sections += [f"{key} = {as_toml(extra)}" for key, extra in (value.model_extra or {}).items()]
         return "\n".join([*head, *sections]) + "\n"
+
+
+@cache
+def _as_shipped() -> dict[str, Scenario]:
+    """All scenarios that ship, by name."""
+    return {name: Scenario.load(name) for name in shipped()}

@@ -498,6 +498,32 @@ def test_all_that_is_wrong_with_a_scenario_is_said_at_once(tmp_path, run_usvauv,
             assert line.startswith(f"error: bad.toml: {place}")
 
 
+def test_a_changed_copy_of_a_scenario_is_described_by_its_numbers(tmp_path, run_usvauv):
+    shipped = run_usvauv("scenarios", "extreme")[1]
+    words = tomllib.loads(shipped)["description"]
+    assert words.startswith("Storm of WMO sea state 7")
+    copy = tmp_path / "mine.toml"
+    mission = ("eval", "mine.toml", "--policy", "straight:1.5", "--episodes", 1, "--force")
+    for text, own in (
+        (shipped, ""),
+        (
+            shipped.replace("\ncount = 2 ", "\ncount = 3 "),
+            "200 × 200 m, 3 AUVs (sparus-ii), 30 nodes, Hs 6.5 m, 1 boat (ocean)",
+        ),
+        (
+            shipped.replace("significant_height = 6.5", "significant_height = 5"),
+            "200 × 200 m, 2 AUVs (sparus-ii), 30 nodes, Hs 5 m, 1 boat (ocean)",
+        ),
+    ):
+        copy.write_text(text)
+        assert tomllib.loads(run_usvauv("scenarios", "mine.toml")[1])["description"] == (own or words)
+        copy.write_text(text.replace("duration = 1000.0", "duration = 5.0"))
+        said = " ".join(run_usvauv(*mission)[1].split())
+        assert said.startswith(f"extreme, changed: {own}")
+    by_itself = ("simulate", "extreme", "--usv", "hold:9,9", "--duration", 3, "--size", "320x240", "--out", "a.webm")
+    assert run_usvauv(*by_itself)[1].startswith("extreme, seed 0, ")
+
+
 def test_a_folder_with_the_name_of_a_scenario_hides_nothing(tmp_path, run_usvauv):
     (tmp_path / "extreme").mkdir()
     (tmp_path / "extreme" / "best.safetensors").touch()

@@ -120,6 +120,11 @@ def test_the_table_of_a_training_run_fits_80_by_24(algorithm):
     )
     text = console.file.getvalue()
     lines = text.splitlines()
+    before_learning = training_table.training_table(
+        figures | {"updates": 0}, evaluation | {"policy": "", "start": ""}, ""
+    )
+    console.print(before_learning)
+    assert "h left" not in console.file.getvalue().removeprefix(text)
     assert len(lines) <= 22
     assert max(map(len, lines)) <= 80
     assert text.count("-12345.67") == 1 + 2 * len(training_table.TRAINED)

@@ -10,6 +10,7 @@ import pytest
 from tests.policies.test_seeds import same_runs
 from usvauv import policies
 from usvauv.env import Scenario, World
+from usvauv.kernels import runtime
 from usvauv.policies import TrainingConfig, checkpoint
 from usvauv.policies.training.figures import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
 from usvauv.policies.training.trainer import SeedStack
@@ -73,6 +74,16 @@ def test_stopped_or_killed_they_go_on(tmp_path, run_usvauv, quick, monkeypatch):
     (tmp_path / "whole/seed-0").rename(tmp_path / "killed/seed-0")
     assert run_usvauv("train", "--out", "killed", "--resume")[0] == 0
     same_runs(tmp_path / "whole/seed-1", tmp_path / "killed/seed-1")
+
+
+def test_stopped_before_the_first_step_it_says_that_nothing_is_there(tmp_path, run_usvauv, monkeypatch):
+    """While its worlds are made; the same command may be given again."""
+    with monkeypatch.context() as patch:
+        patch.setattr(runtime, "start", lambda arch: signal.raise_signal(signal.SIGINT))
+        code, shown, stderr = run_usvauv(*BEGIN, "--out", "early")
+    assert (code, stderr) == (130, "stopped\n")
+    assert shown == "stopped before training; nothing in early to resume: the same command begins anew\n"
+    assert not list((tmp_path / "early").iterdir())
 
 
 @pytest.mark.parametrize(
