@@ -17,7 +17,7 @@ from usvauv.cli.evaluation.comparison import interval
 from usvauv.env import Scenario, World
 from usvauv.env.record.metrics import episode_metrics
 from usvauv.env.record.recorder import record
-from usvauv.kernels.mission import belief_planner, boat_strategies
+from usvauv.kernels.mission.boats import belief_planner, boat_strategies
 from usvauv.kernels.mission.boats.boat_strategies import BoatStrategy
 from usvauv.kernels.mission.boats.boat_strategies import boat_strategies as strategies
 from usvauv.kernels.mission.columns import AuvColumn, ForesightColumn
