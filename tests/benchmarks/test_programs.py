@@ -30,7 +30,6 @@ SMALLEST: dict[str, tuple[str, dict[str, object]]] = {  # options, and constants
     "benchmarks.start": ("--rounds 1", {"COMMANDS": ("policies",)}),
     "benchmarks.step_profile": ("ideal", {"BATCHES": (1,), "ROUNDS": 1, "LEAD": 1}),
     "benchmarks.studies.autopilot": ("", {}),
-    "benchmarks.studies.clairvoyant": ("--episodes 2", {}),
     "benchmarks.studies.decisions": ("--episodes 2 --tuning-episodes 2", {}),
     "benchmarks.studies.fix_error": ("--episodes 2", {}),
     "benchmarks.studies.generalisation": ("--episodes 2 --steps 256 --jobs 1 --out runs", {}),
