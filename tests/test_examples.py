@@ -40,7 +40,7 @@ def _one_thread():
     [
         ("stable_baselines3_sac", "stable_baselines3", 300, 10),
         ("cleanrl_td3", "torch", 400, 10),
-        ("torchrl_ppo", "torchrl", 400, 8),
+        ("torchrl_ppo", "torchrl", 500, 10),
         ("benchmarl_mappo", "benchmarl", 400, 8),
     ],
 )

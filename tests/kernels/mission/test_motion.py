@@ -63,7 +63,7 @@ def test_an_auv_with_a_drag_has_its_own_law_wherever_the_power_is_known():
     auv = world.scenario.auv
     assert (hovering_power(auv, 0.0), hovering_power(auv, 2.0)) == pytest.approx((20.0, own(2.0)))
     with pytest.raises(ScenarioError, match=r"hotel = 20: needs a drag above 0"):
-        Scenario.load("ideal", ["auv.hotel=20"])
+        Scenario.load("ideal", ["auv.vehicle=none", "auv.hotel=20"])
 
 
 AT_ONCE = ["auv.speed_lag=0", "auv.speed_noise=0", "auv.depth_noise=0"]

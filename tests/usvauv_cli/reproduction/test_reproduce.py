@@ -164,7 +164,7 @@ class TestCollaboration:
         found = list(collaboration.points(TINY, tables))
         assert len(found) == 4 * 5 + 3 * 5 + 3 * 5 + 4 * 4
         axis = collaboration.AXES[0].name
-        centroid = next(p for p in found if (p["axis"], p["value"], p["boat"]) == (axis, 200, "centroid"))
+        centroid = next(p for p in found if (p["axis"], p["value"], p["boat"]) == (axis, 210, "centroid"))
         assert centroid["share"] == pytest.approx(95 / 150)
         assert centroid["mbit95"] == pytest.approx(T1 * 15, rel=1e-5)  # deviation 15 √2 of 2 episodes
         assert (centroid["belief_more"], centroid["belief_more95"]) == (25, pytest.approx(T1 * 15, rel=1e-5))

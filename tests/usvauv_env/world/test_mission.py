@@ -21,7 +21,7 @@ def extreme():
     return Scenario.load("extreme")
 
 
-AT_ONCE = ["auv.speed_lag=0", "auv.speed_noise=0", "auv.depth_noise=0"]
+AT_ONCE = ["auv.vehicle=none", "auv.speed_lag=0", "auv.speed_noise=0", "auv.depth_noise=0"]
 
 
 class TestMotion:
@@ -64,7 +64,7 @@ class TestStorm:
 
     def test_it_lifts_tilts_and_carries_the_boat(self):
         """Nothing but the storm moves here; the boat without lag drifts with the water of the step before."""
-        changes = [*self.quiet, "boat.response_time=0", "boat.windage=0", "boat.dead_band=0"]
+        changes = [*self.quiet, "boat.vessel=none", "boat.dead_band=0"]
         world = World(Scenario.load("extreme", changes), num_worlds=16, seed=3, usv="hold:60,80")
         run(world, 7)
         before = world.boat[:, 0].clone()
