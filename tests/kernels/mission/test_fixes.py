@@ -158,9 +158,8 @@ class TestLost:
 class TestSound:
     def test_bent_rays_do_not_bias_fixes(self):
         """Also where the array is tilted: they are off by less than 2e-5 of the range."""
-        trace = voyage(
-            [THERMOCLINE, *LOUD, "usbl.tilt=true", "usbl.propagation=false", "boat.vessel=none"], usv="hold:0,0"
-        )
+        point = ["boat.vessel=none", "boat.dead_band=0"]
+        trace = voyage([THERMOCLINE, *LOUD, *point, "usbl.tilt=true", "usbl.propagation=false"], usv="hold:0,0")
         away = column(trace, "auv_position")
         R = np.linalg.norm(away, axis=-1)
         assert (np.linalg.norm(column(trace, "fix") - away, axis=-1) / R)[R > 60].max() < 2e-5
