@@ -97,15 +97,15 @@ def test_metadata_are_complete(exported):
 
 class TestCommand:
     def test_it_writes_a_shipped_policy_and_nothing_else(self, tmp_path, run_usvauv):
-        code, out, err = run_usvauv("export", "sac-extreme", "extreme", "--set", "auv.speed_max=1.8")
+        code, out, err = run_usvauv("export", "sac-extreme", "extreme", "--set", "auv.speed_max=2.2")
         assert (code, err) == (0, "")
         assert "sac-extreme.onnx: observation (N, 2, 23), action (N, 2, 2)" in out
         assert [path.name for path in tmp_path.iterdir()] == ["sac-extreme.onnx"]
         session = onnxruntime.InferenceSession("sac-extreme.onnx")
-        assert '"unit": "1.8 m/s"' in session.get_modelmeta().custom_metadata_map["action"]
-        slower = policies.load_learned("sac-extreme").for_scenario(Scenario.load("extreme", ["auv.speed_max=1.8"]))
-        check_actions(slower, session)
-        check_metadata(slower, session, tmp_path / "sac-extreme.onnx")
+        assert '"unit": "2.2 m/s"' in session.get_modelmeta().custom_metadata_map["action"]
+        faster = policies.load_learned("sac-extreme").for_scenario(Scenario.load("extreme", ["auv.speed_max=2.2"]))
+        check_actions(faster, session)
+        check_metadata(faster, session, tmp_path / "sac-extreme.onnx")
 
     @pytest.mark.parametrize(
         ("arguments", "parts"),
