@@ -61,7 +61,13 @@ def test_task_and_vehicle(evaluated):
     def survey(*settings: str) -> list[dict[str, str]]:
         return evaluated(("task.py", "vehicle.py"), [*vehicle, "task=survey", *settings], "--policy=straight:1.6")
 
-    vehicle = ["auv.count=3", "auv.model=dubins", "nodes.service=passing", "vehicle_parameters.drag=5"]
+    vehicle = [
+        "auv.count=3",
+        "auv.model=dubins",
+        "nodes.service=passing",
+        "vehicle_parameters.drag=5",
+        "auv.speed_min=1.2",
+    ]
     wide = "task_parameters.radius=80"
     near, far, weighted = survey(), survey(wide), survey(wide, "task_parameters.visit=30")
     visits = [sum(float(row["visits"]) for row in rows) for rows in (near, far)]
@@ -119,17 +125,21 @@ def test_boat_strategy_target_rule_noise_law_observation_term_and_policy(evaluat
     (index,) = range(*world.observation_layout.slice("backlog").indices(world.observation_size))
     assert (observation[..., index] - backlog / 5000).abs().max() < 1e-6
     assert backlog.min() > 0
-    # No AUV takes a node while a free one was left longer ago.
-    left, before, seen = np.full((8, 6), -1), world.auv[..., AuvColumn.target].int().tolist(), 0
+    # No AUV takes a node while a free one was visited longer ago.
+    visited, before, seen = np.full((8, 6), -1), world.auv[..., AuvColumn.target].int().tolist(), 0
+    served = np.zeros((8, 2), bool)
     for step in range(200):
         observation = world.step(act(observation))[0]
         targets = world.auv[..., AuvColumn.target].int().tolist()
+        hovers = world.auv[..., AuvColumn.hovering].cpu().numpy() > 0
+        for w, k in zip(*np.nonzero(hovers & ~served), strict=True):
+            visited[w, before[w][k]] = step
+        served = hovers
         for w, (old, new) in enumerate(zip(before, targets, strict=True)):
             changed = [k for k in range(2) if old[k] != new[k]]
-            left[w, [old[k] for k in changed]] = step
             if len(changed) == 1:
                 free = [i for i in range(6) if i not in (*old, new[1 - changed[0]])]
-                assert left[w, new[changed[0]]] == left[w, free].min()
+                assert visited[w, new[changed[0]]] == visited[w, free].min()
                 seen += 1
         before = targets
     assert seen > 30
