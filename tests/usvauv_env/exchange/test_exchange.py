@@ -272,7 +272,10 @@ class TestCommand:
             ("m.nc --to mcap --out a.rrd", "--out a.rrd: the ending must be .mcap"),
             ("m.nc --to mcap --episode 2", "--episode 2: m.nc has episodes 0 to 1"),
             ("m.nc --to csv --set auv.count=1", "--set auv.count=1: is for a policy; --to writes a trace"),
-            ("sac-extreme --out a.mcap", "--out a.mcap: is for a trace, which needs --to; a policy is written by --on"),
+            (
+                "sac-extreme --out a.mcap",
+                "--out a.mcap: is for a trace, which needs --to; a policy is written by --onnx",
+            ),
         ],
     )
     def test_refusals(self, run_usvauv, saved, tmp_path, arguments, message):
