@@ -122,7 +122,7 @@ def _named(trace: Trace) -> dict[str, str]:
         "boat": trace.usv,
         "targets": trace.scenario.nodes.target_rule,
         "seed": str(trace.seed),
-        "scenario": f"“{trace.scenario.name}”{trace.scenario.change}",
+        "scenario": f"“{trace.scenario.name}”{', changed' if trace.scenario.change else ''}",
     }
 
 

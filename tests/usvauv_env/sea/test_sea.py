@@ -187,7 +187,7 @@ class TestOpenWater:
             r = 11 * f
             return r**-5 * math.exp(-1.25 * r**-4) * 2.2 ** math.exp(-((r - 1) ** 2) / (0.0098 if r < 1 else 0.0162))
 
-        ends = 0.5 / 11, math.sqrt(9.81 * 2 * math.pi / 20) / (2 * math.pi)  # down to waves of 20 m
+        ends = 0.5 / 11, math.sqrt(9.81 * 2 * math.pi / 7.7) / (2 * math.pi)  # down to waves of the boat's length
         square = quad(lambda f: density(f) / f**2, *ends)[0] / quad(density, *ends)[0]
         height = 1.2e-3 * 6.5 * square * math.sqrt(9.81 / 120)
         assert 0.15 < height < 0.3
