@@ -327,7 +327,7 @@ class World:
         elif boat.drifts:
             velocity = velocity + self.boat[..., BoatColumn.span("current_x", "current_y")]
         place = place + boat_speed.control_time(self.scenario) * velocity
-        self.boat[..., BoatColumn.span("goal_x", "goal_y")] = place
+        self.boat[..., BoatColumn.span("goal_x", "goal_y")] = place.clamp(torch.zeros_like(self._area), self._area)
 
     @property
     def own_position(self) -> torch.Tensor:

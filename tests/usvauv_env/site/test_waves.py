@@ -169,9 +169,7 @@ class TestPartitions:
         systems = wave_systems(Site(scenario_of(partitions(small, (4.0, 12.0, 270.0, 20.0)), tmp_path)))
         assert len(systems) == 1
         assert total_height(systems) == pytest.approx(math.hypot(0.9, 4.0))
-        with pytest.raises(
-            ScenarioError, match=r"storm.shortest_wave = 20: leaves out 17% of the energy of .*waves.nc"
-        ):
+        with pytest.raises(ScenarioError, match=r"boat.length = 7.7: leaves out 17% of the energy of .*waves.nc"):
             wave_systems(Site(scenario_of(partitions((1.8, 3.0, 270.0, 30.0), (4.0, 12.0, 0.0, 20.0)), tmp_path)))
 
     def test_nearest_point_that_is_not_land(self, tmp_path):

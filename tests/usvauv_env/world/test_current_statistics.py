@@ -41,7 +41,7 @@ def with_flow(*changes: str) -> Site:
 
 def orbital(z: float, depth: float) -> tuple[float, float]:
     """Mean squares of the horizontal speed (m²/s²) and of its change a second in `STORM`, by Newton's wave number."""
-    omega, S = band("jonswap", 11.0, 2.2, 20.0, depth, G)
+    omega, S = band("jonswap", 11.0, 2.2, 7.7, depth, G)
     k = omega**2 / G + 1e-3
     for _ in range(50):
         k -= (G * k * np.tanh(k * depth) - omega**2) / (
