@@ -21,7 +21,7 @@ from usvauv.kernels.types import Level
 WIDTH, LENGTH, DEPTH, G = 300.0, 200.0, 120.0, 9.81
 OBLONG = [f"area.width={WIDTH:g}", f"area.length={LENGTH:g}"]
 VORTICES = ["current.count=3", "current.circulation_min=10", "current.circulation_max=40"]
-STORM = ["storm.spectrum=jonswap", "storm.significant_height=4"]
+STORM = ["boat.vessel=none", "boat.dead_band=0", "storm.spectrum=jonswap", "storm.significant_height=4"]
 
 
 def site(*changes: str) -> Site:
@@ -41,7 +41,7 @@ def with_flow(*changes: str) -> Site:
 
 def orbital(z: float, depth: float) -> tuple[float, float]:
     """Mean squares of the horizontal speed (m²/s²) and of its change a second in `STORM`, by Newton's wave number."""
-    omega, S = band("jonswap", 11.0, 2.2, 7.7, depth, G)
+    omega, S = band("jonswap", 11.0, 2.2, 20.0, depth, G)
     k = omega**2 / G + 1e-3
     for _ in range(50):
         k -= (G * k * np.tanh(k * depth) - omega**2) / (
