@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from usvauv.cli import terminal
@@ -93,10 +93,11 @@ COLUMNS = {
 }
 
 
-def column_tables(scenario: Scenario, of_task: Collection[str]) -> dict[str, list[Column]]:
-    """Columns of each table by its title; `of_task` are the names of the task's own figures."""
-    nodes = scenario.task_definition.targets == "nodes"
-    energy = [*(OF_BOATS if scenario.boat.metered else ()), *(OF_BATTERIES if scenario.auv.battery else ())]
+def column_tables(scenario: Scenario, comparison: Comparison) -> dict[str, list[Column]]:
+    """Columns of each table by its title; those of batteries only where one was spent."""
+    nodes, of_task = scenario.task_definition.targets == "nodes", comparison.of_task
+    spent = any(comparison.score(which, "spent").mean > 0 for which in comparison.combinations)
+    energy = [*(OF_BOATS if scenario.boat.metered else ()), *(OF_BATTERIES if spent else ())]
     vehicles = OF_VEHICLES if scenario.auv.dynamic else ()
     own = [OF_TASK.get(name, Column(name, name, 2, "a figure of a plugin")) for name in of_task]
     return {
@@ -113,7 +114,7 @@ def metrics_tables(comparison: Comparison, scenario: Scenario, seed: int, wide: 
     `wide`: all figures in three tables of any width, instead of those that matter most in one that fits.
     """
     first, count = comparison.combinations[0], comparison.episodes
-    parts = column_tables(scenario, comparison.of_task)
+    parts = column_tables(scenario, comparison)
     about = f"{scenario.name}{scenario.change}, seed {seed}, {counted(count, 'episode')}"
     several = comparison.combinations
     varied = ["policy", *(name for name in ("usv", "targets") if len({getattr(which, name) for which in several}) > 1)]

@@ -91,7 +91,7 @@ def _tables(comparison: Comparison, scenario: Scenario) -> list[dict[str, Any]]:
                 for which in comparison.combinations
             ],
         }
-        for title, found in column_tables(scenario, comparison.of_task).items()
+        for title, found in column_tables(scenario, comparison).items()
         if found
     ]
 

@@ -14,7 +14,7 @@ from usvauv.cli.commands import training_table
 from usvauv.cli.commands.simulate import mission_summary
 from usvauv.cli.evaluation.comparison import Comparison
 from usvauv.cli.evaluation.comparison_tables import COLUMNS as HEADED
-from usvauv.cli.evaluation.comparison_tables import OF_STATIONS, metrics_tables
+from usvauv.cli.evaluation.comparison_tables import OF_BATTERIES, OF_STATIONS, metrics_tables
 from usvauv.env import Scenario
 from usvauv.env.record.metrics import COLUMNS, FIGURES, EpisodeMetrics, episode_metrics
 from usvauv.env.storage.result_tables import Combination
@@ -83,7 +83,7 @@ def test_wide_tables_have_every_figure_of_the_task(capsys):
     assert means.count(LONG[0]) == 3
     assert differences.count(f"\n{LONG[1]} ") == 3
     shown = (re.split("  +", line.strip())[1:] for line in means.splitlines() if line.startswith("policy "))
-    assert len([heading for line in shown for heading in line]) == len(HEADED) - len(OF_STATIONS)
+    assert len([heading for line in shown for heading in line]) == len(HEADED) - len(OF_STATIONS) - len(OF_BATTERIES)
 
 
 def test_a_dumb_terminal_has_whole_numbers_and_lines_of_progress(capsys, monkeypatch):

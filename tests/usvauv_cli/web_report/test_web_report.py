@@ -101,7 +101,7 @@ class TestRecordings:
 class TestPage:
     def test_tables_have_the_scores(self, made):
         tables = Elements(made.text).tables
-        expected = column_tables(made.scenario, list(made.rows[0].of_task))
+        expected = column_tables(made.scenario, compared(made.rows))
         assert len(tables) == len(expected) == 3
         fim, hold = ([row.columns() for row in made.rows if row.usv == usv] for usv in ("fim", "hold:0,0"))
         for table, shown in zip(tables, expected.values(), strict=True):
