@@ -23,13 +23,7 @@ REFRACTION = [
     "usbl.latency=0.2",
     "usbl.packet_loss=0.1",
 ]
-TRACKED = [
-    "channel.schedule=every-step",
-    "channel.bit_rate=0",
-    "navigation.sensor=none",
-    "tracker.enabled=true",
-    "auv.count=3",
-]
+TRACKED = ["channel.schedule=every-step", "navigation.sensor=none", "tracker.enabled=true", "auv.count=3"]
 TRACKED += ["tracker.current_reading=0.05"]
 PAPER_OBJECTIVE = ["planner.objective=paper", "auv.count=4", "planner.measurement=fix"]
 POLAR = ["observation.current=vector", "auv.action=polar"]

@@ -51,7 +51,7 @@ def variants(name: str) -> dict[str, tuple[str | None, tuple[str, ...]]]:
         "whole": (None, ()),
         PLAN: (centre, ()),
         RECKONING: (centre, (UNAIDED,)),
-        "exchanges": (centre, (UNAIDED, "channel.schedule=every-step", "channel.bit_rate=0")),
+        "exchanges": (centre, (UNAIDED, "channel.schedule=every-step")),
         "vortices": (None, ("current.count=0", "current.mutual=false", "current.viscosity=0")),
         "storm waves": (None, ("storm.spectrum=none",)),
         f"{scenario.nodes.count - count} of {scenario.nodes.count} nodes": (None, (f"nodes.count={count}",)),

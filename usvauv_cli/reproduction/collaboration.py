@@ -60,7 +60,6 @@ AXES = (
 )
 PERFECT = (
     "channel.schedule=every-step",
-    "channel.bit_rate=0",
     "navigation.sensor=none",
     "acoustics.source_level=250",
     "acoustics.sound_speed_error=0",
