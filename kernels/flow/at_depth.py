@@ -8,9 +8,9 @@ all depths; their vertical velocity, at most that of the surface, is neglected. 
     C = (e^{−kd} + e^{−k(2h − d)})/(1 − e^{−2kh}),   D = (e^{−kd} − e^{−k(2h − d)})/(1 − e^{−2kh})
 
 (`usvauv.kernels.flow.airy`), so it is exact at any depth. Its rate is the change over a mission step Δ divided by Δ,
-exact at both ends: cos(θ − ωΔ) − cos θ = (cos ωΔ − 1) cos θ + sin ωΔ sin θ. The gradient of vortices and real currents
-is a central difference over 2 `REACH`. Neglected are the gradient and the rate of long waves, which are kilometres long
-and constant for `sea.update_interval`, and the rate of vortices and real currents, of order V²/δ.
+exact at both ends: cos(θ − ωΔ) − cos θ = (cos ωΔ − 1) cos θ + sin ωΔ sin θ. Neglected are the gradient and the rate of
+long waves, which are kilometres long and constant for `sea.update_interval`, and the rate of vortices and real
+currents, of order V²/δ.
 """
 
 import numpy as np
@@ -18,15 +18,11 @@ import taichi as ti
 
 from usvauv.kernels.flow import airy, current
 from usvauv.kernels.flow.airy import lanes, total
-from usvauv.kernels.flow.vortex import PLACES
 from usvauv.kernels.functions import func
 from usvauv.kernels.trigonometry import TWO_PI, half_cosine, half_sine
 from usvauv.kernels.types import Level, columns, mat3, vec2, vec3
 
 LEAST_HEIGHT = 1.0  # m over the mean bed, below which a sheared current is constant
-REACH = 1.0  # m, of the differences; cores are at least as large
-EAST = [0.0, REACH, -REACH, *(PLACES - 3) * [0.0]]  # from a place, the places of the differences
-NORTH = [0.0, 0.0, 0.0, REACH, -REACH, *(PLACES - 5) * [0.0]]
 Deep = columns("k", "speed", "lift", "bottom", "cosine", "sine")  # columns of a sea after those of its levels
 DEEP = airy.LEVEL + 2 * len(Level.names)
 LARGEST = 40.0  # of the exponents, beyond which e^{−x} counts as e^{−40}
@@ -116,11 +112,17 @@ def storm(wave: ti.template(), since: ti.template(), sea: ti.i32, x: ti.f32, y: 
 
 
 @func
-def at(profile: ti.template(), depth: ti.f32):
-    """`fade` and `share` of `current.without_waves` at a depth (m), and the share's change with depth, 1/m."""
+def fade(profile: ti.template(), depth: ti.f32) -> ti.f32:
+    """Speed of vortices at a depth (m) over that at the surface."""
     fade = 1.0
     if profile.decay > 0.0:
         fade = ti.exp(-depth / profile.decay)
+    return fade
+
+
+@func
+def share(profile: ti.template(), depth: ti.f32):
+    """Share of `current.real_current` at a depth (m), and its change with depth, 1/m."""
     share = ti.math.clamp(depth / profile.cruise, 0.0, 1.0)
     growth = ti.select(depth < profile.cruise, 1.0 / profile.cruise, 0.0)
     if profile.shear > 0.0:
@@ -130,30 +132,40 @@ def at(profile: ti.template(), depth: ti.f32):
         span = 1.0 - (at_cruise / profile.bed) ** profile.shear
         share = (1.0 - slower) / span
         growth = ti.select(height > LEAST_HEIGHT, profile.shear * slower / (height * span), 0.0)
-    return fade, share, growth
+    return share, growth
 
 
 @func
-def around(water: ti.template(), w: ti.i32, x: ti.f32, y: ti.f32, depth: ti.f32) -> Flow:
+def around(
+    water: ti.template(), w: ti.i32, x: ti.f32, y: ti.f32, depth: ti.f32, at_surface: vec2, slopes: vec3
+) -> Flow:
     """All of the water of world w at (x, y) and a depth, m.
 
     Args:
         water: `usvauv.kernels.flow.current.Water` whose waves have the columns `Deep`, with a profile.
+        at_surface: velocity (u, v) of the vortices at the surface there, m/s, and `slopes` (u_x, u_y, v_x) there,
+            1/s, by `usvauv.kernels.flow.vortex.current_and_gradient`.
     """
     found = storm(water.wave, water.since, water.sea_index[w], x, y, depth)
-    decay = water.profile.decay
-    fade, share, growth = at(water.profile, depth)
-    fading = ti.select(decay > 0.0, 1.0 / decay, 0.0)
-    u, v = current.without_waves(water, w, x + ti.Vector(ti.static(EAST)), y + ti.Vector(ti.static(NORTH)), fade, share)
-    here = vec2(u[0], v[0])
-    along_x, along_y = vec2(u[1] - u[2], v[1] - v[2]), vec2(u[3] - u[4], v[3] - v[4])
-    shear = fading * (here - current.real_current(water, x, y, share))
-    if growth > 0.0:
-        shear += growth * (current.real_current(water, x, y, 0.0) - current.real_current(water, x, y, 1.0))
+    faded = fade(water.profile, depth)
+    fading = ti.select(water.profile.decay > 0.0, faded / water.profile.decay, 0.0)
     waves = current.long_wave_velocity(water, water.sea_index[w], x, y)
     for axis in ti.static(range(2)):
-        found.velocity[axis] += here[axis] + waves[axis]
-        found.gradient[axis, 0] += along_x[axis] / (2.0 * REACH)
-        found.gradient[axis, 1] += along_y[axis] / (2.0 * REACH)
-        found.gradient[axis, 2] += shear[axis]
+        found.velocity[axis] += faded * at_surface[axis] + waves[axis]
+        found.gradient[axis, 2] += fading * at_surface[axis]
+    found.gradient[0, 0] += faded * slopes[0]
+    found.gradient[0, 1] += faded * slopes[1]
+    found.gradient[1, 0] += faded * slopes[2]
+    found.gradient[1, 1] -= faded * slopes[0]
+    if water.stream.shape[1] > 1:
+        deep, growth = share(water.profile, depth)
+        for level in range(2):
+            weight = ti.select(level == Level.cruise, deep, 1.0 - deep)
+            upwards = ti.select(level == Level.cruise, -growth, growth)
+            for axis in ti.static(range(2)):
+                V = current.grid_slopes(water.stream, level, axis, x, y, water.width, water.length)
+                found.velocity[axis] += weight * V[0]
+                found.gradient[axis, 0] += weight * V[1]
+                found.gradient[axis, 1] += weight * V[2]
+                found.gradient[axis, 2] += upwards * V[0]
     return found

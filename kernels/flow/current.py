@@ -78,6 +78,30 @@ class Water(NamedTuple):
 
 
 @func
+def grid_cell(
+    field: ti.template(),
+    level: ti.i32,
+    component: ti.template(),
+    x: ti.f32,
+    y: ti.f32,
+    width: ti.f32,
+    length: ti.f32,
+):
+    """The cell of a regular grid that holds (x, y), in an area of the given size, m.
+
+    Returns:
+        (south-west, south-east, north-west, north-east), values of the field there; the way eastwards and northwards
+        through the cell, from 0 to 1.
+    """
+    column = ti.math.clamp(x / width, 0.0, 1.0) * (field.shape[2] - 1)
+    row = ti.math.clamp(y / length, 0.0, 1.0) * (field.shape[1] - 1)
+    i = ti.math.clamp(ti.cast(row, ti.i32), 0, field.shape[1] - 2)
+    j = ti.math.clamp(ti.cast(column, ti.i32), 0, field.shape[2] - 2)
+    corners = [field[level, i + n // 2, j + n % 2, component] for n in ti.static(range(4))]
+    return corners, column - j, row - i
+
+
+@func
 def grid_sample(
     field: ti.template(),
     level: ti.i32,
@@ -88,15 +112,29 @@ def grid_sample(
     length: ti.f32,
 ) -> ti.f32:
     """Value of a field on a regular grid at (x, y) in an area of the given size, m."""
-    column = ti.math.clamp(x / width, 0.0, 1.0) * (field.shape[2] - 1)
-    row = ti.math.clamp(y / length, 0.0, 1.0) * (field.shape[1] - 1)
-    i = ti.math.clamp(ti.cast(row, ti.i32), 0, field.shape[1] - 2)
-    j = ti.math.clamp(ti.cast(column, ti.i32), 0, field.shape[2] - 2)
-    south = field[level, i, j, component]
-    south += (column - j) * (field[level, i, j + 1, component] - south)
-    north = field[level, i + 1, j, component]
-    north += (column - j) * (field[level, i + 1, j + 1, component] - north)
-    return south + (row - i) * (north - south)
+    corners, east, north = grid_cell(field, level, component, x, y, width, length)
+    south_side = corners[0] + east * (corners[1] - corners[0])
+    north_side = corners[2] + east * (corners[3] - corners[2])
+    return south_side + north * (north_side - south_side)
+
+
+@func
+def grid_slopes(
+    field: ti.template(),
+    level: ti.i32,
+    component: ti.template(),
+    x: ti.f32,
+    y: ti.f32,
+    width: ti.f32,
+    length: ti.f32,
+) -> vec3:
+    """`grid_sample` and its derivatives in x and y, 1/m, those of the cell where (x, y) is between two."""
+    corners, east, north = grid_cell(field, level, component, x, y, width, length)
+    south_side, north_side = corners[1] - corners[0], corners[3] - corners[2]
+    along = south_side + north * (north_side - south_side)
+    across = corners[2] - corners[0] + east * (north_side - south_side)
+    value = corners[0] + east * south_side + north * across
+    return vec3(value, along * (field.shape[2] - 1) / width, across * (field.shape[1] - 1) / length)
 
 
 @func

@@ -19,6 +19,8 @@ by 1.3e-4 at most, and by twice that the velocity jumps where the nearest image 
 multiples vanish by symmetry, as does the constant that a lattice without this symmetry adds to π z̄/L². The vorticity is
 that of the core less Γ/L², the divergence 0, whatever the c_k. Images' cores are left out, an error
 of e^{−(L/2δ)²} of the velocity.
+A velocity's gradient has ζ′, the same series with (4k − 1) c_k, and of the pole's factor T = (1 − e^{−r²/δ²})/r² the
+derivative 2x ((e^{−r²/δ²}/δ² − T)/r²), likewise in y.
 Source: Weiss and McWilliams (1991), doi 10.1063/1.858014; Whittaker and Watson, "A Course of Modern Analysis", ch. XX.
 """
 
@@ -33,6 +35,7 @@ from usvauv.kernels.types import Columns, array3
 
 PLACES = 8  # places side by side
 IMAGES = 3.15120262, 4.25286493, 3.82483015, 2.82903353  # c_k of ζ
+SLOPES = tuple((4 * k + 3) * c for k, c in enumerate(IMAGES))  # (4k − 1) c_k of ζ′
 FAR = 16.0  # r²/δ² from which on 1 − e^{−r²/δ²} counts as that at 16, within 2e-7 of 1
 LEAST = 1e-18  # added to r², so that something divided by it is a number
 
@@ -107,7 +110,7 @@ def core(t):
 
 
 @func
-def images(x, y, real, r4):
+def images(x, y, real, r4, c: ti.template()):
     """Real and imaginary part of Σ_k c_k z^{4k−2} for z = x + iy, with x² − y² and |z|⁴, |x|, |y| ≤ ½.
 
     The polynomial in q = z⁴ is summed by Horner's rule for real coefficients, b_k = c_k + 2 Re(q) b_{k+1} −
@@ -118,9 +121,9 @@ def images(x, y, real, r4):
     half = imaginary * imaginary
     q = r4 - (half + half)
     q2 = q + q
-    b3 = ti.static(IMAGES[2]) + q2 * ti.static(IMAGES[3])
-    b2 = ti.static(IMAGES[1]) + q2 * b3 - size * ti.static(IMAGES[3])
-    series, turned = ti.static(IMAGES[0]) + q * b2 - size * b3, (real + real) * imaginary * b2
+    b3 = ti.static(c[2]) + q2 * ti.static(c[3])
+    b2 = ti.static(c[1]) + q2 * b3 - size * ti.static(c[3])
+    series, turned = ti.static(c[0]) + q * b2 - size * b3, (real + real) * imaginary * b2
     return real * series - imaginary * turned, real * turned + imaginary * series
 
 
@@ -141,11 +144,30 @@ def induced(x, y, width2, repeats: ti.template()):
     u, v = x, y
     if ti.static(repeats):
         turn = math.pi - turn
-        real, imaginary = images(x, y, x2 - y2, r2 * r2)
+        real, imaginary = images(x, y, x2 - y2, r2 * r2, IMAGES)
         u, v = (turn - real) * y - x * imaginary, y * imaginary - (turn + real) * x
     else:
         u, v = (0.0 - turn) * y, turn * x
     return u, v
+
+
+@func
+def induced_gradient(x, y, width2, repeats: ti.template()):
+    """2πL² times u_x = −v_y, u_y and v_x (1/s) of what `induced` gives; arguments as there."""
+    if ti.static(repeats):
+        x, y = x - ti.floor(x + 0.5), y - ti.floor(y + 0.5)
+    x2, y2 = x * x, y * y
+    r2 = x2 + y2 + LEAST
+    inverse = 1.0 / r2
+    scale = 1.0 / width2
+    n = core(r2 * scale)
+    turn = n * inverse
+    change = 2.0 * inverse * (FAR * scale * (1.0 - n) - turn)
+    u_x, u_y, v_x = (0.0 - x) * y * change, (0.0 - turn) - y2 * change, turn + x2 * change
+    if ti.static(repeats):
+        real, imaginary = images(x, y, x2 - y2, r2 * r2, SLOPES)
+        u_x, u_y, v_x = u_x - imaginary, u_y - real + math.pi, v_x - real - math.pi
+    return u_x, u_y, v_x
 
 
 @func
@@ -166,6 +188,27 @@ def current(vortex: ti.template(), w: ti.i32, x, y, pattern: ti.template()):
         u += vortex[w, n, Vortex.Gamma] * along_x
         v += vortex[w, n, Vortex.Gamma] * along_y
     return share * u, share * v
+
+
+@func
+def current_and_gradient(vortex: ti.template(), w: ti.i32, x, y, pattern: ti.template()):
+    """`current`, and u_x = −v_y, u_y and v_x of it, 1/s."""
+    scale, share = pattern.scale, pattern.share
+    x, y = x * scale, y * scale
+    u, v, u_x, u_y, v_x = 0.0 * x, 0.0 * x, 0.0 * x, 0.0 * x, 0.0 * x
+    for n in range(vortex.shape[1]):
+        delta = vortex[w, n, Vortex.delta] * scale
+        x_n, y_n = vortex[w, n, Vortex.x] * scale, vortex[w, n, Vortex.y] * scale
+        along_x, along_y = induced(x - x_n, y - y_n, FAR * delta * delta, pattern.repeats)
+        stretch, turn_x, turn_y = induced_gradient(x - x_n, y - y_n, FAR * delta * delta, pattern.repeats)
+        Gamma = vortex[w, n, Vortex.Gamma]
+        u += Gamma * along_x
+        v += Gamma * along_y
+        u_x += Gamma * stretch
+        u_y += Gamma * turn_x
+        v_x += Gamma * turn_y
+    slope = scale * share
+    return share * u, share * v, slope * u_x, slope * u_y, slope * v_x
 
 
 @kernel

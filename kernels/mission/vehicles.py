@@ -16,7 +16,7 @@ import taichi as ti
 
 from usvauv.kernels import random
 from usvauv.kernels.flow import at_depth
-from usvauv.kernels.flow.current import grid_sample
+from usvauv.kernels.flow.current import grid_sample, grid_slopes
 from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.mission import motion
 from usvauv.kernels.mission.columns import Action, AuvColumn, BodyColumn, Draw, KeyColumn, Parameter
@@ -185,13 +185,13 @@ def attitude(body: ti.template(), w, k) -> vec3:
 
 
 @func
-def sense(worlds: ti.template(), w, k) -> vec2:
-    """Write the water and the bed at the vehicle of AUV k; returns the water's horizontal velocity there, m/s."""
+def sense(worlds: ti.template(), w, k, at_surface: vec2, slopes: vec3):
+    """Write the water and the bed at the vehicle of AUV k, and the current there; arguments as of `at_depth.around`."""
     body = ti.static(worlds.body)
     water = ti.static(worlds.water)
     x = worlds.auv.x[w, k]
     y = worlds.auv.y[w, k]
-    found = at_depth.around(water, w, x, y, body.depth[w, k])
+    found = at_depth.around(water, w, x, y, body.depth[w, k], at_surface, slopes)
     velocity = turned(found.velocity)
     rate = turned(found.rate)
     gradient = turned_gradient(found.gradient)
@@ -200,15 +200,12 @@ def sense(worlds: ti.template(), w, k) -> vec2:
         body[w, k, BodyColumn.rate_n + i] = rate[i]
         for j in ti.static(range(3)):
             body[w, k, BodyColumn.nn + 3 * i + j] = gradient[i, j]
-    reach = at_depth.REACH
-    body.bed[w, k] = grid_sample(water.bed, 0, 0, x, y, water.width, water.length)
-    for axis in ti.static(range(2)):
-        dx = ti.static(at_depth.REACH * (1 - axis))
-        dy = ti.static(at_depth.REACH * axis)
-        ahead = grid_sample(water.bed, 0, 0, x + dx, y + dy, water.width, water.length)
-        behind = grid_sample(water.bed, 0, 0, x - dx, y - dy, water.width, water.length)
-        body[w, k, BodyColumn.bed_e - axis] = (ahead - behind) / (2.0 * reach)
-    return vec2(found.velocity[0], found.velocity[1])
+    bed = grid_slopes(water.bed, 0, 0, x, y, water.width, water.length)
+    body.bed[w, k] = bed[0]
+    body.bed_e[w, k] = bed[1]
+    body.bed_n[w, k] = bed[2]
+    worlds.auv.current_x[w, k] = found.velocity[0]
+    worlds.auv.current_y[w, k] = found.velocity[1]
 
 
 COLUMNS = len(BodyColumn.names)

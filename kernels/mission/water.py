@@ -16,7 +16,7 @@ from usvauv.kernels.mission.boats import boat_motion
 from usvauv.kernels.mission.columns import AuvColumn
 from usvauv.kernels.mission.motion import offset_to_target_from_estimate
 from usvauv.kernels.mission.worlds import worlds_per_block
-from usvauv.kernels.types import Level, vec2
+from usvauv.kernels.types import Level, vec2, vec3
 
 # A horizontal current profiler measures on beams towards the target and BEAM_ANGLE to its right and left, at
 # PROFILE_CELLS distances BEAM_CELL apart.
@@ -106,7 +106,9 @@ def take_profile(worlds: ti.template(), w, k, x: places, y: places, u: places, v
     """
     fade, share = current.at_level(worlds.water, Level.cruise)
     if ti.static(worlds.program.vehicle):
-        fade, share, _ = at_depth.at(worlds.water.profile, worlds.body.depth[w, k])
+        depth = worlds.body.depth[w, k]
+        fade = at_depth.fade(worlds.water.profile, depth)
+        share, _ = at_depth.share(worlds.water.profile, depth)
     if k < worlds.boat.shape[1]:
         boat_motion.drift_along(worlds, w, k, vec2(u[PLACES - 1], v[PLACES - 1]))
     along_x, along_y = current.at_share(worlds.water, x, y, u, v, fade, share)
@@ -145,6 +147,19 @@ def take_profiles(worlds: ti.template(), w):
 
 
 @func
+def sense_side_by_side(worlds: ti.template(), w):
+    """`vehicles.sense` of all AUVs of world w, with the vortices at PLACES of them side by side."""
+    num_auvs = worlds.auv.shape[1]
+    for part in range((num_auvs + PLACES - 1) // PLACES):
+        auvs = [ti.min(part * PLACES + n, num_auvs - 1) for n in ti.static(range(PLACES))]
+        x = places([worlds.auv.x[w, auvs[n]] for n in ti.static(range(PLACES))])
+        y = places([worlds.auv.y[w, auvs[n]] for n in ti.static(range(PLACES))])
+        u, v, u_x, u_y, v_x = vortex.current_and_gradient(worlds.water.vortex, w, x, y, worlds.water.pattern)
+        for n in range(ti.min(PLACES, num_auvs - part * PLACES)):
+            vehicles.sense(worlds, w, part * PLACES + n, vec2(u[n], v[n]), vec3(u_x[n], u_y[n], v_x[n]))
+
+
+@func
 def add_current(worlds: ti.template(), w, k):
     """Complete the velocity of the water at AUV k of world w and at each boat of its number, modulo the number of AUVs.
 
@@ -165,9 +180,10 @@ def add_current(worlds: ti.template(), w, k):
         u, v = vortex.current(water.vortex, w, place[0], place[1], pattern)
         boat_motion.drift_along(worlds, w, b, vec2(u, v))
     if ti.static(worlds.program.vehicle):
-        here = vehicles.sense(worlds, w, k)
-        worlds.auv.current_x[w, k] = here[0]
-        worlds.auv.current_y[w, k] = here[1]
+        if ti.static(not worlds.program.in_lanes):
+            x, y = worlds.auv.x[w, k], worlds.auv.y[w, k]
+            u, v, u_x, u_y, v_x = vortex.current_and_gradient(water.vortex, w, x, y, pattern)
+            vehicles.sense(worlds, w, k, vec2(u, v), vec3(u_x, u_y, v_x))
     elif ti.static(not profile):
         x, y = worlds.auv.x[w, k], worlds.auv.y[w, k]
         carry_along(worlds, w, k, current.velocity(water, Level.cruise, w, x, y))
@@ -185,6 +201,8 @@ def add_currents(worlds: ti.template(), w):
     """The currents at the AUVs and boats of world w, added to the storm."""
     if ti.static(worlds.program.in_lanes and current_profile in worlds.program.observation):
         take_profiles(worlds, w)
+    if ti.static(worlds.program.in_lanes and worlds.program.vehicle):
+        sense_side_by_side(worlds, w)
     for k in range(worlds.auv.shape[1]):
         add_current(worlds, w, k)
 

@@ -4,13 +4,16 @@ import math
 
 import numpy as np
 import pytest
+import taichi as ti
 import torch
 from scipy.integrate import solve_ivp
 from scipy.special import lambertw
 
 from usvauv.kernels import runtime
-from usvauv.kernels.flow.vortex import sample_current
+from usvauv.kernels.flow.vortex import ENDLESS, current_and_gradient, sample_current
 from usvauv.kernels.flow.vortex_motion import evolution
+from usvauv.kernels.functions import kernel
+from usvauv.kernels.types import array2, array3
 
 # Baseline reference of the paper (Zhang et al., doi 10.1109/JIOT.2024.3395568): three vortices in a 120 m square.
 BASELINE = [(30.0, 23.0, 8.0, 48.0), (63.0, 45.0, 8.0, 48.0), (75.0, 77.0, 8.0, 48.0)]
@@ -46,6 +49,36 @@ def test_curl_is_the_vorticity_and_divergence_vanishes(device, vortices):
     assert np.abs(divergence).max() < 1e-4 * scale
     # With the sign as printed the "curl" is −∂V_y/∂x − ∂V_x/∂y, which is far from ϖ.
     assert np.abs(-derivative[0, :, 1] - derivative[1, :, 0] - vorticity).max() > 0.5 * scale
+
+
+@kernel
+def sample(vortex: array3, points: array2, out: array2):
+    for n in range(points.shape[0]):
+        x, y = points[n, 0], points[n, 1]
+        found = current_and_gradient(vortex, 0, x, y, ti.static(ENDLESS.pattern))
+        for c in ti.static(range(5)):
+            out[n, c] = found[c]
+
+
+def test_gradient(device):
+    """Of the velocity Γ/(2π) (−y, x) T, T = (1 − e^{−r²/δ²})/r², from the centre to where its core has ended."""
+    x0, y0, Gamma, delta = STRONG[0]
+    directions = np.random.default_rng(2).normal(size=(500, 2))
+    away = np.stack([*np.geomspace(1, 200, 500)[:, None] * directions, (0, 0)])
+    points = (away + np.array([x0, y0])).astype(np.float32)
+    out = torch.zeros((len(points), 5), device=device)
+    sample(torch.tensor([STRONG[:1]], device=device), torch.from_numpy(points).to(device), out)
+
+    def flow(x, y):
+        r2 = x * x + y * y + 1e-30
+        return Gamma / (2 * math.pi) * -np.expm1(-r2 / delta**2) / r2 * np.array([-y, x])
+
+    (x, y), h = (points.astype(float) - (x0, y0)).T, 1e-4
+    of_x, of_y = ((flow(x + a, y + b) - flow(x - a, y - b)) / (2 * h) for a, b in ((h, 0), (0, h)))
+    error = out.double().cpu().numpy().T - np.stack([*flow(x, y), of_x[0], of_y[0], of_x[1]])
+    largest = Gamma / (2 * math.pi * delta**2)
+    assert np.abs(error[:2]).max() < 2e-6 * largest * delta
+    assert np.abs(error[2:]).max() < 2e-6 * largest
 
 
 class TestOneVortex:

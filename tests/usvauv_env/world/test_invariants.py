@@ -153,7 +153,7 @@ def test_alone_as_in_a_batch(case):
 MANY = {
     "extreme": ("extreme", ["auv.count=5", "usbl.packet_loss=0.2"], None),
     "two boats": ("wide", ["boat.count=2", "channel.schedule=turns"], None),
-    "Otter and torpedoes": ("wide-torpedo", ["boat.model=otter", "boat.vessel=otter"], None),
+    "Otter and torpedoes": ("wide-torpedo", ["boat.model=otter", "boat.vessel=otter", "auv.count=9"], None),
     "paper": ("paper-extreme", [], None),
     "greedy": ("extreme", ["planner.objective=a"], "fim-greedy"),
     "plugins": ("extreme", ["observation.extra=['backlog']", "nodes.target_rule=oldest"], "above:1"),
