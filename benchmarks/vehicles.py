@@ -34,11 +34,12 @@ from tests.kernels.vehicles.test_torpedo import fields, fleet, flown
 from usvauv.env import Scenario, World
 from usvauv.env.scenario.team import Otter
 from usvauv.kernels.functions import func
-from usvauv.kernels.vehicles import otter, torpedo
+from usvauv.kernels.vehicles import otter, otter_numbers, torpedo
+from usvauv.kernels.vehicles.definition import vehicles
 from usvauv.kernels.vehicles.fleet import Fleet
 from usvauv.kernels.vehicles.numbers import lamb_factors
 from usvauv.kernels.vehicles.otter import HullColumn
-from usvauv.kernels.vehicles.vehicle import LANES, Actuators, Command, vehicles
+from usvauv.kernels.vehicles.vehicle import LANES, Actuators, Command
 
 STEPS, DT = 20, 0.05
 MARINEGYM = 250_000  # frames a second on an RTX 3060, arXiv:2503.09203
@@ -229,7 +230,7 @@ def otter_figures() -> list[dict[str, object]]:
     """
     orders = torch.tensor([*([float(n), float(n)] for n in OTTER), [100.0, 60.0]])
     hull, calm = torch.zeros(len(orders), len(HullColumn.names)), torch.zeros(len(orders), 2)
-    table = torch.from_numpy(otter.table_of(Otter.model_validate({}).model_dump()))
+    table = torch.from_numpy(otter_numbers.table_of(Otter.model_validate({}).model_dump()))
     otter.integrate(table, hull, orders, calm, 0.1, 600, calm.clone())
     u, v, r = hull[:, HullColumn.u : HullColumn.r + 1].double().numpy().T
     why = "there the payload's weight pushes the trimmed boat"

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from functools import cache
+from importlib import import_module
 from itertools import cycle
 from types import UnionType
 from typing import Annotated, Any, Generic, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -99,6 +100,8 @@ class Registry(Mapping[str, T], Generic[T]):
         error: the class of the error for an unknown name.
         form: what an item is: a class of which it is an instance or a subclass, or a function, see `_misfit`.
         documented: item → the function or class whose docstring says what it is; default: the item.
+        shipped: names of items of the packages → module that registers each; it is imported when an item is first
+            used, so that names are known without Taichi.
 
     Raises:
         error: an unknown name; the message lists the known ones.
@@ -110,11 +113,13 @@ class Registry(Mapping[str, T], Generic[T]):
         error: Callable[[str], UserError] = UserError,
         form: Any = Callable,
         documented: Callable[[T], Any] = lambda item: item,
+        shipped: Mapping[str, str] | None = None,
     ) -> None:
         self.kind = kind
         self._error = error
         self._form = form
         self._documented = documented
+        self._shipped = shipped or {}
         self._items: dict[str, T] = {}
         self._files: dict[str, str] = {}  # of items that plugins registered
         self._taichi: dict[str, object] = {}  # the state of Taichi whose fields these items may read
@@ -126,15 +131,16 @@ class Registry(Mapping[str, T], Generic[T]):
             error: the name is taken or is no text, the item is of another form, or one of its functions takes other
                 arguments or is missing.
         """
-        if name in self._items:
+        caller = sys._getframe(1)
+        own = caller.f_globals["__name__"].partition(".")[0] == "usvauv"
+        if name in (self._items if own else self):
             raise self._error(f"{self.kind} {name!r}: is registered already")
         if not isinstance(name, str) or not name:
             raise self._error(f"{self.kind} {name!r}: the name must be text")
         if problem := _misfit(item, self._form):
             raise self._error(f"{self.kind} {name!r}: {problem}")
         self._items[name] = item
-        caller = sys._getframe(1)
-        if caller.f_globals["__name__"].partition(".")[0] != "usvauv":
+        if not own:
             self._files[name] = caller.f_code.co_filename
             self.check_fields(name)
         return item
@@ -187,19 +193,21 @@ class Registry(Mapping[str, T], Generic[T]):
         return self._error(wrong_return(item, returned, allowed))
 
     def __getitem__(self, name: str) -> T:
+        if name not in self:
+            raise self._error(f"{self.kind} {name!r}: {choices(name, self)}")
         if name not in self._items:
-            raise self._error(f"{self.kind} {name!r}: {choices(name, self._items)}")
+            import_module(self._shipped[name])
         return self._items[name]
 
     def __contains__(self, name: object) -> bool:
-        return name in self._items
+        return name in self._items or name in self._shipped
 
     def get(self, name: str, default: T | None = None) -> T | None:  # type: ignore[override]
         """The item, or `default` for an unknown name."""
-        return self._items.get(name, default)
+        return self[name] if name in self else default
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._items)
+        return iter({**self._shipped, **self._items})
 
     def __len__(self) -> int:
-        return len(self._items)
+        return len({*self._shipped, *self._items})

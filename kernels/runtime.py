@@ -30,6 +30,7 @@ import torch
 
 from usvauv.kernels import kernel_cache
 from usvauv.kernels.errors import UserError, choices
+from usvauv.kernels.limits import ARCHITECTURES
 from usvauv.kernels.taichi_internals import core, impl
 
 CACHED = 1 << 30  # bytes of compiled kernels kept on disk, of all scenarios and versions together
@@ -41,7 +42,6 @@ FEW_TASKS = 256  # most tasks of about a microsecond for which waking another th
 M_MMAP_THRESHOLD, M_TRIM_THRESHOLD, KEPT_EACH, KEPT = -3, -1, 32 << 20, 256 << 20
 ITERATIONS = 16  # of a loop that a thread takes at a time
 TASKS = Path("/proc/self/task")  # a folder for each thread, on Linux
-ARCHITECTURES = ("auto", "cpu", "cuda", "vulkan")
 Settings = Mapping[str, object]
 NONE: Settings = {}
 # Prefixes of names of settings of a whole program, of its device and of its printed messages.

@@ -156,5 +156,5 @@ def own_registries(monkeypatch):
     for name, module in list(sys.modules.items()):
         if name.startswith("usvauv."):
             for registry in [value for value in vars(module).values() if isinstance(value, Registry)]:
-                monkeypatch.setattr(registry, "_items", dict(registry._items))
+                monkeypatch.setattr(registry, "_items", dict(registry))
     monkeypatch.setattr(plugins, "_paths", [])

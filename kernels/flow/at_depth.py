@@ -19,10 +19,10 @@ import taichi as ti
 from usvauv.kernels.flow import airy, current
 from usvauv.kernels.flow.airy import lanes, total
 from usvauv.kernels.functions import func
+from usvauv.kernels.limits import LEAST_HEIGHT
 from usvauv.kernels.trigonometry import TWO_PI, half_cosine, half_sine
 from usvauv.kernels.types import Level, columns, mat3, vec2, vec3
 
-LEAST_HEIGHT = 1.0  # m over the mean bed, below which a sheared current is constant
 Deep = columns("k", "speed", "lift", "bottom", "cosine", "sine")  # columns of a sea after those of its levels
 DEEP = airy.LEVEL + 2 * len(Level.names)
 LARGEST = 40.0  # of the exponents, beyond which e^{−x} counts as e^{−40}

@@ -16,13 +16,11 @@ which `usvauv.kernels.mission.fixes` makes fixes and `usvauv.kernels.mission.est
 Times count from the end of the present mission step, s; earlier times are negative, ages are their opposite.
 """
 
-from collections.abc import Callable
-from typing import Annotated
-
 import taichi as ti
 
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission.boats import boat_motion
+from usvauv.kernels.mission.choices import schedules
 from usvauv.kernels.mission.columns import (
     AuvColumn,
     Draw,
@@ -37,14 +35,10 @@ from usvauv.kernels.mission.motion import is_spent
 from usvauv.kernels.mission.replies import height, true_height
 from usvauv.kernels.mission.worlds import uniforms
 from usvauv.kernels.positioning import usbl
-from usvauv.kernels.registry import Registry
 from usvauv.kernels.types import ivec2, vec2, vec3
 
 GUARD = 3.0  # standard deviations of an estimate
 BEYOND = 1e30  # m
-
-Urgency = Annotated[Callable[..., float], "worlds, w, b, k"]
-schedules: Registry[Urgency] = Registry("schedule", form=Urgency)
 
 
 @func

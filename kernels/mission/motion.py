@@ -23,6 +23,7 @@ Source: Gelb, "Applied Optimal Estimation" (1974), §3.6 and §4.5, for integrat
 import taichi as ti
 
 from usvauv.kernels.functions import func
+from usvauv.kernels.limits import FASTEST
 from usvauv.kernels.mission.columns import (
     AuvColumn,
     Draw,
@@ -33,8 +34,6 @@ from usvauv.kernels.mission.columns import (
 from usvauv.kernels.mission.worlds import normals
 from usvauv.kernels.positioning import tracker
 from usvauv.kernels.types import vec2, vec3
-
-FASTEST = 2.5  # m/s, up to which the fitted efficiency is meant; near 3.25 m/s it falls through zero
 
 
 @ti.pyfunc

@@ -23,6 +23,7 @@ from usvauv.kernels.mission.columns import Action, AuvColumn, BodyColumn, Draw, 
 from usvauv.kernels.mission.worlds import Numbers
 from usvauv.kernels.trigonometry import TWO_PI
 from usvauv.kernels.types import array1, array2, array3, index2, mask1, mat3, vec2, vec3, vec4
+from usvauv.kernels.vehicles.definition import Vehicle
 from usvauv.kernels.vehicles.kinematics import axes
 from usvauv.kernels.vehicles.vehicle import (
     LANES,
@@ -31,7 +32,6 @@ from usvauv.kernels.vehicles.vehicle import (
     Command,
     Memory,
     Surroundings,
-    Vehicle,
     blocks,
     load,
     store,

@@ -41,7 +41,7 @@ from usvauv.kernels.mission.tasks.task import Task
 from usvauv.kernels.positioning import tracker
 from usvauv.kernels.taichi_internals import impl
 from usvauv.kernels.types import Columns, vec4
-from usvauv.kernels.vehicles import otter
+from usvauv.kernels.vehicles import otter_numbers
 from usvauv.kernels.vehicles.otter import HullColumn
 
 
@@ -196,7 +196,7 @@ WORLDS_PER_BLOCK = (
 PURPOSE = 1 << 16  # of a draw, as part of its address
 ANYWHERE = Range(-1e12, 1e12)
 TRACK = tracker.COLUMNS * (Range(-1e25, 1e25),)
-SPEED, SPIN = (Range(-most, most) for most in (otter.FASTEST, otter.SPINNING))
+SPEED, SPIN = (Range(-most, most) for most in (otter_numbers.FASTEST, otter_numbers.SPINNING))
 REVOLUTIONS, SUM = Range(-1001.0, 1001.0), Range(-1e6, 1e6)
 HULL = SUM, SPEED, SPEED, SPIN, REVOLUTIONS, REVOLUTIONS, SUM, SUM  # of `HullColumn`; the heading is that of all turns
 DRIFT = (Range(-1e6, 1e6),) * len(VortexDrift.names)
@@ -214,7 +214,7 @@ TABLES = {
     "strategy_arguments": Array(".", "numbers that the boat strategy was given, at least one"),
     "rule_numbers": Array(".", "numbers of the target rule, at least one"),
     "task_parameters": Array(".", "numbers that the task declares, at least one"),
-    "otter": Array(".", "boats with dynamics, `usvauv.kernels.vehicles.otter.Number`"),
+    "otter": Array(".", "boats with dynamics, `usvauv.kernels.vehicles.otter_numbers.Number`"),
     "reward_weights": Array("R", "weights of the reward terms"),
     "observation_first": Array(".", "index of the first number of each term of an observation", dtype=ti.i32),
     "key": Array("W", "seed of each world", KeyColumn, ti.i32),

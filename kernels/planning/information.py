@@ -46,6 +46,7 @@ import taichi as ti
 import torch
 
 from usvauv.kernels.functions import func, kernel
+from usvauv.kernels.limits import MAX_AUVS
 from usvauv.kernels.positioning import acoustic_link, usbl
 from usvauv.kernels.positioning.acoustic_link import (
     ATTITUDE,
@@ -69,7 +70,6 @@ from usvauv.kernels.types import array2, array3, index1, mat2, vec2, vec3
 PHASE = 0
 FIX = 1
 MEASUREMENTS = ("phase", "fix")
-MAX_AUVS = 16  # of a team
 each_auv = ti.types.vector(MAX_AUVS, ti.f32)
 indices = ti.types.vector(MAX_AUVS, ti.i32)
 mat2x3 = ti.types.matrix(2, 3, ti.f32)

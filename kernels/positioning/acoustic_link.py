@@ -59,17 +59,17 @@ Sources
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Annotated
 
 import numpy as np
 import taichi as ti
 
 from usvauv.kernels.functions import func
+from usvauv.kernels.limits import MOST_EFFICIENT
+from usvauv.kernels.positioning.laws import NoiseLaw, rate_laws
 from usvauv.kernels.positioning.sonar import (
     LN10,
     LN_TYPICAL,
     LOG2_OF_10,
-    NoiseLaw,
     bubble_loss,
     coates,
     exponential,
@@ -79,7 +79,6 @@ from usvauv.kernels.positioning.sonar import (
     power_of_10,
     thorp,
 )
-from usvauv.kernels.registry import Registry
 from usvauv.kernels.types import select
 
 # Columns of the link table, one row an AUV.
@@ -116,13 +115,8 @@ CODE_ENERGY = 8.0  # γ_min of a code, 9 dB; a wrong peak is then the highest on
 
 INV_LN2 = 1.4426950408889634
 HALF, PUNCTURED, UNCODED = 4.5, 5.5, 9.6  # E_b/N0 of the code at one wrong bit in 10⁵, dB
-WAYS = ((1 / 30, HALF), (1 / 14, HALF), (0.5, HALF), (1.0, HALF), (1.5, PUNCTURED), (2.0, UNCODED))
+WAYS = ((1 / 30, HALF), (1 / 14, HALF), (0.5, HALF), (1.0, HALF), (1.5, PUNCTURED), (MOST_EFFICIENT, UNCODED))
 STEPS = tuple((ratio + 10 * math.log10(efficiency), efficiency) for efficiency, ratio in WAYS)  # least SNR, η
-
-MOST_EFFICIENT = WAYS[-1][0]
-
-RateLaw = Annotated[Callable[[float, float, float], float], "bandwidth, ceiling, snr"]
-rate_laws: Registry[RateLaw] = Registry("rate law", form=RateLaw)
 
 
 def silent(frequency: float) -> float:

@@ -24,14 +24,12 @@ Sources
 """
 
 import math
-from collections.abc import Callable
-from typing import Annotated, NamedTuple
 
 import numpy as np
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.registry import Registry
+from usvauv.kernels.positioning.laws import SeaWater, absorption_laws, ambient_noise_laws
 from usvauv.kernels.types import select
 
 LN10 = 2.302585092994046
@@ -54,28 +52,6 @@ KARMAN = 0.4  # of the logarithmic profile of the wind
 PHILLIPS, DECAY = 0.0081, 0.74  # S = α g² ω⁻⁵ exp(−β (g/(U ω))⁴), Pierson and Moskowitz
 TOBA = 0.062  # g Hs/u*² = B (g Ts/u*)^(3/2)
 PEAK_OVER_SIGNIFICANT_PERIOD = 1.05  # of wind waves, Tp/Ts
-
-
-class SeaWater(NamedTuple):
-    """Sea water, as far as it absorbs sound.
-
-    Attributes:
-        temperature: °C.
-        salinity: practical, 1.
-        ph: pH on the NBS scale, 1.
-        depth: below the surface, m; for a path its mean.
-    """
-
-    temperature: float = 10.0
-    salinity: float = 35.0
-    ph: float = 8.0
-    depth: float = 0.0
-
-
-AbsorptionLaw = Annotated[Callable[[float, SeaWater], float], "frequency, water"]
-NoiseLaw = Annotated[Callable[[float, float, float], float], "frequency, shipping, wind"]
-absorption_laws: Registry[AbsorptionLaw] = Registry("absorption law", form=AbsorptionLaw)
-ambient_noise_laws: Registry[NoiseLaw] = Registry("ambient noise law", form=NoiseLaw)
 
 
 @ti.pyfunc

@@ -26,12 +26,12 @@ import taichi as ti
 import torch
 
 from usvauv.kernels.functions import LANES
+from usvauv.kernels.limits import Side
 
 vector = ti.types.vector(LANES, ti.f32)
 vectors = ti.types.ndarray(dtype=vector, ndim=1)
 CHUNK = 1 << 15  # cells that the host works on at a time: its f64 copies stay small against the fields
 
-Side = Literal["west", "east", "south", "north"]
 Boundary = Literal["wall", "forced", "incident", "radiating"]
 
 SIDES: tuple[Side, ...] = ("west", "east", "south", "north")

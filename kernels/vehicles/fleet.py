@@ -13,6 +13,7 @@ from usvauv.kernels import runtime
 from usvauv.kernels.functions import Launch, kernel
 from usvauv.kernels.types import array1
 from usvauv.kernels.vehicles import torpedo  # noqa: F401 registers it
+from usvauv.kernels.vehicles.definition import vehicles
 from usvauv.kernels.vehicles.vehicle import (
     LANES,
     Actuators,
@@ -23,7 +24,6 @@ from usvauv.kernels.vehicles.vehicle import (
     blocks,
     load,
     store,
-    vehicles,
 )
 
 # Functions of a vehicle, and whether its autopilot steers.

@@ -8,9 +8,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from usvauv.kernels.types import columns
+from usvauv.kernels.columns import columns
+from usvauv.kernels.vehicles.definition import Quantity
 from usvauv.kernels.vehicles.numbers import GRAVITY, Constant
-from usvauv.kernels.vehicles.vehicle import Quantity
 
 NUMBERS: dict[str, Quantity] = {
     "heading_frequency": Quantity(2.0, 0.1, 5, "natural frequency of the heading's loop, radians a hull length"),

@@ -16,8 +16,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from usvauv.kernels.types import columns
-from usvauv.kernels.vehicles.vehicle import Quantity
+from usvauv.kernels.columns import columns
+from usvauv.kernels.vehicles.definition import Quantity
 
 GRAVITY = 9.81  # m/s²
 

@@ -10,14 +10,17 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from usvauv.kernels.vehicles.numbers import GRAVITY, Constant, constants_of
+from usvauv.kernels.vehicles import gains
+from usvauv.kernels.vehicles.numbers import GRAVITY, NUMBERS, Constant, constants_of
 
-SHORTEST = 1e-3  # s, of a torpedo's substep; shorter ones take too long
+SUBSTEP, SHORTEST = 0.05, 1e-3  # s, of a torpedo's substep; shorter ones take too long
 MARGIN = 1.25  # of the substep below the limit
 GROWTH = 1e-4  # 1/s, of an undamped oscillation
 FASTEST, MOST = 2.5, 15.0  # m/s, of commands in a mission, and that no AUV reaches
 DRIFT = 0.5  # speed across over that ahead, at which a drift angle is 30°
 SEARCHES = 40  # halvings of an interval in which a limit lies
+ALL_NUMBERS = {**NUMBERS, **gains.NUMBERS}  # of a torpedo and its autopilot
+USUAL = {name: number.default for name, number in ALL_NUMBERS.items()}
 
 
 def admitted(
@@ -151,3 +154,31 @@ def torpedo_substep(n: Mapping[str, float], variation: float, longest: float) ->
     loops = max((1 + 2 * n[f"{loop}_damping"]) * n[f"{loop}_frequency"] for loop in ("heading", "pitch"))
     sampled = 1.0 / max(loops * lengths * factors[-1], n["speed_frequency"])
     return stable(np.linalg.eigvals(np.array(found)), min(longest, sampled), SHORTEST)
+
+
+def substep(n: Mapping[str, float], variation: float) -> float:
+    """The longest substep, s, of `Vehicle.substep`.
+
+    Raises:
+        ValueError: the numbers move it too fast for any substep; the message names one.
+    """
+
+    def longest(numbers: Mapping[str, float]) -> float:
+        hull = numbers["length"] > numbers["diameter"]
+        return torpedo_substep(numbers, variation, SUBSTEP) if hull else 0.0
+
+    shortest = SHORTEST
+    return admitted(n, USUAL, longest, shortest, f"moves too fast for substeps of {1e3 * shortest:g} ms")
+
+
+def check_roll(n: Mapping[str, float]) -> None:
+    """Refuse a torpedo whose propeller spins the hull.
+
+    Raises:
+        ValueError: it does; the message names a number.
+    """
+
+    def rights(numbers: Mapping[str, float]) -> float:
+        return float(numbers["length"] > numbers["diameter"] and not spins(named(numbers)))
+
+    admitted(n, USUAL, rights, 1.0, "the propeller's torque spins the hull")

@@ -38,23 +38,22 @@ import taichi as ti
 
 from usvauv.kernels.functions import func
 from usvauv.kernels.trigonometry import TWO_PI
-from usvauv.kernels.vehicles import autopilot, gains, stability
+from usvauv.kernels.vehicles import autopilot, gains
+from usvauv.kernels.vehicles.definition import Vehicle, vehicles
 from usvauv.kernels.vehicles.kinematics import Triple, axes, dot, gradient, gradient_transposed, velocity_of_water
-from usvauv.kernels.vehicles.numbers import GRAVITY, NUMBERS, Constant, constants_of
+from usvauv.kernels.vehicles.numbers import GRAVITY, Constant, constants_of
+from usvauv.kernels.vehicles.stability import ALL_NUMBERS, substep
 from usvauv.kernels.vehicles.vehicle import (
     LANES,
     TINY,
     Actuators,
     Body,
-    Vehicle,
     cross_flow,
     lanes,
     magnitude,
     positive,
-    vehicles,
 )
 
-SUBSTEP = 0.05  # s, the longest
 STAGES = 2
 TURNING = 10.0  # m
 Wrench = ti.types.struct(x=lanes, y=lanes, z=lanes, roll=lanes, pitch=lanes, yaw=lanes)
@@ -323,40 +322,6 @@ def table_of(n: Mapping[str, float]) -> np.ndarray:
     """
     constants = constants_of(n)
     return np.concatenate((constants, gains.constants_of(n, constants)))
-
-
-ALL_NUMBERS = {**NUMBERS, **gains.NUMBERS}
-
-
-USUAL = {name: number.default for name, number in ALL_NUMBERS.items()}
-
-
-def substep(n: Mapping[str, float], variation: float) -> float:
-    """The longest substep, s, of `Vehicle.substep`.
-
-    Raises:
-        ValueError: the numbers move it too fast for any substep; the message names one.
-    """
-
-    def longest(numbers: Mapping[str, float]) -> float:
-        hull = numbers["length"] > numbers["diameter"]
-        return stability.torpedo_substep(numbers, variation, SUBSTEP) if hull else 0.0
-
-    shortest = stability.SHORTEST
-    return stability.admitted(n, USUAL, longest, shortest, f"moves too fast for substeps of {1e3 * shortest:g} ms")
-
-
-def check_roll(n: Mapping[str, float]) -> None:
-    """Refuse a torpedo whose propeller spins the hull.
-
-    Raises:
-        ValueError: it does; the message names a number.
-    """
-
-    def rights(numbers: Mapping[str, float]) -> float:
-        return float(numbers["length"] > numbers["diameter"] and not stability.spins(stability.named(numbers)))
-
-    stability.admitted(n, USUAL, rights, 1.0, "the propeller's torque spins the hull")
 
 
 TORPEDO = vehicles.register(

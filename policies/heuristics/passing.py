@@ -10,7 +10,7 @@ from torch import Tensor
 from usvauv.env.scenario import Scenario
 from usvauv.env.site.site import Site
 from usvauv.env.world.mission_parameters import DataLink, reference_rate
-from usvauv.kernels.vehicles.vehicle import vehicles
+from usvauv.kernels.vehicles.definition import vehicles
 from usvauv.policies.guidance import command, crab, follow_circle, unit, unrotate
 from usvauv.policies.heuristics.travel import Clear
 from usvauv.policies.policy import HeuristicWorld

@@ -3,8 +3,11 @@
 import pytest
 
 from usvauv.kernels.errors import LONGEST, UserError
-from usvauv.kernels.positioning.sonar import absorption_laws
+from usvauv.kernels.mission.choices import schedules, target_rules
+from usvauv.kernels.mission.tasks.task import tasks
+from usvauv.kernels.positioning.laws import absorption_laws, ambient_noise_laws, rate_laws
 from usvauv.kernels.registry import Registry
+from usvauv.kernels.vehicles.definition import vehicles
 
 
 class Wrong(UserError):
@@ -70,3 +73,17 @@ def test_the_middle_of_a_long_message_is_left_out(excess):
 
 def test_what_cannot_be_printed_is_written_as_python_does():
     assert str(UserError("a\nb\x1b[2Jc ä\u202e'\"")) == "a\\nb\\x1b[2Jc ä\\u202e'\""
+
+
+@pytest.mark.parametrize(
+    "registry", [absorption_laws, ambient_noise_laws, rate_laws, schedules, target_rules, tasks, vehicles]
+)
+def test_the_names_that_ship_are_those_that_their_modules_register(registry):
+    """Else a name is refused before its module is imported, or is known without an item."""
+    assert all(registry[name] is registry.get(name) for name in registry)
+    assert [*registry._shipped] == [name for name in registry._items if not registry.file(name)]
+
+
+def test_a_plugin_takes_no_name_that_ships():
+    with pytest.raises(UserError, match="is registered already"):
+        target_rules.register("greedy", target_rules["tour"])

@@ -23,9 +23,9 @@ from usvauv.kernels.mission.observation import ObservationTerm, observation_term
 from usvauv.kernels.mission.target_rules import TargetRule, target_rules
 from usvauv.kernels.mission.tasks.task import RewardTerm, tasks
 from usvauv.kernels.mission.worlds import Strategy
-from usvauv.kernels.positioning.sonar import ambient_noise_laws
+from usvauv.kernels.positioning.laws import ambient_noise_laws
 from usvauv.kernels.types import vec2
-from usvauv.kernels.vehicles.vehicle import vehicles
+from usvauv.kernels.vehicles.definition import vehicles
 from usvauv.policies import PolicyError, Trainer, TrainingRun
 from usvauv.policies.algorithms import algorithms
 from usvauv.policies.algorithms.deterministic import DDPG

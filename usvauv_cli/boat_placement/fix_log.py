@@ -17,7 +17,7 @@ from usvauv.env.scenario import Scenario
 from usvauv.env.site.place import LocalFrame
 from usvauv.env.site.site import Site
 from usvauv.kernels.errors import UserError
-from usvauv.kernels.planning.information import MAX_AUVS
+from usvauv.kernels.limits import MAX_AUVS
 
 LARGEST = 2**25  # bytes of a log
 SHIP = re.compile(

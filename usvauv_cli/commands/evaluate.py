@@ -95,17 +95,17 @@ def evaluate(
 
     `usvauv eval --policy clear --policy pace --episodes 100000 --until-halfwidth 0.05`
     """
+    setting = options.scenario_of(scenario, overrides)
+
     from usvauv.cli.evaluation.batches import batches, combinations, definition, first_difference
     from usvauv.cli.evaluation.comparison import Comparison
     from usvauv.cli.evaluation.comparison_tables import intervals, metrics_tables
     from usvauv.cli.web_report.episodes import Recordings, front_episodes
     from usvauv.env.record.evaluation import WORLDS_PER_BATCH, batch_size
     from usvauv.env.record.metrics import FIGURES, task_metrics
-    from usvauv.env.scenario import Scenario
     from usvauv.env.storage.result_tables import growing_table
     from usvauv.policies import loading
 
-    setting = Scenario.load(scenario, overrides or ())
     options.writable(context, out, "--out", (".csv",))
     names = list(dict.fromkeys(policy or [loading.default(setting), "straight"]))
     for name in names:

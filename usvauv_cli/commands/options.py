@@ -8,8 +8,8 @@ import math
 import os
 import re
 import sys
-from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Collection, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -54,7 +54,7 @@ def of_kind(kind: str) -> Callable[[Any], Any]:
 
 
 def _known_arch(value: str) -> str:
-    from usvauv.kernels.runtime import ARCHITECTURES
+    from usvauv.kernels.limits import ARCHITECTURES
 
     return choice("--arch", value, ARCHITECTURES)
 
@@ -121,19 +121,32 @@ QUIET = ("scenarios", "policies", "boats", "targets", "plan", "replay", "export"
 MADE_BY = "user.usvauv"  # extended attribute of a result: the JSON of `_decisive`
 
 
-@contextmanager
-def loading(command: str | None) -> Iterator[None]:
-    """Say on standard error that the first import of what takes seconds is under way; a terminal forgets it after."""
+def load_libraries(quiet: bool = False) -> None:
+    """Import torch and Taichi, which takes seconds, and say so on standard error; a terminal forgets it after.
+
+    Args:
+        quiet: say so on a terminal alone.
+    """
     line, terminal = "loading torch and Taichi …", sys.stderr.isatty()
-    if "taichi" in sys.modules or (command in QUIET and not terminal):
-        yield
+    if "taichi" in sys.modules:
         return
-    print(line, end="" if terminal else "\n", file=sys.stderr, flush=True)
+    said = terminal or not quiet
+    if said:
+        print(line, end="" if terminal else "\n", file=sys.stderr, flush=True)
     try:
-        yield
+        from usvauv.kernels import runtime  # noqa: F401  # Taichi before torch: it searches all modules imported so far
     finally:
         if terminal:
             print(f"\r{' ' * len(line)}\r", end="", file=sys.stderr, flush=True)
+
+
+def scenario_of(name: str, overrides: Sequence[str] | None, quiet: bool = False) -> Scenario:
+    """The scenario that a command runs. It is checked before torch and Taichi are imported, see `load_libraries`."""
+    from usvauv.env.scenario import Scenario
+
+    scenario = Scenario.load(name, overrides or ())
+    load_libraries(quiet)
+    return scenario
 
 
 def preparing(scenario: Scenario, arch: str) -> None:
@@ -148,11 +161,12 @@ def preparing(scenario: Scenario, arch: str) -> None:
 def _load_plugins(context: typer.Context, files: list[Path] | None) -> list[Path] | None:
     """Import the plugins of installed distributions, then those named, before other arguments are processed.
 
-    The first import takes seconds, and every command begins with it.
+    A command with a scenario checks that first, and imports what takes seconds after, see `scenario_of`.
     """
-    with loading(context.command.name):
-        from usvauv.env import plugins
+    from usvauv.env import plugins
 
+    if files or all(parameter.name != "scenario" for parameter in context.command.params):
+        load_libraries(context.command.name in QUIET)
     plugins.load_installed()
     for file in files or ():
         plugins.load(file)

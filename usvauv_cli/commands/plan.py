@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from usvauv.cli import terminal
+from usvauv.cli.commands import options
 from usvauv.cli.commands.options import Arch, Force, Overrides, Plugins, of_kind, writable
 from usvauv.kernels.errors import UserError
 
@@ -137,12 +138,13 @@ def plan(
     import json
     from dataclasses import asdict, replace
 
+    setting = scenario_of(scenario, overrides or ())
+
     from usvauv.env.accuracy.boat_place import solve
     from usvauv.env.exchange import geojson
     from usvauv.env.site.positions import DEGREES, auv_position, boat_position, look_geographic
     from usvauv.env.storage.files import atomic_write
 
-    setting = scenario_of(scenario, overrides or ())
     estimates: list[PositionEstimate] = []
     read: Log | None = None
     hint = DEGREES if look_geographic(auv or (), setting) else ""
@@ -218,7 +220,7 @@ def scenario_of(name: str, overrides: Sequence[str]) -> Scenario:
     data = merged([usual, *(layer.data for layer in layers_of(name)), *map(parse_override, overrides)])
     depths = [data[section]["depth"] for section in usual if isinstance(data[section], Mapping)]
     gives_way = len(depths) == 2 and all(isinstance(depth, int | float) for depth in depths) and depths[1] >= depths[0]
-    return Scenario.load(name, [*([f"auv.depth={0.9 * depths[0]}"] if gives_way else []), *overrides])
+    return options.scenario_of(name, [*([f"auv.depth={0.9 * depths[0]}"] if gives_way else []), *overrides], True)
 
 
 def surface_slope(text: str) -> tuple[float, float]:
@@ -233,7 +235,7 @@ def surface_slope(text: str) -> tuple[float, float]:
 
 def with_team(scenario: Scenario, auvs: list[tuple[float, float, float]]) -> Scenario:
     """The scenario with as many AUVs as are given, their mean depth being its cruise depth."""
-    from usvauv.kernels.planning.information import MAX_AUVS
+    from usvauv.kernels.limits import MAX_AUVS
 
     if len(auvs) > MAX_AUVS:
         raise UserError(f"--auv: {len(auvs)} AUVs given, at most {MAX_AUVS} are possible")

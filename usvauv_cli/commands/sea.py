@@ -84,12 +84,12 @@ def sea(
 
     `usvauv sea --out calm.png --set storm.spectrum=none --set sea.irregular_rms=0.5`
     """
+    setting = options.scenario_of(scenario, overrides)
+
     from usvauv.env.render.style import clock
-    from usvauv.env.scenario import Scenario
     from usvauv.env.sea.simulation import SeaSimulation, cells
     from usvauv.env.world.mission_parameters import first_vortices
 
-    setting = Scenario.load(scenario, overrides or ())
     out = out or Path(f"usvauv-sea-{setting.name}.mp4")
     kind = options.writable(context, out, "--out", FORMATS).suffix.lower()
     for option, value in (("--fps", fps), ("--size", size)):

@@ -81,13 +81,13 @@ def simulate(
 
     `usvauv simulate wide --compare usv=fim --out boats.mp4`
     """
-    from usvauv.env import Scenario
+    setting = options.scenario_of(scenario, overrides)
+
     from usvauv.env.record.metrics import episode_metrics
     from usvauv.env.record.recorder import check_room
     from usvauv.env.world.strategy_choice import StrategyChoice
     from usvauv.policies import loading
 
-    setting = Scenario.load(scenario, overrides or ())
     out = out or Path(f"usvauv-{setting.name}.mp4")
     video = options.checked_video(context, out)
     if trace:
@@ -251,13 +251,13 @@ def live(
 
     `usvauv live wide --policy pace --open`
     """
+    setting = options.scenario_of(scenario, overrides).with_targets(targets)
+
     from usvauv.cli.live.server import Show, listen, serve
     from usvauv.cli.live.session import Session
-    from usvauv.env import Scenario
     from usvauv.env.world.strategy_choice import StrategyChoice
     from usvauv.policies import loading
 
-    setting = Scenario.load(scenario, overrides or ()).with_targets(targets)
     options.check_policy(policy or loading.default(setting), setting)
     StrategyChoice.parse(usv, setting)
     options.check_regime(setting)

@@ -96,9 +96,11 @@ def train(
 
     `usvauv train ideal --seeds 8 --out runs/eight`
     """
+    setting = options.scenario_of(scenario, overrides).with_targets(targets)
+
     from usvauv import policies
     from usvauv.cli.commands import training_table
-    from usvauv.env import Scenario, World
+    from usvauv.env import World
     from usvauv.env.record.metrics import mean_figures
     from usvauv.env.storage.files import inside, locked
     from usvauv.env.world.strategy_choice import StrategyChoice
@@ -116,7 +118,6 @@ def train(
         kept |= {"--worlds": worlds, "--shared": shared}
         if resume and (given := ", ".join(name for name, value in kept.items() if value or value is False)):
             raise UserError(f"{given}: a resumed run keeps the scenario and settings it was begun with")
-        setting = Scenario.load(scenario, overrides or ()).with_targets(targets)
         options.check_regime(setting)
         StrategyChoice.parse(usv, setting)
         config = policies.TrainingConfig.of(setting, algorithm=algorithm, num_worlds=worlds, seed=seed, shared=shared)

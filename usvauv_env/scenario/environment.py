@@ -12,11 +12,9 @@ from numpy.typing import ArrayLike
 from pydantic import Discriminator, Field, Tag, field_validator
 
 from usvauv.env.scenario.fields import Bandwidth, Carrier, FileName, Number, Place, Section, one_of
-from usvauv.kernels.flow.at_depth import LEAST_HEIGHT
-from usvauv.kernels.mission.channel import schedules
-from usvauv.kernels.planning.information import MAX_AUVS
-from usvauv.kernels.positioning.sonar import absorption_laws, ambient_noise_laws
-from usvauv.kernels.shallow_water.discretisation import Side
+from usvauv.kernels.limits import LEAST_HEIGHT, MAX_AUVS, Side
+from usvauv.kernels.mission.choices import schedules
+from usvauv.kernels.positioning.laws import absorption_laws, ambient_noise_laws
 
 MOST_STEPS = 10_000_000  # of a mission, sixteen weeks at one second each
 MAX_VORTICES = 64

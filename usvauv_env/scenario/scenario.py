@@ -33,10 +33,11 @@ from usvauv.env.scenario.fields import (
     without_retired,
 )
 from usvauv.env.storage.files import TextFileError, check_plain
+from usvauv.kernels.limits import MOST_EFFICIENT
 from usvauv.kernels.mission.tasks.task import Task, tasks
-from usvauv.kernels.positioning.acoustic_link import MOST_EFFICIENT
-from usvauv.kernels.vehicles.torpedo import check_roll
-from usvauv.kernels.vehicles.vehicle import vehicles
+from usvauv.kernels.vehicles.definition import vehicles
+from usvauv.kernels.vehicles.numbers import constants_of
+from usvauv.kernels.vehicles.stability import check_roll, substep
 
 LONGEST_NAME = 120  # bytes; it is part of file names, which may have 255
 MOST_CHANGES = 12  # changes that `repr` lists
@@ -98,9 +99,8 @@ class Scenario(Section):
         return name
 
     def _problems(self) -> Iterator[str]:
-        declared = self.task_definition.declared
         for name in self.task_parameters.numbers:
-            if name not in declared:
+            if name not in (declared := self.task_definition.declared):
                 yield (f"task_parameters.{name}: allowed for task {self.task!r}: {', '.join(declared) or 'none'}")
         if self.auv.separation == "geometry" and self.auv.depth >= self.area.depth:
             yield f"auv.depth = {self.auv.depth:g}: must be below area.depth, {self.area.depth:g} m"
@@ -189,8 +189,8 @@ class Scenario(Section):
             yield f'nodes.service = "hover": a {auv.model} cannot hover: must be "passing"'
         if auv.model == "torpedo":
             try:
-                vehicles["torpedo"].table_of(dict(self.torpedo))
-                vehicles["torpedo"].substep(dict(self.torpedo), auv.variation)
+                constants_of(dict(self.torpedo))
+                substep(dict(self.torpedo), auv.variation)
                 check_roll(dict(self.torpedo))
             except ValueError as error:
                 yield f"torpedo: {error}"
@@ -335,9 +335,10 @@ class Scenario(Section):
     @property
     def numbers(self) -> str:
         """Its sizes in a few words: area, AUVs, nodes, significant height, boats."""
+        nodes = self.task == "data-collection" or self.task_definition.targets == "nodes"  # the first without Taichi
         teams = (
             (self.auv.count, "AUV", self.auv.vehicle),
-            (self.nodes.count if self.task_definition.targets == "nodes" else 0, "node", "none"),
+            (self.nodes.count if nodes else 0, "node", "none"),
             (self.boat.count, "boat", self.boat.vessel),
         )
         *vehicles_and_nodes, boats = (

@@ -21,13 +21,11 @@ from usvauv.env.scenario.fields import (
     classes_of,
     one_of,
 )
-from usvauv.kernels.mission import target_rules
-from usvauv.kernels.mission.motion import FASTEST
-from usvauv.kernels.planning.information import MAX_AUVS
-from usvauv.kernels.positioning.acoustic_link import rate_laws
-from usvauv.kernels.vehicles import otter
-from usvauv.kernels.vehicles.torpedo import TORPEDO
-from usvauv.kernels.vehicles.vehicle import vehicles
+from usvauv.kernels.limits import FASTEST, MAX_AUVS
+from usvauv.kernels.mission.choices import rule_and_numbers
+from usvauv.kernels.positioning.laws import rate_laws
+from usvauv.kernels.vehicles import otter_numbers, stability
+from usvauv.kernels.vehicles.definition import vehicles
 
 MAX_NODES = 500
 CLEAREST = 0.05  # 1/m, beam attenuation of the clearest ocean water in blue light
@@ -203,7 +201,7 @@ class Otter(Section):
         """
         usual = {name: field.default for name, field in type(self).model_fields.items()}
         try:
-            otter.check(self.model_dump(), usual, wind)
+            otter_numbers.check(self.model_dump(), usual, wind)
         except ValueError as error:
             raise ValueError(f"otter: {error}") from None
 
@@ -353,7 +351,7 @@ class Auv(Section):
 
 _numbers: Any = {
     name: (float, Field(number.default, ge=number.low, le=number.high, description=number.meaning))
-    for name, number in TORPEDO.numbers.items()
+    for name, number in stability.ALL_NUMBERS.items()
 }
 if TYPE_CHECKING:
     Torpedo = Section
@@ -416,7 +414,7 @@ class Nodes(Section):
     @field_validator("target_rule")
     @classmethod
     def _known_rule(cls, text: str) -> str:
-        target_rules.parse(text)
+        rule_and_numbers(text)
         return text
 
     def _problems(self) -> Iterator[str]:

@@ -31,7 +31,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from usvauv.kernels.vehicles.otter import SEA_WATER
+from usvauv.kernels.vehicles.otter_numbers import SEA_WATER
 
 HEADINGS = 32  # of a quarter turn, between which the water plane is symmetric
 WAVES = 128  # for each factor of e, at which motion is computed, between which it is linear

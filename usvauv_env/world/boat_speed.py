@@ -10,7 +10,7 @@ from usvauv.env.sea.storm import density, wave_systems
 from usvauv.env.site.site import Site
 from usvauv.kernels.flow import airy
 from usvauv.kernels.mission.boats.boat_motion import CONTROL_TIME
-from usvauv.kernels.vehicles import otter
+from usvauv.kernels.vehicles import otter_numbers
 
 COARSER = 16  # frequencies of a spectrum of which one is taken for the resistance
 BISECTIONS = 24
@@ -18,7 +18,7 @@ BISECTIONS = 24
 
 def calm_top_speed(scenario: Scenario) -> float:
     """Top speed of a boat through calm water, m/s."""
-    most = otter.top_speed(scenario.otter.model_dump()) if scenario.boat.model == "otter" else math.inf
+    most = otter_numbers.top_speed(scenario.otter.model_dump()) if scenario.boat.model == "otter" else math.inf
     return min(scenario.boat.top_speed, most)
 
 
@@ -48,7 +48,7 @@ def top_speed(site: Site) -> float:
 def response_time(scenario: Scenario) -> float:
     """Time constant of a boat's velocity through the water, s."""
     boat = scenario.boat
-    return otter.response_time(scenario.otter.model_dump()) if boat.model == "otter" else boat.response_time
+    return otter_numbers.response_time(scenario.otter.model_dump()) if boat.model == "otter" else boat.response_time
 
 
 def control_time(scenario: Scenario) -> float:

@@ -33,7 +33,7 @@ from usvauv.kernels.mission.vehicles import ROWS, move
 from usvauv.kernels.mission.water import PROFILE_POINTS
 from usvauv.kernels.mission.worlds import WORLDS_PER_BLOCK, draw_numbers
 from usvauv.kernels.registry import Registry
-from usvauv.kernels.vehicles.vehicle import vehicles
+from usvauv.kernels.vehicles.definition import vehicles
 
 AUV_STEP = 5  # µs, about, of an AUV's step in few worlds, one after the other
 

@@ -27,10 +27,11 @@ from usvauv.env.world.strategy_choice import StrategyChoice
 from usvauv.kernels import runtime
 from usvauv.kernels.flow.vortex_motion import steps_of_renewal
 from usvauv.kernels.functions import LANES
+from usvauv.kernels.limits import MAX_AUVS
 from usvauv.kernels.mission import target_rules
 from usvauv.kernels.mission.boats.boat_motion import DRIFT_TIME
 from usvauv.kernels.mission.boats.boat_strategies import BoatStrategy
-from usvauv.kernels.mission.channel import schedules
+from usvauv.kernels.mission.choices import schedules
 from usvauv.kernels.mission.columns import Action, Flag, Information, Parameter, Schedule, Sensor
 from usvauv.kernels.mission.episode import draw_vortices
 from usvauv.kernels.mission.observation import observation_terms
@@ -38,23 +39,19 @@ from usvauv.kernels.mission.tasks.data_collection import LEAST_RATE, arrival_tab
 from usvauv.kernels.mission.vehicles import Motion
 from usvauv.kernels.mission.worlds import Program
 from usvauv.kernels.planning import objectives
-from usvauv.kernels.planning.information import MAX_AUVS
 from usvauv.kernels.positioning import sonar, usbl
-from usvauv.kernels.positioning.acoustic_link import Accuracy, Sonar, attenuation_per_km, optical_budget, rate_laws
+from usvauv.kernels.positioning.acoustic_link import Accuracy, Sonar, attenuation_per_km, optical_budget
 from usvauv.kernels.positioning.acoustic_link import link_table as link_constants
+from usvauv.kernels.positioning.laws import NoiseLaw, SeaWater, absorption_laws, ambient_noise_laws, rate_laws
 from usvauv.kernels.positioning.sonar import (
-    NoiseLaw,
-    SeaWater,
-    absorption_laws,
-    ambient_noise_laws,
     boat_noise,
     rain_noise,
     total_level,
     wind_of_developed_sea,
     wind_of_growing_sea,
 )
-from usvauv.kernels.vehicles import otter
-from usvauv.kernels.vehicles.vehicle import vehicles
+from usvauv.kernels.vehicles import otter_numbers
+from usvauv.kernels.vehicles.definition import vehicles
 
 OWN_NOISE_FREQUENCY = 15000.0  # Hz, at which a scenario states own noise
 DEPTH_TIME = 20.0  # s, correlation time of the error of an AUV's depth
@@ -235,7 +232,7 @@ def kernel_tables(site: Site, strategy: StrategyChoice) -> dict[str, np.ndarray]
 
 
 def otter_table(site: Site) -> np.ndarray:
-    """Numbers of the boats of a site with dynamics, `usvauv.kernels.vehicles.otter.Number`.
+    """Numbers of the boats of a site with dynamics, `usvauv.kernels.vehicles.otter_numbers.Number`.
 
     Raises:
         ScenarioError: in its wind they move too fast.
@@ -244,7 +241,7 @@ def otter_table(site: Site) -> np.ndarray:
         site.scenario.otter.check(wind(site))
     except ValueError as error:
         raise ScenarioError(str(error)) from None
-    return otter.table_of(site.scenario.otter.model_dump(), wind(site))
+    return otter_numbers.table_of(site.scenario.otter.model_dump(), wind(site))
 
 
 def side_by_side(link: np.ndarray) -> np.ndarray:

@@ -3,6 +3,7 @@
 Public: `target_rules`, `TargetRule` and `parse`; for your own rule also `knowledge` and `best_free`.
 """
 
+from usvauv.kernels.mission.choices import TargetRule, target_rules, usage
 from usvauv.kernels.mission.target_rules import knowledge
 from usvauv.kernels.mission.target_rules.rollout import ROLLOUT
 from usvauv.kernels.mission.target_rules.rule import (
@@ -10,11 +11,8 @@ from usvauv.kernels.mission.target_rules.rule import (
     GREEDY,
     NEAREST,
     RATE,
-    TargetRule,
     best_free,
     parse,
-    target_rules,
-    usage,
 )
 from usvauv.kernels.mission.target_rules.tour import SECTORS, TOUR, share_nodes
 

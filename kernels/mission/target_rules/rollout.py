@@ -8,9 +8,10 @@ by exp(−t/T), up to t = 3 T: with a sharp end the choice would depend on which
 import taichi as ti
 
 from usvauv.kernels.functions import func
+from usvauv.kernels.mission.choices import ARGUMENTS, TargetRule
 from usvauv.kernels.mission.columns import Information
 from usvauv.kernels.mission.target_rules import knowledge
-from usvauv.kernels.mission.target_rules.rule import TargetRule, data_per_time, travel_time
+from usvauv.kernels.mission.target_rules.rule import data_per_time, travel_time
 from usvauv.kernels.types import vec2
 
 OVERHEAD = 10.0  # s, of the base rule `rate`
@@ -165,4 +166,4 @@ def workspace(num_nodes: int, num_auvs: int) -> int:
     return num_nodes + NUMBERS * num_auvs
 
 
-ROLLOUT = TargetRule(rollout, arguments=(("HORIZON", 90.0),), units=("s",), workspace=workspace)
+ROLLOUT = TargetRule(rollout, arguments=ARGUMENTS["rollout"], units=("s",), workspace=workspace)

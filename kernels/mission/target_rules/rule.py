@@ -1,21 +1,14 @@
-"""Definition of target rules, reading of their names, and the rules that choose the node of the largest value."""
+"""The rules that choose the node of the largest value, and a rule from its name."""
 
-import math
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Annotated, Any
+from dataclasses import replace
 
 import taichi as ti
 
-from usvauv.kernels.errors import choices
 from usvauv.kernels.functions import func
+from usvauv.kernels.mission.choices import ARGUMENTS, TargetRule, rule_and_numbers, target_rules
 from usvauv.kernels.mission.columns import Parameter
 from usvauv.kernels.mission.target_rules import knowledge
-from usvauv.kernels.registry import Registry
 from usvauv.kernels.types import vec2, vec3
-
-LARGEST = 1e6  # of a rule's numbers
-RETIRED = ("learned",)  # since 0.4
 
 
 @func
@@ -29,67 +22,15 @@ def unknown(worlds: ti.template(), w, i):
     return i
 
 
-def no_workspace(num_nodes: int, num_auvs: int) -> int:
-    """No workspace."""
-    return 0
-
-
-@dataclass(frozen=True)
-class TargetRule:
-    """Choice of an AUV's next node. `worlds` is a `usvauv.kernels.mission.worlds.Worlds`.
-
-    Attributes:
-        choose: a Taichi function (worlds, w, k) → index of a node; it is called for each AUV at the start of an episode
-            and after each of its services. In mission step 0 it chooses first targets.
-        prepare: a Taichi function (worlds, w), called at the start of an episode when nodes and AUVs are in place.
-        arguments: names and defaults of the numbers that may follow the name, as in "greedy:0.1"; the functions read
-            them from `worlds.rule_numbers`.
-        workspace: (number of nodes, number of AUVs) → length of the rule's workspace in each world,
-            `worlds.workspace[w, :]`, which is not kept between two calls.
-        foreseen: a Taichi function (worlds, w, i) → an AUV's predicted target after node i; node i if it cannot be
-            predicted.
-        units: of the arguments, one each; "" for a number.
-        about: one sentence about what it does; default: the docstring of `choose`.
-    """
-
-    choose: Annotated[Callable[..., Any], "worlds, w, k"]
-    prepare: Annotated[Callable[..., Any], "worlds, w"] = nothing
-    arguments: tuple[tuple[str, float], ...] = ()
-    workspace: Annotated[Callable[[int, int], int], "num_nodes, num_auvs"] = no_workspace
-    foreseen: Annotated[Callable[..., Any], "worlds, w, i"] = unknown
-    units: tuple[str, ...] = ()
-    about: str = ""
-
-
-target_rules: Registry[TargetRule] = Registry("target rule", form=TargetRule, documented=lambda rule: rule.choose)
-
-
-def usage(name: str) -> str:
-    """A rule's name, followed by its optional numbers in brackets."""
-    arguments = ",".join(argument for argument, _ in target_rules[name].arguments)
-    return f"{name}[:{arguments}]" if arguments else name
-
-
 def parse(text: str) -> tuple[TargetRule, tuple[float, ...]]:
-    """A rule and its numbers from "name", "name:number" or "name:number,number".
+    """A rule with all its functions, and its numbers, from "name", "name:number" or "name:number,number".
 
     Raises:
-        ValueError: unknown or retired rule, or numbers that it does not have; the message says what is allowed.
+        ValueError: as `rule_and_numbers`.
     """
-    name, colon, rest = text.partition(":")
-    if name not in target_rules and name in RETIRED:
-        raise ValueError(f"{text!r}: was removed in 0.4")
-    if name not in target_rules:
-        raise ValueError(f"{text!r}: {choices(text, map(usage, target_rules))}")
+    name, numbers = rule_and_numbers(text)
     rule = target_rules[name]
-    try:
-        given = [float(part) for part in rest.split(",")] if colon else []
-    except ValueError:
-        given = [math.nan]
-    defaults = [default for _, default in rule.arguments]
-    if len(given) > len(defaults) or not all(0 <= number <= LARGEST for number in given):
-        raise ValueError(f"{text!r}: expected {usage(name)} with numbers from 0 to {LARGEST:g}")
-    return rule, (*given, *defaults[len(given) :])
+    return replace(rule, prepare=rule.prepare or nothing, foreseen=rule.foreseen or unknown), numbers
 
 
 BEYOND = 1e5  # above every distance in an area, m
@@ -190,9 +131,9 @@ def rate(worlds: ti.template(), w, k):
     return best_free(worlds, pace_of_data, w, k)
 
 
-GREEDY = TargetRule(greedy, arguments=(("ALPHA", 0.015),), units=("1/(m s)",))
-NEAREST = TargetRule(nearest, arguments=(("PACKETS", 1000.0),), units=("",))
-RATE = TargetRule(rate, arguments=(("SECONDS", 10.0),), units=("s",))
+GREEDY = TargetRule(greedy, arguments=ARGUMENTS["greedy"], units=("1/(m s)",))
+NEAREST = TargetRule(nearest, arguments=ARGUMENTS["nearest"], units=("",))
+RATE = TargetRule(rate, arguments=ARGUMENTS["rate"], units=("s",))
 
 
 @func
@@ -242,7 +183,7 @@ def demonstration(worlds: ti.template(), w, k):
 
 DEMONSTRATION = TargetRule(
     demonstration,
-    arguments=(("ALPHA", 0.05),),
+    arguments=ARGUMENTS["demonstration"],
     units=("1/(m s)",),
     about="The rule of the paper's demonstration, with the slant distance",
 )

@@ -7,8 +7,9 @@ Operations Research 6(6), doi 10.1287/opre.6.6.791). It depends only on the posi
 import taichi as ti
 
 from usvauv.kernels.functions import func
+from usvauv.kernels.mission.choices import TargetRule
 from usvauv.kernels.mission.target_rules import knowledge
-from usvauv.kernels.mission.target_rules.rule import TargetRule, distance
+from usvauv.kernels.mission.target_rules.rule import distance
 from usvauv.kernels.types import vec2
 
 LEAST_GAIN = 1e-3  # m, of an exchange; below it rounding could undo and redo one for ever

@@ -70,4 +70,9 @@ class Task:
         return tuple(term.name for term in self.reward_terms)
 
 
-tasks: Registry[Task] = Registry("task", form=Task)
+HERE = "usvauv.kernels.mission.tasks"
+tasks: Registry[Task] = Registry(
+    "task",
+    form=Task,
+    shipped={"data-collection": f"{HERE}.data_collection", "station-keeping": f"{HERE}.station_keeping"},
+)

@@ -7,6 +7,7 @@ Registries, and the class of their items:
   `velocity_of_water`
 """
 
+from usvauv.kernels.vehicles.definition import Quantity, Vehicle, vehicles
 from usvauv.kernels.vehicles.kinematics import velocity_of_water
 from usvauv.kernels.vehicles.vehicle import (
     LANES,
@@ -14,12 +15,9 @@ from usvauv.kernels.vehicles.vehicle import (
     Body,
     Command,
     Memory,
-    Quantity,
     Surroundings,
-    Vehicle,
     lanes,
     positive,
-    vehicles,
 )
 
 __all__ = [

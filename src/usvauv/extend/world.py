@@ -25,7 +25,7 @@ from usvauv.kernels.mission.columns import (
 )
 from usvauv.kernels.mission.observation import ObservationTerm, observation_terms
 from usvauv.kernels.mission.worlds import Worlds, normals, uniforms
-from usvauv.kernels.positioning.sonar import ambient_noise_laws
+from usvauv.kernels.positioning.laws import ambient_noise_laws
 from usvauv.kernels.types import vec2
 
 __all__ = [

@@ -11,7 +11,7 @@ from scipy.integrate import quad, solve_ivp
 from usvauv.env.scenario.team import Otter
 from usvauv.kernels.functions import kernel
 from usvauv.kernels.types import array1, array2, vec2
-from usvauv.kernels.vehicles import otter
+from usvauv.kernels.vehicles import otter, otter_numbers
 from usvauv.kernels.vehicles.otter import HullColumn
 from usvauv.kernels.vehicles.vehicle import cross_flow
 
@@ -26,7 +26,9 @@ def sailed(hulls, orders, air=(0.0, 0.0), dt=0.1, time=10.0, **changes):
     n = len(hull)
     way = torch.zeros(n, 2)
     orders, air = (torch.tensor(np.broadcast_to(x, (n, 2)).copy(), dtype=torch.float32) for x in (orders, air))
-    otter.integrate(torch.from_numpy(otter.table_of(NUMBERS | changes)), hull, orders, air, dt, round(time / dt), way)
+    otter.integrate(
+        torch.from_numpy(otter_numbers.table_of(NUMBERS | changes)), hull, orders, air, dt, round(time / dt), way
+    )
     return hull.numpy().astype(float), way.numpy().astype(float)
 
 
@@ -98,7 +100,7 @@ def test_terminal_speed_is_where_thrust_is_drag(n):
     hull, _ = sailed(np.zeros(8), (n, n), time=30.0, **CALM)
     k = NUMBERS["thrust_ahead" if n > 0 else "thrust_astern"]
     assert hull[0, HullColumn.u] == pytest.approx(2 * k * n * abs(n) / NUMBERS["damping_surge"], rel=1e-5)
-    assert otter.top_speed(NUMBERS) == pytest.approx(3.087, rel=2e-3)  # 6 knots
+    assert otter_numbers.top_speed(NUMBERS) == pytest.approx(3.087, rel=2e-3)  # 6 knots
 
 
 def test_port_is_the_mirror_of_starboard():
@@ -176,7 +178,7 @@ def test_a_boat_that_spins_comes_to_rest(rate):
     """Quadratic damping is then too stiff for one step of Runge–Kutta of `LONGEST`."""
     spinning = np.zeros((1, 8))
     spinning[0, HullColumn.r] = rate
-    coarse, fine = (sailed(spinning, (0.0, 0.0), dt=dt, time=2.0, **CALM)[0][0] for dt in (otter.LONGEST, 0.01))
+    coarse, fine = (sailed(spinning, (0.0, 0.0), dt=dt, time=2.0, **CALM)[0][0] for dt in (otter_numbers.LONGEST, 0.01))
     np.testing.assert_allclose(coarse[:4], fine[:4], atol=0.02)
 
 
@@ -186,14 +188,14 @@ def test_a_boat_that_spins_comes_to_rest(rate):
 )
 def test_its_substep_is_as_good_as_a_short_one(changes):
     """In a gale abeam, under thrust that turns it."""
-    dt = float(otter.table_of(NUMBERS | changes, 30.0)[otter.Number.substep])
+    dt = float(otter_numbers.table_of(NUMBERS | changes, 30.0)[otter_numbers.Number.substep])
     steps = 8 * round(0.25 / dt + 0.5)
     ends = [sailed(np.zeros(8), (100, -60), (5.0, 29.0), 2.0 / n, 2.0, **changes)[0][0] for n in (steps, 20 * steps)]
     np.testing.assert_allclose(ends[0][:4], ends[1][:4], atol=0.05)
 
 
 def test_what_is_allocated_keeps_the_moment_first():
-    table = torch.from_numpy(otter.table_of(NUMBERS))
+    table = torch.from_numpy(otter_numbers.table_of(NUMBERS))
     ahead, astern, lever = 0.01108 * 103.9**2, 0.006445 * 101.7**2, NUMBERS["lever"]
     wanted = torch.tensor([[50.0, 10.0], [500.0, 30.0], [500.0, -30.0], [-500.0, 20.0], [500.0, 500.0]])
     out = torch.zeros(5, 4)

@@ -16,6 +16,7 @@ from usvauv.kernels import runtime
 from usvauv.kernels.functions import Launch, kernel
 from usvauv.kernels.types import array1
 from usvauv.kernels.vehicles import torpedo
+from usvauv.kernels.vehicles.definition import vehicles
 from usvauv.kernels.vehicles.fleet import Fleet
 from usvauv.kernels.vehicles.numbers import lamb_factors
 from usvauv.kernels.vehicles.vehicle import (
@@ -27,7 +28,6 @@ from usvauv.kernels.vehicles.vehicle import (
     blocks,
     load,
     store,
-    vehicles,
 )
 
 TORPEDO = vehicles["torpedo"]

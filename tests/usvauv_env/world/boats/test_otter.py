@@ -13,7 +13,7 @@ from usvauv.env.scenario.team import Otter
 from usvauv.env.world.boat_speed import top_speed
 from usvauv.kernels.errors import DivergenceError
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn
-from usvauv.kernels.vehicles import otter
+from usvauv.kernels.vehicles import otter_numbers
 from usvauv.kernels.vehicles.otter import HullColumn
 
 SECTIONS = {
@@ -188,7 +188,7 @@ def test_it_does_what_its_action_asks_for():
     sections = {"navigation": {"sensor": "ground"}, "channel": {"schedule": "all"}, "boat": {"top_speed": 9}}
     world = world_of("agent", 2, **sections)
     most = top_speed(world.site)
-    assert most == otter.top_speed(world.scenario.otter.model_dump()) == pytest.approx(3.087, rel=2e-3)
+    assert most == otter_numbers.top_speed(world.scenario.otter.model_dump()) == pytest.approx(3.087, rel=2e-3)
     action = torch.tensor([[[0.4, 0.3]], [[-0.3, 0.0]]])
     sailed(world, 40, (0.2, 0.1), action)
     water = world.boat[..., BoatColumn.span("water_x", "water_y")].cpu()

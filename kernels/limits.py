@@ -1,0 +1,11 @@
+"""Limits of what the kernels compute, by which scenarios and options are checked before Taichi is imported."""
+
+from typing import Literal
+
+ARCHITECTURES = ("auto", "cpu", "cuda", "vulkan")
+Side = Literal["west", "east", "south", "north"]  # of an area
+
+MAX_AUVS = 16  # of a team
+FASTEST = 2.5  # m/s, up to which the fitted efficiency of an AUV is meant; near 3.25 m/s it falls through zero
+LEAST_HEIGHT = 1.0  # m over the mean bed, below which a sheared current is constant
+MOST_EFFICIENT = 2.0  # bit/s/Hz, of the modem's ways to send
