@@ -21,7 +21,7 @@ def evaluate(
         list[str] | None,
         typer.Option(
             callback=options.of_kind("policy"),
-            help=f"{options.POLICIES}; may be repeated. Default: the one of simulate, and straight.",
+            help=f"{options.POLICIES}; may be repeated. Default: the one listed for the scenario.",
         ),
     ] = None,
     usv: Annotated[
@@ -107,7 +107,7 @@ def evaluate(
     from usvauv.policies import loading
 
     options.writable(context, out, "--out", (".csv",))
-    names = list(dict.fromkeys(policy or [loading.default(setting), "straight"]))
+    names = list(dict.fromkeys(policy or [loading.default(setting)]))
     for name in names:
         options.check_policy(name, setting)
     scenarios = combinations(setting, names, usv or [None], targets or [None])

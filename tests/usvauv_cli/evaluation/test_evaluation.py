@@ -326,6 +326,13 @@ def test_it_ends_when_differences_are_known_well_enough(tmp_path, run_usvauv, st
     assert "--until-halfwidth 1e-09: not reached in 4 episodes" in said
 
 
+def test_without_a_policy_it_is_the_scenarios_own(run_usvauv, tmp_path):
+    code, said, _ = run_usvauv("eval", "ideal", "--episodes", 1, "--usv", "hold:0,0", "--set", "mission.duration=2")
+    assert (code, "difference" in said) == (0, False)
+    with (tmp_path / "metrics.csv").open() as stream:
+        assert [row["policy"] for row in csv.DictReader(stream)] == [policies.default(Scenario.load("ideal"))]
+
+
 def test_batches_are_halved_until_they_fit_into_memory(run_usvauv, tmp_path, monkeypatch):
     few = (*EVAL[:4], *EVAL[6:], "--episodes", 7)
     run_usvauv(*few, "--out", "a.csv")
