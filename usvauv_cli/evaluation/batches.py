@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from usvauv.cli.evaluation.comparison import Comparison
 from usvauv.cli.evaluation.comparison_tables import headline, sentences
-from usvauv.env.record import evaluation
-from usvauv.env.record.evaluation import MakePolicy, evaluate_batch
+from usvauv.env.record.evaluation import MakePolicy, batch_size, evaluate_batch
 from usvauv.env.record.metrics import FIGURES
 from usvauv.env.record.trace import Trace
 from usvauv.env.scenario import Scenario
@@ -78,13 +77,14 @@ def batches(
     size: int,
     seed: int,
     arch: str,
-    table: GrowingTable,
-    on_step: Callable[[int], None],
-    on_trace: Callable[[Trace, int], None],
+    table: GrowingTable | None = None,
+    on_step: Callable[[int], None] = lambda worlds: None,
+    on_trace: Callable[[Trace, int], None] = lambda trace, first: None,
 ) -> Iterator[Mapping[Combination, Sequence[Mapping[str, Any]]]]:
-    """Rows of all combinations, in batches of `size` worlds; rows missing in the table are run and added to it.
+    """Rows of all combinations, in batches of `size` worlds.
 
     Args:
+        table: whose rows are not run again, and to which others are added.
         on_step: called with the number of worlds stepped, also for steps of an earlier process.
         on_trace: called with the trace of a batch and the number of its first episode.
     """
@@ -99,12 +99,14 @@ def batches(
         count = min(size, episodes - first)
         batch = {}
         for which, scenario in scenarios.items():
-            taken = table.take(which, first, count)
+            taken = table.take(which, first, count) if table else None
             if taken is None:
                 world = World(scenario, count, seed, which.usv, first_world=first, arch=arch)
                 make = policies[which.policy]
                 taken = [row.columns() for row in evaluate_batch(world, first, which.policy, make, step, on_trace)]
-                table.append(which, taken)
+                del world  # before the next one
+                if table:
+                    table.append(which, taken)
             else:
                 before += count * scenario.mission.steps
             batch[which] = taken
@@ -164,12 +166,9 @@ def evaluate(
         makers = loading.named(*names)
     found = combinations(setting, list(makers), _several(usv), _several(targets))
     comparison = Comparison(list(found), seas=setting.random_seas)
-    batch = {}
-    for which, chosen in found.items():
-        maker = {which.policy: makers[which.policy]}
-        done = evaluation.run_episodes(chosen, maker, episodes=episodes, seed=seed, usv=which.usv, arch=arch)
-        batch[which] = [row.columns() for row in done]
-    comparison.add(batch)
+    size = min(batch_size(chosen, episodes) for chosen in found.values())
+    for batch in batches(found, makers, episodes, size, seed, arch):
+        comparison.add(batch)
     rows = []
     for figure in (*FIGURES, *comparison.of_task):
         for which in found:

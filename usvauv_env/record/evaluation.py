@@ -63,10 +63,7 @@ def run_episodes(
     Raises:
         UserError: `episodes` is below 1; also errors of `Scenario.load`, `World` and `record`.
     """
-    if episodes < 1:
-        raise UserError(f"episodes = {episodes}: must be at least 1")
-    scenario = Scenario.of(scenario)
-    scenario = scenario.with_targets(targets)
+    scenario = Scenario.of(scenario).with_targets(targets)
     rows, size = [], batch_size(scenario, episodes)
     for name, make in policies.items():
         for first in range(0, episodes, size):
@@ -83,8 +80,11 @@ def batch_size(scenario: Scenario, episodes: int) -> int:
     The batch changes no episode, unless a policy of your own acts otherwise in another one, see `docs/extending.md`.
 
     Raises:
+        UserError: `episodes` is below 1.
         MemoryNeeded: the record of one does not.
     """
+    if episodes < 1:
+        raise UserError(f"episodes = {episodes}: must be at least 1")
     size, steps = min(WORLDS_PER_BATCH, episodes), scenario.mission.steps
     check_room(scenario, 1, steps)
     shared, free = EACH * steps, memory.SHARE * memory.available()
