@@ -9,8 +9,15 @@ deviations over each of the G seas that occur,
 and the interval is x̄ ± t √var with Student's t for G − 1 degrees of freedom; with a sea for each episode, t s/√n. Only
 sums are kept, whose size does not grow with the number of episodes. The intervals assume normal means over seas.
 
-Source: Cameron and Miller (2015), "A practitioner's guide to cluster-robust inference", J. Human Resources 50, 317,
-doi 10.3368/jhr.50.2.317, §II and §VI.
+**Rare events.** The mean of a count that is most often 0, such as `collisions`, is far from normal. A mean x̄ with
+variance V is that of N = x̄²/V events, each worth x̄/N, and V is at least x̄/n, that of single events. With Byar's
+approximation u(N) = (N + 1) (1 − 1/(9 (N + 1)) + z/(3 √(N + 1)))³ of the upper limit of a Poisson number, half of the
+interval is at least (x̄/N) (u(N) − N), the longer side; without any event it is u(0)/n. A difference of counts is one of
+two counts, of the worlds with more and of those with fewer, whose halves are added in squares. Events that come in
+bursts widen the interval once some have occurred; where none has, u(0)/n is the limit of single events.
+
+Sources: Cameron and Miller (2015), "A practitioner's guide to cluster-robust inference", J. Human Resources 50, 317,
+doi 10.3368/jhr.50.2.317, §II and §VI; Breslow and Day (1987), "Statistical Methods in Cancer Research II", IARC, p. 69.
 """
 
 from __future__ import annotations
@@ -25,7 +32,9 @@ import numpy as np
 from usvauv.env.record.metrics import COLUMNS, FIGURES
 from usvauv.env.storage.result_tables import Combination
 
-LEVEL = 0.95
+LEVEL, NORMAL = 0.95, 1.959964  # and z of the normal distribution with that
+# Figures that count rare events, or what is lost by them, and the least that an event is worth.
+COUNTS = {"collisions": 1, "border": 1, "surfaced": 1, "grounded": 1, "spent": 1, "overflow": 1, "lost_mbit": 0}
 
 
 class Estimate(NamedTuple):
@@ -96,6 +105,18 @@ class Moments:
         mean = float(self._first[figure] + self._mean[figure]) if n else math.nan
         variance, freedom = self._variance(figure)
         return Estimate(mean, t_quantile(freedom) * math.sqrt(variance) if freedom else math.nan, n)
+
+    def half_of_events(self, figure: int, least: float) -> float:
+        """Half of the interval of a count's mean, at least that of a Poisson number of events of a `least` size."""
+        mean, half, n = self.estimate(figure)
+        variance, freedom = self._variance(figure)
+        if not freedom:
+            return half
+        variance = max(variance, least * mean / n)
+        events, worth = (mean**2 / variance, variance / mean) if variance else (0.0, least / n)
+        next_event = events + 1
+        most = next_event * (1 - 1 / (9 * next_event) + NORMAL / (3 * math.sqrt(next_event))) ** 3
+        return max(half, worth * (most - events))
 
     def effective(self, figure: int) -> float:
         """Number of values, each on its own sea, whose mean would be as precise."""
@@ -186,8 +207,9 @@ class Comparison:
         self.of_task: tuple[str, ...] = ()  # names of the figures that belong to the task
         self._kept = kept
         self._places: dict[str, int] = {}
+        self._counts: list[str] = []
         self._scores: dict[Combination, Moments] = {}
-        self._differences: dict[Combination, Moments] = {}
+        self._differences: dict[Combination, Moments] = {}  # of counts also what is more and what is less
 
     def add(self, batch: Mapping[Combination, Sequence[Mapping[str, Any]]]) -> None:
         """Add rows of the CSV, with the same episodes in the same order for every combination."""
@@ -195,20 +217,27 @@ class Comparison:
         if not self._places:
             self.of_task = tuple(name for name in rows[0] if name not in COLUMNS)
             self._places = {name: place for place, name in enumerate((*FIGURES, *self.of_task))}
+            self._counts = [name for name in COUNTS if name in self._places]
             self._scores = {which: Moments(len(self._places), self.seas) for which in self.combinations}
-            self._differences = {which: Moments(len(self._places), self.seas) for which in self.combinations}
+            count = len(self._places) + 2 * len(self._counts)
+            self._differences = {which: Moments(count, self.seas) for which in self.combinations}
         values = {which: np.array([[float(row[n]) for n in self._places] for row in batch[which]]) for which in batch}
         drawn = [self._places[name] for name in ("energy_wh", "delivered_mbit")]
+        counts = [self._places[name] for name in self._counts]
         for which, found in values.items():
             self._scores[which].add(found)
-            self._differences[which].add(found - values[self.reference])
+            less = found - values[self.reference]
+            parts = np.maximum(less[:, counts], 0.0), np.maximum(-less[:, counts], 0.0)
+            self._differences[which].add(np.hstack([less, *parts]))
             points = self.points[which]
             points += [tuple(row) for row in found[: self._kept - len(points), drawn].tolist()]
         self.episodes += len(rows)
 
     def score(self, which: Combination, name: str) -> Estimate:
         """Mean and interval of a figure over the episodes that have it."""
-        return self._scores[which].estimate(self._places[name])
+        moments, place = self._scores[which], self._places[name]
+        found = moments.estimate(place)
+        return found._replace(half=moments.half_of_events(place, COUNTS[name])) if name in COUNTS else found
 
     def deviation(self, which: Combination, name: str) -> float:
         """Standard deviation of a figure over the episodes that have it."""
@@ -216,14 +245,21 @@ class Comparison:
 
     def difference(self, which: Combination, name: str) -> Estimate:
         """Mean and interval of a figure minus the reference's in the same world, over worlds where both have it."""
-        return self._differences[which].estimate(self._places[name])
+        moments, place = self._differences[which], self._places[name]
+        found = moments.estimate(place)
+        if name not in COUNTS or which == self.reference:
+            return found
+        more = len(self._places) + self._counts.index(name)
+        parts = (moments.half_of_events(part, COUNTS[name]) for part in (more, more + len(self._counts)))
+        return found._replace(half=max(found.half, math.hypot(*parts)))
 
     def half(self, name: str) -> float:
         """Half of the widest interval of a difference; with one combination, of its mean.
 
         ∞: there is none, or one of length 0: values that are all equal so far do not show how much others may differ.
         """
-        halves = [moments.estimate(self._places[name]).half for moments in self._decisive]
+        others = [which for which in self.combinations if which != self.reference]
+        halves = [self.difference(which, name).half for which in others] or [self.score(self.reference, name).half]
         return max(half if half > 0 else math.inf for half in halves)
 
     def floor(self, name: str) -> float:

@@ -20,7 +20,7 @@ from tests.usvauv_cli.web_report.pages import (
     in_browser,
 )
 from usvauv import play, policies
-from usvauv.cli.evaluation.comparison import Comparison
+from usvauv.cli.evaluation.comparison import COUNTS, Comparison
 from usvauv.cli.evaluation.comparison_tables import column_tables, sentences
 from usvauv.cli.web_report import page
 from usvauv.cli.web_report.episodes import (
@@ -109,7 +109,7 @@ class TestPage:
                 ["straight", f"{u} · tour"] for u in ("fim", "hold:0,0")
             ]
             for cell, column in zip(table[2][1:], shown, strict=True):
-                if any(math.isnan(row[column.name]) for row in fim + hold):
+                if column.name in COUNTS or any(math.isnan(row[column.name]) for row in fim + hold):
                     continue
                 mean, difference = cell.split("\n")
                 own, other = (np.array([row[column.name] for row in rows], float) for rows in (hold, fim))
