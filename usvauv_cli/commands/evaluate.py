@@ -98,8 +98,9 @@ def evaluate(
     setting = options.scenario_of(scenario, overrides)
 
     from usvauv.cli.evaluation.batches import batches, combinations, definition, first_difference
-    from usvauv.cli.evaluation.comparison import Comparison
-    from usvauv.cli.evaluation.comparison_tables import intervals, metrics_tables
+    from usvauv.cli.evaluation.comparison import RANKED, Comparison
+    from usvauv.cli.evaluation.comparison_tables import headline, intervals, metrics_tables
+    from usvauv.cli.evaluation.ranking import ahead
     from usvauv.cli.web_report.episodes import Recordings, front_episodes
     from usvauv.env.record.evaluation import WORLDS_PER_BATCH, batch_size
     from usvauv.env.record.metrics import FIGURES, task_metrics
@@ -126,7 +127,9 @@ def evaluate(
     options.preparing(setting, arch)
     recordings = Recordings(len(scenarios))
     kept = front_episodes(len(scenarios)) if report_folder else 0
-    comparison = Comparison(list(scenarios), reference, kept, setting.random_seas)
+    merit = chosen_score or headline(setting)
+    ranked = tuple(dict.fromkeys((*RANKED, merit)))
+    comparison = Comparison(list(scenarios), reference, kept, setting.random_seas, ranked)
     with growing_table(out, resume, force) as table:
         decides = definition(setting, scenarios, seed, arch)
         about = table.about
@@ -153,7 +156,7 @@ def evaluate(
                 typer.echo(f"stopped; {there}; --resume continues from there")
             raise
         table.finish()
-    metrics_tables(comparison, setting, seed, wide, chosen_score)
+    metrics_tables(comparison, setting, seed, wide, merit, ahead(comparison, merit))
     if until is not None:
         print("\n".join(intervals(comparison, score)))
         if (floor := comparison.floor(score)) > until:
@@ -168,5 +171,5 @@ def evaluate(
     if report_folder:
         from usvauv.cli.web_report import page
 
-        written = page.write(report_folder, setting, seed, comparison, recordings, chosen_score)
+        written = page.write(report_folder, setting, seed, comparison, recordings, merit)
         typer.echo(f"report: {written.resolve()}")

@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from usvauv.cli.evaluation.comparison import Comparison
-from usvauv.cli.evaluation.comparison_tables import headline, sentences
+from usvauv.cli.evaluation.comparison_tables import headline
+from usvauv.cli.evaluation.ranking import ahead
 from usvauv.env.record.evaluation import MakePolicy, batch_size, evaluate_batch
 from usvauv.env.record.metrics import FIGURES
 from usvauv.env.record.trace import Trace
@@ -179,7 +180,7 @@ def evaluate(
     index = ["figure", *Combination._fields]
     columns = ["mean", "half", "difference", "difference_half", "episodes"]
     table = pd.DataFrame(rows, columns=[*index, *columns]).set_index(index)
-    table.attrs["sentences"] = sentences(comparison, headline(setting))
+    table.attrs["sentences"] = ahead(comparison, headline(setting))
     return table
 
 

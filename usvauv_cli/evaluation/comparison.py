@@ -189,14 +189,32 @@ def digits(mean: float, half: float) -> int:
     return 0 if whole else min(max(1 - math.floor(math.log10(scale)), 0), 4)
 
 
+RANKED = ("arps", "delivered_mbit", "target_distance")  # figures of which all pairs are compared
 LEAST_EPISODES = 64  # before an interval is believed to be short
+
+
+def _more_and_less(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    return np.maximum(values, 0.0), np.maximum(-values, 0.0)
+
+
+def _difference(moments: Moments, place: int, parts: tuple[int, int], name: str) -> Estimate:
+    """Mean and interval of a difference, whose parts above and below 0 stand at other places."""
+    found = moments.estimate(place)
+    if name not in COUNTS:
+        return found
+    return found._replace(half=max(found.half, math.hypot(*(moments.half_of_events(p, COUNTS[name]) for p in parts))))
 
 
 class Comparison:
     """Means of all figures, differences to one combination, and the first episodes of each."""
 
     def __init__(
-        self, combinations: Sequence[Combination], reference: Combination | None = None, kept: int = 0, seas: int = 0
+        self,
+        combinations: Sequence[Combination],
+        reference: Combination | None = None,
+        kept: int = 0,
+        seas: int = 0,
+        ranked: Sequence[str] = RANKED,
     ) -> None:
         self.combinations = tuple(combinations)
         self.seas = seas  # random ones among which episodes alternate; 0: each has its own, or all are alike
@@ -206,6 +224,8 @@ class Comparison:
         self.episodes = 0  # of each
         self.of_task: tuple[str, ...] = ()  # names of the figures that belong to the task
         self._kept = kept
+        self._first, self._second = np.triu_indices(len(self.combinations), 1)  # of each pair
+        self._pairs = {name: Moments(3 * len(self._first), seas) for name in ranked}  # difference, more, less
         self._places: dict[str, int] = {}
         self._counts: list[str] = []
         self._scores: dict[Combination, Moments] = {}
@@ -227,10 +247,13 @@ class Comparison:
         for which, found in values.items():
             self._scores[which].add(found)
             less = found - values[self.reference]
-            parts = np.maximum(less[:, counts], 0.0), np.maximum(-less[:, counts], 0.0)
-            self._differences[which].add(np.hstack([less, *parts]))
+            self._differences[which].add(np.hstack([less, *_more_and_less(less[:, counts])]))
             points = self.points[which]
             points += [tuple(row) for row in found[: self._kept - len(points), drawn].tolist()]
+        for name, moments in self._pairs.items():
+            of_each = np.stack([values[which][:, self._places[name]] for which in self.combinations], axis=1)
+            less = of_each[:, self._first] - of_each[:, self._second]
+            moments.add(np.hstack([less, *_more_and_less(less)]))
         self.episodes += len(rows)
 
     def score(self, which: Combination, name: str) -> Estimate:
@@ -246,12 +269,18 @@ class Comparison:
     def difference(self, which: Combination, name: str) -> Estimate:
         """Mean and interval of a figure minus the reference's in the same world, over worlds where both have it."""
         moments, place = self._differences[which], self._places[name]
-        found = moments.estimate(place)
         if name not in COUNTS or which == self.reference:
-            return found
+            return moments.estimate(place)
         more = len(self._places) + self._counts.index(name)
-        parts = (moments.half_of_events(part, COUNTS[name]) for part in (more, more + len(self._counts)))
-        return found._replace(half=max(found.half, math.hypot(*parts)))
+        return _difference(moments, place, (more, more + len(self._counts)), name)
+
+    def apart(self, one: Combination, other: Combination, name: str) -> Estimate:
+        """Mean and interval of a ranked figure of one combination minus that of another, over worlds with both."""
+        places = self.combinations.index(one), self.combinations.index(other)
+        count = len(self._first)
+        pair = int(np.flatnonzero((self._first == min(places)) & (self._second == max(places)))[0])
+        found = _difference(self._pairs[name], pair, (count + pair, 2 * count + pair), name)
+        return found if places[0] < places[1] else found._replace(mean=-found.mean)
 
     def half(self, name: str) -> float:
         """Half of the widest interval of a difference; with one combination, of its mean.

@@ -107,9 +107,11 @@ def column_tables(scenario: Scenario, comparison: Comparison) -> dict[str, list[
     }
 
 
-def metrics_tables(comparison: Comparison, scenario: Scenario, seed: int, wide: bool, score: str | None = None) -> None:
+def metrics_tables(
+    comparison: Comparison, scenario: Scenario, seed: int, wide: bool, score: str, said_ahead: Sequence[str]
+) -> None:
     """Print mean ± standard deviation over the episodes of each policy, boat strategy and target rule, differences to
-    the reference in the same worlds with their intervals, and a sentence on a score of each, by default the headline.
+    the reference in the same worlds with their intervals, and sentences on who is ahead.
 
     `wide`: all figures in three tables of any width, instead of those that matter most in one that fits.
     """
@@ -130,7 +132,6 @@ def metrics_tables(comparison: Comparison, scenario: Scenario, seed: int, wide: 
     for shown in filter(None, parts.values()):
         print()
         _table(comparison, varied, shown, limit)
-    score = score or headline(scenario)
     if len(several) > 1:
         name = labels(several)[several.index(comparison.reference)]
         print("\n" + terminal.wrapped(f"difference from {name}, same worlds: mean ± half of its 95 % interval"))
@@ -138,7 +139,7 @@ def metrics_tables(comparison: Comparison, scenario: Scenario, seed: int, wide: 
             print()
             _table(comparison, varied, shown, limit, less=True)
         print()
-        print(*(terminal.wrapped(said, 2) for said in sentences(comparison, score)), sep="\n")
+        print(*(terminal.wrapped(said, 2) for said in said_ahead), sep="\n")
     if said := dependence(comparison, score):
         print("\n" + terminal.wrapped(said))
     if not wide:
@@ -226,6 +227,11 @@ def _plain(name: str) -> tuple[str, str, str, str]:
         what = name.replace("_", " ")
     phrase = f"{what} is {{by}}{f' {unit}' if unit else ''} {{way}} with {{one}} than with {{other}}"
     return what, phrase, "higher", "lower"
+
+
+def phrase(name: str) -> str:
+    """What a figure is, in words."""
+    return (PHRASES.get(name) or _plain(name))[0]
 
 
 def sentences(comparison: Comparison, name: str) -> list[str]:

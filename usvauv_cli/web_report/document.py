@@ -34,11 +34,6 @@ LIGHT = {
     "line": "#d5dde5",
     "sea": "#edf4f9",
     "node": "#7d8c99",
-    "age0": "#c6dbef",
-    "age1": "#93bfe0",
-    "age2": "#5a9bcb",
-    "age3": "#2a6ca8",
-    "age4": "#0b3d73",
     **{f"series{i}": light for i, light in enumerate(CATEGORICAL_ON_WHITE)},
 }
 DARK = {
@@ -47,15 +42,9 @@ DARK = {
     "line": ON_DARK.line,
     "sea": "#0f2a40",
     "node": "#8496a6",
-    "age0": "#23496b",
-    "age1": "#2f6f9f",
-    "age2": "#56a0cc",
-    "age3": "#9ccbe8",
-    "age4": "#f2fafd",
     **{f"series{i}": dark for i, dark in enumerate(CATEGORICAL)},
 }
 INK, MUTED, LINE, SEA, NODE = (LIGHT[name] for name in ("ink", "muted", "line", "sea", "node"))
-AGES = [LIGHT[f"age{i}"] for i in range(5)]  # of classes of the age of data
 DASHES: tuple[str | tuple[int, tuple[float, ...]], ...] = (
     *("-", (0, (4, 1.5)), (0, (1, 1)), (0, (5, 1.5, 1, 1.5))),
     *((0, (8, 2)), (0, (3, 1, 1, 1, 1, 1))),
@@ -153,6 +142,11 @@ def style_axes(axes: Axes, grid: bool = True) -> None:
     if grid:
         axes.grid(color=LINE, lw=0.5)
     axes.tick_params(which="both", colors=MUTED, length=2, width=0.6)
+
+
+def name_axes(axes: Axes, name: str, columns: int) -> None:
+    """The name of a combination over one of the plots side by side."""
+    axes.set_title(truncated(name, 60 // columns), loc="left", pad=3, fontsize=6.5 if columns > 1 else 7.5)
 
 
 def points(names: Iterable[str], size: float = 4.5) -> list[Line2D]:

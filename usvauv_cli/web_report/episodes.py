@@ -27,6 +27,7 @@ FRONT_EPISODES = 2400  # points of episodes in the figure of the front
 FRAME_BYTES = 900_000  # of the frames of all episodes
 TRACK_POINTS = 12_000  # of all tracks of all episodes
 MOST_TRACK = 400  # points of a track
+MOST_AGES = 200  # moments with ages of data
 PERIODS = 100  # of the mission, for errors over time
 ERRORS = np.logspace(-3, 4, 7 * 40 + 1)  # edges of the classes of errors, m: 6 % wide
 
@@ -47,7 +48,8 @@ class Episode:
             m/s. "node" (M, 2), m.
         auvs: K. node: (M, 2) m. with_data: whether nodes have data.
         tracks: of the AUVs, then of the boats, (points, 2) m.
-        age: (M,) mean age of data over the episode, s; empty where nodes have none.
+        age: (4, F) time, and of the ages of the nodes' data then the 10th, 50th and 90th percentile, s; (4, 0) where
+            nodes have none.
     """
 
     steps: int
@@ -152,7 +154,10 @@ def thinned(trace: Trace, episodes: int) -> Episode:
         "data": encoded(data),
         "energy": encoded(power * trace.scenario.mission.step / 3600),
     }
-    age = metrics.age(trace)[:, 0].mean(axis=0) if with_data else np.zeros(0)
+    age = np.zeros((4, 0))
+    if with_data:
+        some = evenly(len(trace.time), MOST_AGES)
+        age = np.vstack([trace.time[some], np.quantile(metrics.age(trace)[some, 0], (0.1, 0.5, 0.9), axis=1)])
     return Episode(steps, trace.time[kept], player, auvs, trace.node_position[0], with_data, moving, age)
 
 

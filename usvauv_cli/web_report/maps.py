@@ -1,15 +1,12 @@
-"""Maps of a report: ways of AUVs and boats, and ages of data."""
+"""Maps of a report: ways of AUVs and boats."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import pairwise
-
-import numpy as np
 
 from usvauv.cli.web_report import document
-from usvauv.cli.web_report.document import AGES, COLUMN, INK, MUTED, NODE, SEA, colour, dash
+from usvauv.cli.web_report.document import COLUMN, INK, NODE, SEA, colour, dash
 from usvauv.cli.web_report.episodes import Recording, collects_data
 from usvauv.env.render.style import Axes, Figure, Line2D, MaxNLocator
 from usvauv.env.scenario import Scenario
@@ -17,7 +14,7 @@ from usvauv.env.scenario import Scenario
 
 def maps(names: Sequence[str], scenario: Scenario, handles: Sequence[Line2D]) -> tuple[Figure, list[Axes]]:
     """A map of the area for each name, side by side, and a legend of handles."""
-    columns = 1 if len(names) == 1 else 2 if len(names) <= 4 else 3
+    columns = min(len(names), 2)
     rows = math.ceil(len(names) / columns)
     width, length = scenario.area.width, scenario.area.length
     side = min((COLUMN - 0.5) / columns - 0.1, 2.9)
@@ -26,7 +23,7 @@ def maps(names: Sequence[str], scenario: Scenario, handles: Sequence[Line2D]) ->
     for i, (axes, name) in enumerate(zip(plots, names, strict=False)):
         axes.set_facecolor(SEA)
         axes.set(xlim=(0, width), ylim=(0, length), aspect="equal")
-        axes.set_title(document.truncated(name, 46 // columns), loc="left", pad=3)
+        document.name_axes(axes, name, columns)
         for axis in (axes.xaxis, axes.yaxis):
             axis.set_major_locator(MaxNLocator(3 if columns > 1 else 5))
         if i + columns >= len(names):
@@ -60,28 +57,3 @@ def trajectories(names: Sequence[str], recordings: Sequence[Recording], scenario
             axes.plot(*track[0], "o", ms=4, mfc="none", mec=look, mew=0.9, clip_on=False, zorder=5)
             axes.plot(*track[-1], "s", ms=3.6, color=look, clip_on=False, zorder=5)
     return figure
-
-
-def ages(names: Sequence[str], recordings: Sequence[Recording], scenario: Scenario) -> Figure:
-    """Mean age of the data of each node in world 0, older ones larger and stronger, a map for each combination."""
-    edges = age_edges(np.concatenate([recording.episode.age for recording in recordings]))
-    sizes = np.linspace(2.6, 7.5, len(AGES))
-    digits = max(0, -math.floor(math.log10(edges[1] - edges[0])))
-    looks = [{"ms": size, "color": ink, "mec": MUTED, "mew": 0.4} for size, ink in zip(sizes, AGES, strict=True)]
-    marks = [
-        Line2D([], [], ls="none", marker="o", label=f"{low:.{digits}f}–{high:.{digits}f} s", **look)
-        for (low, high), look in zip(pairwise(edges), looks, strict=True)
-    ]
-    figure, plots = maps(names, scenario, marks)
-    for axes, recording in zip(plots, recordings, strict=True):
-        old = np.clip(np.searchsorted(edges, recording.episode.age) - 1, 0, len(AGES) - 1)
-        for i, look in enumerate(looks):
-            axes.plot(*recording.episode.node[old == i].T, "o", zorder=3 + i, **look)
-    return figure
-
-
-def age_edges(age: np.ndarray) -> np.ndarray:
-    """Edges of as many equal classes as `AGES` that hold all ages, at whole multiples of a power of ten, s."""
-    unit = 10.0 ** max(math.floor(math.log10(max(np.ptp(age), 1e-3))) - 1, -3)
-    low = math.floor(age.min() / unit) * unit
-    return low + np.arange(len(AGES) + 1) * math.ceil(max(age.max() - low, unit) / (len(AGES) * unit)) * unit

@@ -4,7 +4,7 @@ missions in a notebook's cell.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -14,9 +14,10 @@ import numpy as np
 from markupsafe import Markup
 
 from usvauv.cli.evaluation.comparison import Comparison, words
-from usvauv.cli.evaluation.comparison_tables import column_tables, dependence, headline, labels, sentences
+from usvauv.cli.evaluation.comparison_tables import COLUMNS, column_tables, dependence, headline, labels
+from usvauv.cli.evaluation.ranking import FEW, ahead, ranked
 from usvauv.cli.web_report import document
-from usvauv.cli.web_report.document import INK, colour, dash, marker
+from usvauv.cli.web_report.document import INK, MUTED, colour, dash, marker
 from usvauv.cli.web_report.episodes import (
     ERRORS,
     PERIODS,
@@ -29,7 +30,8 @@ from usvauv.cli.web_report.episodes import (
     player_data,
     thinned,
 )
-from usvauv.cli.web_report.maps import ages, trajectories
+from usvauv.cli.web_report.maps import trajectories
+from usvauv.cli.web_report.multiples import ages, errors_of_each
 from usvauv.env.record.trace import Trace
 from usvauv.env.render.style import Figure, WrittenOut
 from usvauv.env.scenario import Scenario
@@ -37,6 +39,7 @@ from usvauv.env.storage.result_tables import Combination
 from usvauv.kernels import runtime
 from usvauv.kernels.errors import UserError
 
+NEAR = 0.005  # difference of means that share a label, of each
 SHARE = 4  # of the data of a report's player, that of a cell has one part in so many
 WIDE = 640  # px
 TALL = 900  # px, until the page in it says how tall it is
@@ -53,6 +56,8 @@ def write(
 ) -> Path:
     """Write the PDFs, then the page; each file appears only when it is complete."""
     several, score = comparison.combinations, score or headline(scenario)
+    order = ranked(comparison, score) if len(several) > FEW else several
+    recorded = {which: recordings[which] for which in order if which in recordings}
     return document.write(
         folder,
         "web_report/page.html",
@@ -67,17 +72,44 @@ def write(
         count=comparison.episodes,
         combinations=len(several),
         seed=seed,
-        sentences=sentences(comparison, score),
+        sentences=ahead(comparison, score),
+        ranks=_ranks(comparison, order, score) if len(several) > FEW else None,
         dependence=dependence(comparison, score),
         reference=" · ".join(filter(None, comparison.reference)),
         tables=_tables(comparison, scenario),
-        pictures=document.pictures(folder, _figures(comparison, scenario, recordings)),
+        pictures=document.pictures(folder, _figures(comparison, scenario, recorded)),
         player=document.json_for_script(
-            player_data(scenario, labels(list(recordings)), [each.episode for each in recordings.values()])
+            player_data(scenario, list(_names(comparison, recorded)), [each.episode for each in recorded.values()])
         ),
-        shown=next(iter(recordings.values())).episode,
-        omitted=len(several) - len(recordings),
+        shown=next(iter(recorded.values())).episode,
+        omitted=len(several) - len(recorded),
     )
+
+
+def _names(comparison: Comparison, recordings: Iterable[Combination]) -> Iterator[str]:
+    """Short names of those recorded, of many after their rank."""
+    short = dict(zip(comparison.combinations, labels(comparison.combinations), strict=True))
+    many = len(short) > FEW
+    return (f"{rank} {short[which]}" if many else short[which] for rank, which in enumerate(recordings, 1))
+
+
+def _ranks(comparison: Comparison, order: Sequence[Combination], score: str) -> dict[str, Any]:
+    """The table of ranks: headings, and rows of a combination, its mean of the score, its difference to the best, and
+    both of the reward per step.
+    """
+    names = list(dict.fromkeys((score, "arps")))
+    rows = []
+    for which in order:
+        row: dict[str, Any] = {"combination": which, "cells": []}
+        for name in names:
+            less = comparison.apart(which, order[0], name) if which != order[0] else None
+            clear = less is not None and abs(less.mean) > less.half
+            difference = words(less, sign=True) if less else ""
+            row["cells"].append(
+                {"mean": words(comparison.score(which, name)), "difference": difference, "excludes_zero": clear}
+            )
+        rows.append(row)
+    return {"headings": [COLUMNS[name].heading if name in COLUMNS else name for name in names], "rows": rows}
 
 
 def _tables(comparison: Comparison, scenario: Scenario) -> list[dict[str, Any]]:
@@ -107,28 +139,47 @@ def _cell(comparison: Comparison, which: Combination, name: str) -> dict[str, An
     }
 
 
-def _figures(comparison: Comparison, scenario: Scenario, recordings: Recordings) -> Iterator[document.Drawn]:
+def _figures(
+    comparison: Comparison, scenario: Scenario, recordings: Mapping[Combination, Recording]
+) -> Iterator[document.Drawn]:
     """The figures that the task has, as `document.pictures` takes them."""
-    names = labels(comparison.combinations)[: len(recordings)]
+    names, many = list(_names(comparison, recordings)), len(comparison.combinations) > FEW
     recorded, steps = list(recordings.values()), scenario.mission.steps
     drawn, points = front_episodes(len(comparison.combinations)), len(recorded[0].episode.tracks[0])
     some = f"episodes, the first {drawn} of each" if drawn < comparison.episodes else "episodes"
     thinned = f"; each way is drawn through {points} of {steps} points" if points < steps else ""
     if collects_data(scenario):
-        about = f"Small and faint: {some}; large: their means with 95 % intervals. Better is further up and left."
-        yield "front", partial(front, names, comparison), "Data and energy", about
+        about = (
+            "Means with 95 % intervals, by their ranks."
+            if many
+            else (f"Small and faint: {some}; large: their means with 95 % intervals.")
+        )
+        shown = list(recordings)
+        draw = partial(front_of_many, shown, comparison) if many else partial(front, names, shown, comparison)
+        yield "front", draw, "Data and energy", f"{about} Better is further up and left."
+    if many:
+        about = "Of the boat's estimates of the AUVs' positions over the mission, of all episodes: the median in each"
+        about += " hundredth, and a band that holds 90 %. Grey: the median of the first."
+        draw = partial(errors_of_each, names, recorded, steps * scenario.mission.step)
+        yield "errors", draw, "Errors of positions", about
+    else:
+        yield _errors_of_few(names, recorded, steps * scenario.mission.step)
+    about = f"The first episode, world 0, the same for all{thinned}."
+    yield "trajectories", partial(trajectories, names, recorded, scenario), "Tracks of AUVs and boat", about
+    if collects_data(scenario):
+        about = "Of the nodes in the first episode: the median age of their data, and a band that holds 80 % of them."
+        if len(names) > 1:
+            about += " Grey: the median of the first."
+        yield "ages", partial(ages, names, recorded), "Age of data", about
+
+
+def _errors_of_few(names: Sequence[str], recorded: Sequence[Recording], duration: float) -> document.Drawn:
     about = (
         "Left: of the boat's estimates of the AUVs' positions, at each step; right: of usable fixes. Of all episodes."
         " Above: the median in each hundredth of the mission, and for the first combination a band that holds 90 %."
         " Below: the share with a smaller error, which is known to 6 %."
     )
-    draw = partial(errors, names, recorded, steps * scenario.mission.step)
-    yield "errors", draw, "Errors of positions and fixes", about
-    about = f"The first episode, world 0, the same for all{thinned}."
-    yield "trajectories", partial(trajectories, names, recorded, scenario), "Tracks of AUVs and boat", about
-    if collects_data(scenario):
-        about = "Mean age of the data of each node over the first episode; older data are drawn larger and stronger."
-        yield "ages", partial(ages, names, recorded, scenario), "Age of data by node", about
+    return "errors", partial(errors, names, recorded, duration), "Errors of positions and fixes", about
 
 
 @dataclass(frozen=True)
@@ -173,11 +224,31 @@ def play(*traces: Trace) -> Player:
     return Player(traces)
 
 
-def front(names: Sequence[str], comparison: Comparison) -> Figure:
+def front_of_many(shown: Sequence[Combination], comparison: Comparison) -> Figure:
+    """Data over energy: means with their intervals, and the ranks at each place."""
+    figure = document.new(3.0)
+    axes = figure.add_subplot()
+    look = {"fmt": "o", "color": colour(0), "ms": 3.5, "ecolor": MUTED, "elinewidth": 0.6}
+    ranks: dict[tuple[float, float], list[str]] = {}
+    for rank, which in enumerate(shown, 1):
+        energy, data = (comparison.score(which, column) for column in ("energy_wh", "delivered_mbit"))
+        halves = (data.half, energy.half) if energy.n > 1 else (None, None)
+        axes.errorbar(energy.mean, data.mean, *halves, **look)
+        place = energy.mean, data.mean
+        near = (at for at in ranks if np.allclose(at, place, rtol=NEAR))
+        ranks.setdefault(next(near, place), []).append(str(rank))
+    for place, names in ranks.items():
+        axes.annotate(", ".join(names), place, (3, 3), textcoords="offset points", fontsize=7)
+    axes.set(xlabel="energy of all AUVs, Wh", ylabel="data collected, Mbit")
+    document.style_axes(axes)
+    return figure
+
+
+def front(names: Sequence[str], shown: Sequence[Combination], comparison: Comparison) -> Figure:
     """Data over energy: the episodes of `points` of each combination faint, means with their intervals."""
     figure = document.new(2.5, document.points(names, 5))
     axes = figure.add_subplot()
-    for i, which in enumerate(comparison.combinations[: len(names)]):
+    for i, which in enumerate(shown):
         energy, data = (comparison.score(which, column) for column in ("energy_wh", "delivered_mbit"))
         axes.plot(*zip(*comparison.points[which], strict=True), marker(i), color=colour(i), ms=2.6, alpha=0.35, mew=0)
         if energy.n > 1:
