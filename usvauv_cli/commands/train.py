@@ -100,6 +100,7 @@ def train(
 
     from usvauv import policies
     from usvauv.cli.commands import training_table
+    from usvauv.cli.commands.training_curve import curve
     from usvauv.env import World
     from usvauv.env.record.metrics import mean_figures
     from usvauv.env.storage.files import inside, locked
@@ -209,6 +210,12 @@ def train(
         told = f"best policy{'' if learned else ', the untrained one'}: {shown}"
         where = place / f"{FOLDER}*" if several else place
         typer.echo(terminal.wrapped(f"{told}, in {where}/best.safetensors", 2))
+        evaluations = [
+            training_table.of_seeds([{"evaluation": row} for row in rows])["evaluation"]
+            for rows in zip(*(run.history for run in runs), strict=False)
+        ]
+        for line in curve(evaluations, name):
+            typer.echo(line)
         if learned:  # the best of several evaluations in the same episodes
             own = place / f"{FOLDER}{config.seed}" if several else place
             typer.echo(f"compare them in other episodes: usvauv eval {setting.name} --policy {own} --policy {name}")
