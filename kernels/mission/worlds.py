@@ -67,7 +67,7 @@ class Program(NamedTuple):
     Attributes:
         task: the AUVs' task.
         strategy: of the boats.
-        target_rule: a `usvauv.kernels.mission.target_rules.rule.TargetRule`, which chooses an AUV's next node.
+        target_rule: a `usvauv.kernels.mission.choices.TargetRule`, which chooses an AUV's next node.
         information: of `Information`.
         rate_law: of the data link, of `usvauv.kernels.positioning.acoustic_link`.
         observation: a function (worlds, w, k, first) for each term of an observation, which it writes from `first` on.
