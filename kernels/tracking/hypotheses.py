@@ -1,0 +1,128 @@
+"""Hypotheses of a target: Gaussians of position and velocity with weights, in the columns of `filters[w, k, i]`.
+
+AUV k of world w has a filter of target i, a row of float32 numbers: its estimate, then the hypotheses, of which each
+column lies side by side for all.
+"""
+
+import taichi as ti
+
+from usvauv.kernels.functions import func
+from usvauv.kernels.types import Columns, mat2, vec2
+
+KEPT = 16  # hypotheses from one step to the next
+CAPACITY = 48  # and within a step, in which some turn
+
+
+class FilterColumn(Columns):
+    """The estimate, and where the filter stands."""
+
+    x: int  # mean position over all hypotheses, m
+    y: int
+    vx: int  # mean velocity, m/s
+    vy: int
+    xx: int  # covariance of the position, m²
+    xy: int
+    yy: int
+    known: int  # 0 before the first range
+    fresh: int  # 1 from the first range to the next prediction: velocities are unknown
+    elapsed: int  # steps since `begin`
+    count: int  # of hypotheses
+
+
+class HypothesisColumn(Columns):
+    """A hypothesis."""
+
+    weight: int  # logarithm of it
+    age: int  # steps since the last turn
+    x: int  # mean, m
+    y: int
+    vx: int  # m/s
+    vy: int
+    xx: int  # covariance
+    xy: int
+    xu: int
+    xv: int
+    yy: int
+    yu: int
+    yv: int
+    uu: int
+    uv: int
+    vv: int
+
+
+FIRST = len(FilterColumn.names)
+WIDTH = len(HypothesisColumn.names)
+COLUMNS = FIRST + CAPACITY * WIDTH
+BOUNDS = (
+    *(7 * ((-1e12, 1e12),)),
+    (0.0, 1.0),
+    (0.0, 1.0),
+    (0.0, 1e8),
+    (0.0, float(CAPACITY)),
+    *(CAPACITY * WIDTH * ((-1e25, 1e25),)),
+)  # least and greatest number of each column
+
+
+@ti.dataclass
+class Hypothesis:
+    """A Gaussian of the state (position, velocity).
+
+    Attributes:
+        weight: its logarithm, up to a constant common to all.
+        age: steps since the last turn.
+        position, velocity: mean, m and m/s.
+        A, B, C: covariance of the position, of position (rows) and velocity, and of the velocity.
+    """
+
+    weight: ti.f32
+    age: ti.f32
+    position: vec2
+    velocity: vec2
+    A: mat2
+    B: mat2
+    C: mat2
+
+
+@func
+def place_of(h, column):
+    """Index of a column of hypothesis h."""
+    return FIRST + column * CAPACITY + h
+
+
+@func
+def count_of(filters: ti.template(), w, k, i):
+    """Number of hypotheses."""
+    return ti.cast(filters[w, k, i, FilterColumn.count], ti.i32)
+
+
+@func
+def load(filters: ti.template(), w, k, i, h) -> Hypothesis:
+    """Hypothesis h."""
+    n = [filters[w, k, i, place_of(h, c)] for c in ti.static(range(WIDTH))]
+    return Hypothesis(
+        weight=n[0],
+        age=n[1],
+        position=vec2(n[2], n[3]),
+        velocity=vec2(n[4], n[5]),
+        A=mat2([[n[6], n[7]], [n[7], n[10]]]),
+        B=mat2([[n[8], n[9]], [n[11], n[12]]]),
+        C=mat2([[n[13], n[14]], [n[14], n[15]]]),
+    )
+
+
+@func
+def store(filters: ti.template(), w, k, i, h, one: Hypothesis):
+    """Write hypothesis h."""
+    A, B, C = one.A, one.B, one.C
+    head = [one.weight, one.age, one.position[0], one.position[1], one.velocity[0], one.velocity[1]]
+    rows = [A[0, 0], A[0, 1], B[0, 0], B[0, 1], A[1, 1], B[1, 0], B[1, 1], C[0, 0], C[0, 1], C[1, 1]]
+    n = ti.static(head + rows)
+    for c in ti.static(range(WIDTH)):
+        filters[w, k, i, place_of(h, c)] = n[c]
+
+
+@func
+def move(filters: ti.template(), w, k, i, source, to):
+    """Copy hypothesis `source` to place `to`."""
+    for c in ti.static(range(WIDTH)):
+        filters[w, k, i, place_of(to, c)] = filters[w, k, i, place_of(source, c)]
