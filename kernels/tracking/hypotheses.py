@@ -27,6 +27,7 @@ class FilterColumn(Columns):
     fresh: int  # 1 from the first range to the next prediction: velocities are unknown
     elapsed: int  # steps since `begin`
     count: int  # of hypotheses
+    surprise: int  # see `usvauv.kernels.tracking.range_filter`
 
 
 class HypothesisColumn(Columns):
@@ -59,6 +60,7 @@ BOUNDS = (
     (0.0, 1.0),
     (0.0, 1e8),
     (0.0, float(CAPACITY)),
+    (-1e6, 1e12),
     *(CAPACITY * WIDTH * ((-1e25, 1e25),)),
 )  # least and greatest number of each column
 

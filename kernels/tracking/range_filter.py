@@ -49,6 +49,9 @@ from usvauv.kernels.trigonometry import circle
 from usvauv.kernels.types import mat2, vec2, vec3, vec4
 
 TURNS = 4  # hypotheses that one begins by turning
+USUAL = 2.5
+LOST = 8.0
+FIRST_WEIGHT = -math.log(KEPT)
 LIKELIEST_TURN = 0.5  # greatest probability of a turn in a step
 LEAST_SPEED_VARIANCE = 1e-4  # m²/s²
 FORGOTTEN = -16.0  # logarithm of a weight, over the heaviest
@@ -215,7 +218,7 @@ def begin_ring(filters: ti.template(), w, k, i, place: vec2, covariance: vec3, d
         c, s = circle(2.0 * math.pi / KEPT * ti.cast(h, ti.f32))
         off = c * s * (variance - across)
         one = Hypothesis(
-            weight=0.0,
+            weight=FIRST_WEIGHT,
             age=0.0,
             position=place + radius * vec2(c, s),
             velocity=vec2(0.0),
@@ -252,7 +255,7 @@ def updated(one: Hypothesis, place: vec2, covariance: vec3, distance, variance) 
     innovation = distance - expected
     weighted = precision * innovation
     return Hypothesis(
-        weight=one.weight - 0.5 * (weighted * innovation + ti.log(S)),
+        weight=one.weight - 0.5 * (weighted * innovation + ti.log(S / variance)),
         age=one.age,
         position=one.position + weighted * cross,
         velocity=one.velocity + weighted * turning,
@@ -273,9 +276,10 @@ def observe_range(filters: ti.template(), w, k, i, place: vec2, covariance: vec3
         distance: measured, horizontally, m.
         variance: of its error, m², above 0.
     """
-    if filters[w, k, i, FilterColumn.known] == 0.0:
+    if filters[w, k, i, FilterColumn.count] == 0.0:
         begin_ring(filters, w, k, i, place, covariance, distance, variance)
     else:
+        filters[w, k, i, FilterColumn.surprise] = filters[w, k, i, FilterColumn.surprise] - USUAL
         for h in range(count_of(filters, w, k, i)):
             one = load(filters, w, k, i, h)
             store(filters, w, k, i, h, updated(one, place, covariance, distance, variance))
@@ -305,6 +309,8 @@ def estimate(filters: ti.template(), w, k, i):
             second += one.weight * vec3(one.A[0, 0] + dx * dx, one.A[0, 1] + dx * dy, one.A[1, 1] + dy * dy)
             store(filters, w, k, i, left, one)
             left += 1
+    surprise = filters[w, k, i, FilterColumn.surprise] - heaviest - ti.log(total)
+    filters[w, k, i, FilterColumn.surprise] = ti.max(surprise, 0.0)
     mean /= total
     second /= total
     filters[w, k, i, FilterColumn.x] = x0 + mean[0]
@@ -323,6 +329,10 @@ def estimate(filters: ti.template(), w, k, i):
 @func
 def finish(filters: ti.template(), w, k, i):
     """End a step: write the estimate and reduce the hypotheses."""
-    if filters[w, k, i, FilterColumn.known] > 0.0:
+    if filters[w, k, i, FilterColumn.count] > 0.0:
         estimate(filters, w, k, i)
-        mixture.reduce(filters, w, k, i)
+        if filters[w, k, i, FilterColumn.surprise] > LOST:
+            filters[w, k, i, FilterColumn.count] = 0.0
+            filters[w, k, i, FilterColumn.surprise] = 0.0
+        else:
+            mixture.reduce(filters, w, k, i)
