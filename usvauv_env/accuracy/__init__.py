@@ -1,4 +1,4 @@
-"""The boat's best place for one layout of AUVs, and the expected errors of fixes from there.
+"""The boat's best place for one layout of AUVs, expected errors of fixes from there, and least errors of tracking.
 
-Public: `boat_place.solve` with its result, and `fix_errors`.
+Public: `boat_place.solve` with its result, `fix_errors`, and `tracking_bound`.
 """
