@@ -9,8 +9,8 @@ import taichi as ti
 from usvauv.kernels.functions import func
 from usvauv.kernels.types import Columns, mat2, vec2
 
-KEPT = 16  # hypotheses from one step to the next
-CAPACITY = 48  # and within a step, in which some turn
+KEPT = 24  # hypotheses from one step to the next
+CAPACITY = 96  # and within a step, in which some turn
 
 
 class FilterColumn(Columns):

@@ -24,8 +24,8 @@ from usvauv.kernels.tracking.hypotheses import (
 )
 from usvauv.kernels.types import mat2, vec2
 
-ALIKE = 1.0
-LIGHT = 0.03
+ALIKE = 0.5
+LIGHT = 0.015
 AGES = 0.25  # squared distance of two hypotheses whose last turns are a step apart
 LEAST = 1e-9
 
@@ -56,25 +56,6 @@ def metric(one: Hypothesis) -> Metric:
 
 
 @func
-def merged(one: Hypothesis, other: Hypothesis) -> Hypothesis:
-    """The Gaussian with the moments of two; weights are numbers, not logarithms."""
-    weight = one.weight + other.weight
-    share = other.weight / weight
-    kept = 1.0 - share
-    way = other.position - one.position
-    change = other.velocity - one.velocity
-    return Hypothesis(
-        weight=weight,
-        age=kept * one.age + share * other.age,
-        position=one.position + share * way,
-        velocity=one.velocity + share * change,
-        A=kept * one.A + share * other.A + share * kept * way.outer_product(way),
-        B=kept * one.B + share * other.B + share * kept * way.outer_product(change),
-        C=kept * one.C + share * other.C + share * kept * change.outer_product(change),
-    )
-
-
-@func
 def bring_heaviest(filters: ti.template(), w, k, i, first, count):
     """Exchange hypothesis `first` with the heaviest one from it on."""
     heaviest = first
@@ -95,29 +76,54 @@ def take_in(filters: ti.template(), w, k, i, first, count) -> ti.i32:
     """Merge into hypothesis `first` those after it that it resembles; how many are left of all."""
     one = load(filters, w, k, i, first)
     m = metric(one)
-    total = one
+    # Moments over those merged, times their weights, from the mean of the first.
+    weight, age = one.weight, 0.0
+    way, change = vec2(0.0), vec2(0.0)
+    A, B, C = one.weight * one.A, one.weight * one.B, one.weight * one.C
     left = count
     h = first + 1
     while h < left:
-        age = filters[w, k, i, place_of(h, HypothesisColumn.age)] - one.age
         share = filters[w, k, i, place_of(h, HypothesisColumn.weight)]
+        older = filters[w, k, i, place_of(h, HypothesisColumn.age)] - one.age
+        dx = vec2(
+            filters[w, k, i, place_of(h, HypothesisColumn.x)] - one.position[0],
+            filters[w, k, i, place_of(h, HypothesisColumn.y)] - one.position[1],
+        )
+        dv = vec2(0.0)
         most = ti.max(ALIKE, LIGHT / share)
-        way = vec2(filters[w, k, i, place_of(h, HypothesisColumn.x)], filters[w, k, i, place_of(h, HypothesisColumn.y)])
-        way -= one.position
-        distance = AGES * age * age + way.dot(m.A @ way)
+        distance = AGES * older * older + dx.dot(m.A @ dx)
         if distance < most:
-            change = vec2(
-                filters[w, k, i, place_of(h, HypothesisColumn.vx)], filters[w, k, i, place_of(h, HypothesisColumn.vy)]
+            dv = vec2(
+                filters[w, k, i, place_of(h, HypothesisColumn.vx)] - one.velocity[0],
+                filters[w, k, i, place_of(h, HypothesisColumn.vy)] - one.velocity[1],
             )
-            change -= one.velocity + m.G.transpose() @ way
-            distance += change.dot(m.C @ change)
+            rest = dv - m.G.transpose() @ dx
+            distance += rest.dot(m.C @ rest)
         if distance < most:
-            total = merged(total, load(filters, w, k, i, h))
+            other = load(filters, w, k, i, h)
+            weight += share
+            age += share * older
+            way += share * dx
+            change += share * dv
+            A += share * (other.A + dx.outer_product(dx))
+            B += share * (other.B + dx.outer_product(dv))
+            C += share * (other.C + dv.outer_product(dv))
             left -= 1
             move(filters, w, k, i, left, h)
         else:
             h += 1
-    store(filters, w, k, i, first, total)
+    if left < count:
+        whole = 1.0 / weight
+        way *= whole
+        change *= whole
+        one.weight = weight
+        one.age += whole * age
+        one.position += way
+        one.velocity += change
+        one.A = whole * A - way.outer_product(way)
+        one.B = whole * B - way.outer_product(change)
+        one.C = whole * C - change.outer_product(change)
+        store(filters, w, k, i, first, one)
     return left
 
 

@@ -54,7 +54,7 @@ LOST = 8.0
 FIRST_WEIGHT = -math.log(KEPT)
 LIKELIEST_TURN = 0.5  # greatest probability of a turn in a step
 LEAST_SPEED_VARIANCE = 1e-4  # m²/s²
-FORGOTTEN = -16.0  # logarithm of a weight, over the heaviest
+FORGOTTEN = -8.0  # logarithm of a weight, over the heaviest
 
 
 @ti.dataclass

@@ -90,18 +90,22 @@ class Filters:
         self.variance = variance
         begin_all(self.rows)
 
+    def call(self, kernel: Callable[..., None], calls: int, *arguments: torch.Tensor) -> None:
+        """Call a kernel that makes some calls of the filter's function."""
+        kernel(self.rows, *arguments)
+
     def predict(self) -> None:
-        predict_all(self.rows, self.numbers)
+        self.call(predict_all, len(self.rows), self.numbers)
 
     def observe(self, place: Any, distance: Any, received: Any, covariance: Any = None, variance: Any = None) -> None:
         count = len(self.rows)
         variance = np.full(count, self.variance) if variance is None else variance
         covariance = np.zeros((count, 3)) if covariance is None else covariance
-        arrays = (self.tensor(array) for array in (place, covariance, distance, variance))
-        observe_all(self.rows, *arrays, self.tensor(received, np.uint8))
+        arrays = [self.tensor(array) for array in (place, covariance, distance, variance)]
+        self.call(observe_all, int(received.sum()), *arrays, self.tensor(received, np.uint8))
 
     def finish(self) -> None:
-        finish_all(self.rows)
+        self.call(finish_all, len(self.rows))
         head = self.rows[:, 0, 0].double().cpu().numpy()
         self.mean = head[:, FilterColumn.span("x", "vy")]
         self.covariance = head[:, [FilterColumn.xx, FilterColumn.xy, FilterColumn.xy, FilterColumn.yy]].reshape(
