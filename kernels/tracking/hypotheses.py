@@ -1,7 +1,7 @@
 """Hypotheses of a target: Gaussians of position and velocity with weights, in the columns of `filters[w, k, i]`.
 
-AUV k of world w has a filter of target i, a row of float32 numbers: its estimate, then the hypotheses, of which each
-column lies side by side for all.
+AUV k of world w has a filter of target i, a row of float32 numbers: its estimate, `FilterColumn`, then the hypotheses
+one after another, each with the columns `HypothesisColumn`.
 """
 
 import taichi as ti
@@ -27,7 +27,7 @@ class FilterColumn(Columns):
     fresh: int  # 1 from the first range to the next prediction: velocities are unknown
     elapsed: int  # steps since `begin`
     count: int  # of hypotheses
-    surprise: int  # see `usvauv.kernels.tracking.range_filter`
+    surprise: int  # how far ranges contradict the hypotheses, see `usvauv.kernels.tracking.range_filter`
 
 
 class HypothesisColumn(Columns):
@@ -54,15 +54,9 @@ class HypothesisColumn(Columns):
 FIRST = len(FilterColumn.names)
 WIDTH = len(HypothesisColumn.names)
 COLUMNS = FIRST + CAPACITY * WIDTH
-BOUNDS = (
-    *(7 * ((-1e12, 1e12),)),
-    (0.0, 1.0),
-    (0.0, 1.0),
-    (0.0, 1e8),
-    (0.0, float(CAPACITY)),
-    (-1e6, 1e12),
-    *(CAPACITY * WIDTH * ((-1e25, 1e25),)),
-)  # least and greatest number of each column
+# Least and greatest number of each column.
+ANYWHERE, FLAG, STEPS = (-1e12, 1e12), (0.0, 1.0), (0.0, 1e8)
+BOUNDS = (7 * (ANYWHERE,)) + (FLAG, FLAG, STEPS, (0.0, float(CAPACITY)), ANYWHERE) + CAPACITY * WIDTH * ((-1e25, 1e25),)
 
 
 @ti.dataclass
@@ -88,7 +82,7 @@ class Hypothesis:
 @func
 def place_of(h, column):
     """Index of a column of hypothesis h."""
-    return FIRST + column * CAPACITY + h
+    return FIRST + h * WIDTH + column
 
 
 @func

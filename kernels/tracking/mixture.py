@@ -25,9 +25,9 @@ from usvauv.kernels.tracking.hypotheses import (
 from usvauv.kernels.types import mat2, vec2
 
 ALIKE = 0.5
-LIGHT = 0.015
+LIGHT = 0.015  # both by simulations: smaller ones cost time, larger ones lose turns among the straight ways
 AGES = 0.25  # squared distance of two hypotheses whose last turns are a step apart
-LEAST = 1e-9
+LEAST = 1e-9  # m²/s²
 
 
 @ti.dataclass

@@ -20,7 +20,15 @@ second order in the direction across the line of sight,
 d the distance of the mean, P_∥ and P_⊥ the variance along and across the line of sight. At the end of a step light
 hypotheses merge into heavy ones that they resemble, by their moments, and the lightest are forgotten.
 
-A speed less well known than by its limits is taken as measured, with the variance after which it is as well known.
+A speed less well known than by its limits is taken as measured, with the variance after which it is as well known. The
+time of the last turn counts, since it says when the next one can come: each hypothesis has it.
+
+A filter that follows a mirror image does not notice by its covariance. The logarithm of the likelihood of each range,
+over that of one without error and of the same variance, is on average −½ ln(S/R) − ½; where it is below −`USUAL` for
+several, and the sum of what is missing exceeds `LOST`, the filter begins anew with the next range, until which the
+estimate stays.
+
+A mission calls, for each filter and step, `predict`, `observe_range` for each range that arrives, and `finish`.
 
 Sources: Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking and Navigation" (2001), §10.3
 (second-order filter), §11.6 (several models); Salmond, "Mixture reduction algorithms for point and extended object
@@ -49,7 +57,7 @@ from usvauv.kernels.trigonometry import circle
 from usvauv.kernels.types import mat2, vec2, vec3, vec4
 
 TURNS = 4  # hypotheses that one begins by turning
-USUAL = 2.5
+USUAL = 2.5  # of a range's logarithmic likelihood, see above
 LOST = 8.0
 FIRST_WEIGHT = -math.log(KEPT)
 LIKELIEST_TURN = 0.5  # greatest probability of a turn in a step
