@@ -137,6 +137,21 @@ class TestClosedForms:
         assert u @ results[0][1][0] @ u == pytest.approx(1 / (1 / 400 + 1 / 400), rel=1e-3)
 
 
+def test_the_line_of_sight_bends(device):
+    """One range at 60 m of a target known to 20 m along and 30 m across: errors as large as their covariance says."""
+    random, runs = np.random.default_rng(6), 20000
+    P = np.diag([400.0, 900.0, 1e-4, 1e-4])
+    truth = random.multivariate_normal([60, 0], P[:2, :2], runs)
+    filters = Filters(runs, straight(0, 1), device)
+    set_one(filters, np.tile([60.0, 0.0, 0.0, 0.0], (runs, 1)), P)
+    distance = np.linalg.norm(truth, axis=1) + random.normal(0, NOISE, runs)
+    filters.observe(np.zeros((runs, 2)), distance, np.ones(runs, bool))
+    filters.finish()
+    error = filters.mean[:, :2] - truth
+    assert (error[:, 0] ** 2).mean() == pytest.approx(filters.covariance[:, 0, 0].mean(), rel=0.04)
+    assert error.mean(0) == pytest.approx([0, 0], abs=0.6)
+
+
 def test_from_far_away_it_is_a_kalman_filter(device):
     """Observers so far away that lines of sight stay as they are, and a target without turns."""
     random, runs, steps, walk = np.random.default_rng(2), 5, 60, 0.005
@@ -244,6 +259,18 @@ class TestRobustness:
         *_, (_, filters, target) = self.run(device, motion(LEVELS["hard"]), velocity, steps=400, lost=0.1)
         assert np.isfinite(filters.rows.cpu().numpy()).all()
         assert np.median(np.linalg.norm(filters.mean[:, :2] - target, axis=1)) < 150
+
+    def test_a_filter_that_ranges_contradict_begins_anew(self, device):
+        """From a place 400 m off of which it is sure, and a velocity that leads away, within 30 steps."""
+
+        def velocity(n, random, runs):
+            return np.tile([0.6, 0.0], (runs, 1))
+
+        for n, filters, target in self.run(device, motion(LEVELS["hard"]), velocity, steps=60, lost=0.1):
+            if n == 29:
+                wrong = np.concatenate([target - [400.0, 0.0], np.tile([-0.6, 0.0], (len(target), 1))], 1)
+                set_one(filters, wrong, np.diag([25.0, 25.0, 1e-4, 1e-4]))
+        assert np.median(np.linalg.norm(filters.mean[:, :2] - target, axis=1)) < 40
 
     def test_without_ranges_it_knows_nothing(self, device):
         filters = Filters(2, motion(LEVELS["hard"]), device)
