@@ -113,11 +113,14 @@ class TrainingConfig:
         """The algorithm's defaults in a scenario, overridden by those of `settings`, by name, that are not None.
 
         Where data are collected in passing and all terms that the frame `passing` needs are observed, the default is
-        that frame without renewal, since a node's data come in many steps; with fins as actions it is `fins`. With
-        either frame the default algorithm is `ppo`, in `docs/policies.md` the one that learns reliably there.
+        that frame without renewal, since a node's data come in many steps; with fins as actions it is `fins`, where
+        targets are tracked `circling`. With each of these the default algorithm is `ppo`, in `docs/policies.md` the one
+        that learns reliably there.
         """
-        passing = not set(PASSING_TERMS).difference(ObservationLayout.of(scenario).terms)
-        frame = "fins" if scenario.auv.action == "fins" else "passing" if passing else None
+        terms = ObservationLayout.of(scenario).terms
+        passing = not set(PASSING_TERMS).difference(terms)
+        frame = "passing" if passing else "circling" if "track" in terms else None
+        frame = "fins" if scenario.auv.action == "fins" else frame
         own = {"frame": frame, "renewal": False} if frame else {}
         algorithm = settings.get("algorithm") or ("ppo" if frame else cls.algorithm)
         defaults = algorithms[algorithm].defaults if algorithm in algorithms else {}

@@ -38,6 +38,7 @@ from usvauv.policies.guidance import (
     unrotate,
 )
 from usvauv.policies.heuristics.passing import Pass
+from usvauv.policies.heuristics.tracking import Circle
 from usvauv.policies.heuristics.travel import Helm
 from usvauv.policies.policy import PolicyError
 
@@ -48,7 +49,13 @@ PRICE, PRICE_GAIN = 80.0, 4.0  # W and 1: prices from 1.5 W to some kilowatts, f
 TERMS = ("target", "others", "position", "current")  # that frames read
 RELATIVE = ("others", "target")  # terms that `TargetFrame` replaces by its own features
 CURRENTS = ("current_speed", "current", "current_profile")
-VECTORS = {"current": 2, "current_profile": None, "next": 2, "attitude": 2}  # how many of their numbers are vectors
+VECTORS = {
+    "current": 2,
+    "current_profile": None,
+    "next": 2,
+    "attitude": 2,
+    "track": 4,
+}  # how many of their numbers are vectors
 
 
 class Frame:
@@ -283,38 +290,34 @@ class Observed(threading.local):
     observation: Tensor
 
     def __init__(self, frame: Frame) -> None:
-        self.scenario, self.term = frame.scenario, frame.term
+        self.scenario, self.layout, self.term = frame.scenario, frame.layout, frame.term
 
     def current(self) -> Tensor:
-        return self.term(self.observation, "current")
+        observed = self.observation if "current" in self.layout else torch.zeros_like(self.observation)
+        return self.term(observed, "current" if "current" in self.layout else "position")
 
     def water_velocity(self) -> Tensor:
         forward, starboard = self.term(self.observation, "motion")[..., :2].unbind(-1)
         return rotate(components(forward, -starboard), self.term(self.observation, "attitude")[..., :2])
 
 
-class PassingFrame(TargetFrame):
-    """Features as `TargetFrame`, and the velocity through the water that the heuristic `pass` commands; actions are
-    offsets from it.
+class OffsetFrame(TargetFrame):
+    """Features as `TargetFrame`, and the velocity through the water that a heuristic commands; actions are offsets
+    from it.
 
     a_0 turns the heading by up to `TURN` to the left, a_1 adds to the speed, 1 being the span from the lowest to the
-    highest; the sum is kept within these. Action 0 is `pass` at the scenario's own price.
+    highest; the sum is kept within these. Action 0 is the heuristic at the scenario's own price or radius.
 
-    Raises:
-        PolicyError: the observation lacks one of `PASSING_TERMS`.
+    Attributes:
+        heuristic: has `steer`, which gives heading and speed.
     """
+
+    heuristic: Pass | Circle
 
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
-        if missing := [name for name in PASSING_TERMS if name not in self.layout]:
-            raise PolicyError(
-                f"training: frame = 'passing': scenario {scenario.name!r} does not observe {', '.join(missing)}"
-            )
         self.features += 2
-        price = scenario.reference.pass_price
-        self.start = f"pass:{price:g}"
         self.seen = Observed(self)
-        self.heuristic = Pass(self.start, self.seen, price)
 
     def shared(self, observation: Tensor) -> tuple[Tensor, ...]:
         """Heading (unit vectors, (W, K, 2)) and speed (W, K), m/s, of the heuristic."""
@@ -334,6 +337,40 @@ class PassingFrame(TargetFrame):
         angle = TURN * action[..., 0]
         heading = turn(heading, torch.cos(angle), torch.sin(angle))
         return command(heading, speed.clamp(auv.speed_min, auv.speed_max), self.scenario)
+
+
+class PassingFrame(OffsetFrame):
+    """`OffsetFrame` from `pass`.
+
+    Raises:
+        PolicyError: the observation lacks one of `PASSING_TERMS`.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        super().__init__(scenario)
+        if missing := [name for name in PASSING_TERMS if name not in self.layout]:
+            raise PolicyError(
+                f"training: frame = 'passing': scenario {scenario.name!r} does not observe {', '.join(missing)}"
+            )
+        price = scenario.reference.pass_price
+        self.start = f"pass:{price:g}"
+        self.heuristic = Pass(self.start, self.seen, price)
+
+
+class CirclingFrame(OffsetFrame):
+    """`OffsetFrame` from `circle`.
+
+    Raises:
+        PolicyError: there are no tracks of targets.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        super().__init__(scenario)
+        if "track" not in self.layout:
+            raise PolicyError(f"training: frame = 'circling': scenario {scenario.name!r} does not observe track")
+        radius = scenario.reference.circle_radius
+        self.start = f"circle:{radius:g}"
+        self.heuristic = Circle(self.start, self.seen, radius)
 
 
 class FinsFrame(TargetFrame):
@@ -364,5 +401,6 @@ frames.register("guided", GuidedFrame)
 frames.register("target", TargetFrame)
 frames.register("world", WorldFrame)
 frames.register("passing", PassingFrame)
+frames.register("circling", CirclingFrame)
 frames.register("fins", FinsFrame)
 COMPILED = (GuidedFrame, TargetFrame)  # computed by kernels; a frame derived from them may compute something else

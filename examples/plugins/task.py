@@ -2,7 +2,17 @@
 
 import taichi as ti
 
-from usvauv.extend.task import Metric, RewardTerm, Task, distance_to_target, rewards, task_metrics, tasks, travel
+from usvauv.extend.task import (
+    Metric,
+    Quantity,
+    RewardTerm,
+    Task,
+    distance_to_target,
+    rewards,
+    task_metrics,
+    tasks,
+    travel,
+)
 from usvauv.extend.world import Draw, ObservationTerm, observation_terms, uniforms
 
 
@@ -25,7 +35,7 @@ def move(worlds: ti.template(), w, k, a0, a1):
     travel(worlds, w, k, a0, a1)
     after = distance_to_target(worlds, w, k)
     worlds.auv.closed[w, k] = before - after
-    if after < worlds.task_parameters[0]:
+    if after < worlds.task_parameters.radius:
         worlds.auv.delivered[w, k] = 1.0
 
 
@@ -62,7 +72,7 @@ tasks.register(
         finish=finish,
         # A weight of None is that of the scenario's section `reward`.
         reward_terms=(RewardTerm("distance", rewards.distance, None), RewardTerm("visit", visit, 10.0)),
-        parameters=(("radius", 5.0),),
+        parameters=(("radius", Quantity(5.0, 0.1, 1000.0, "distance at which a waypoint is reached, m")),),
         observation=("distance_left",),
     ),
 )

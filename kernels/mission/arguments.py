@@ -8,8 +8,8 @@ import taichi as ti
 from usvauv.kernels.flow import airy
 from usvauv.kernels.flow.current import Profile, Water
 from usvauv.kernels.flow.vortex import Pattern
-from usvauv.kernels.mission.worlds import ARRAYS, Array, Numbers, Program, Rows, Worlds
-from usvauv.kernels.types import array1, array4, index1
+from usvauv.kernels.mission.worlds import ARRAYS, Array, Numbers, Program, Rows, Worlds, state_arrays
+from usvauv.kernels.types import array1, array4, columns, index1
 
 # Arguments of the kernel beside `ARRAYS`: parts of `Water`.
 WATER = {
@@ -36,11 +36,13 @@ def worlds_of(program: Program, given: Any) -> Worlds:
 
     def passed(name: str, array: Array) -> Any:
         argument = getattr(given, name)
+        if name == "task_parameters":
+            return Numbers.of(argument, columns(*(name for name, _ in program.task.parameters)))
         if array.columns and not array.axes:
             return Numbers.of(argument, array.columns)
         return Rows.of(argument, array.columns, len(array.names)) if array.axes[:1] in ("W", "G") else argument
 
-    arrays = {name: passed(name, array) for name, array in ARRAYS.items()}
+    arrays = {name: passed(name, array) for name, array in (ARRAYS | state_arrays(program.task)).items()}
     water = {name: getattr(given, name) for name in WATER}
     water |= {name: Rows.of(water[name]) for name in ("stream", "bed", "eta", "U", "V", "wave")}
     p = arrays["p"]

@@ -535,3 +535,8 @@ class Draw(Columns):
     depth: int
     vehicle: int
     request: int
+    target: int
+    turn: int
+    range: int
+    range_loss: int
+    message: int

@@ -325,6 +325,25 @@ def own_position(worlds: ti.template(), w, k) -> vec2:
 
 
 @func
+def own_covariance(worlds: ti.template(), w, k) -> vec3:
+    """Covariance (xx, xy, yy) of AUV k's own position estimate, m².
+
+    By dead reckoning that is the boat's, in which the AUV's measured displacement takes the place of the boat's model
+    of its velocity.
+    """
+    estimate = ti.static(worlds.estimate)
+    xx, yy = estimate.covariance_xx[w, k], estimate.covariance_yy[w, k]
+    if ti.static(worlds.program.reckoning):
+        p = ti.static(worlds.p)
+        elapsed, tau = worlds.exchange.elapsed[w, k], p.velocity_memory
+        modelled = p.velocity_variance * tau * tau * tracker.decayed(elapsed / tau)[1]
+        change = p.velocity_walk * elapsed - modelled
+        xx += change
+        yy += change
+    return vec3(xx, estimate.covariance_xy[w, k], yy)
+
+
+@func
 def begin_filter(worlds: ti.template(), w, k):
     """Begin the boat's filter of AUV k at the estimate of it, in an unknown current."""
     estimate = ti.static(worlds.estimate)
@@ -344,8 +363,10 @@ def offset_to_target_from_estimate(worlds: ti.template(), w, k) -> vec2:
     if ti.static(worlds.program.reckoning):
         if distance_to_target(worlds, w, k) <= worlds.p.homing_range:
             here = vec2(worlds.auv.x[w, k], worlds.auv.y[w, k])
-    there = vec2(worlds.node.x[w, target], worlds.node.y[w, target])
-    return (there - here) / worlds.p.diagonal
+    way = vec2(worlds.node.x[w, target], worlds.node.y[w, target]) - here
+    if ti.static(worlds.program.task.way):
+        way = worlds.program.task.way(worlds, w, k)
+    return way / worlds.p.diagonal
 
 
 @func

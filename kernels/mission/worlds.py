@@ -202,6 +202,19 @@ HULL = SUM, SPEED, SPEED, SPIN, REVOLUTIONS, REVOLUTIONS, SUM, SUM  # of `HullCo
 DRIFT = (Range(-1e6, 1e6),) * len(VortexDrift.names)
 VORTEX = ANYWHERE, ANYWHERE, Range(-1e5, 1e5), Range(0.0, 1e6)
 
+
+class NoColumns(StateColumns):
+    """Columns of a task's memory that it does not have."""
+
+    unused: Annotated[int, Range(0.0, 0.0)]
+
+
+def state_arrays(task: Task) -> dict[str, Array]:
+    """`STATE` with the columns of a task's own memory."""
+    own = {"task_auv": task.auv_columns, "task_node": task.node_columns, "task_pair": task.pair_columns}
+    return STATE | {name: STATE[name]._replace(columns=columns) for name, columns in own.items() if columns}
+
+
 # Nothing changes these while worlds run.
 TABLES = {
     "p": Array("", "numbers of the scenario", Parameter),
@@ -244,6 +257,10 @@ STATE = {
     "exchange": Array("WK", "exchanges over the channel", ExchangeColumn, whose="the exchange with AUV"),
     "foresight": Array("WK", "where the boats foresee each AUV", ForesightColumn),
     "belief": Array("WIM", "what is known of the nodes", BeliefColumn, whose="the belief, of all or of AUV"),
+    # Their columns are those of the task, `state_arrays`.
+    "task_auv": Array("WK", "what the task keeps of each AUV", NoColumns, whose="the task's memory of AUV"),
+    "task_node": Array("WM", "what the task keeps of each node", NoColumns, whose="the task's memory of node"),
+    "task_pair": Array("WKM", "what it keeps of each AUV and node", NoColumns, whose="the task's memory of AUV"),
     "observation": Array("WKO", "what each AUV observes"),
 }
 REWARDS = {

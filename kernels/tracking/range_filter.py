@@ -214,6 +214,15 @@ def predict(filters: ti.template(), w, k, i, motion: Motion):
 
 
 @func
+def carry(filters: ti.template(), w, k, i, way: vec2):
+    """Move a filter's hypotheses by what the water carries the target, m."""
+    for h in range(count_of(filters, w, k, i)):
+        for axis in ti.static(range(2)):
+            n = place_of(h, ti.static(HypothesisColumn.x + axis))
+            filters[w, k, i, n] = filters[w, k, i, n] + way[axis]
+
+
+@func
 def begin_ring(filters: ti.template(), w, k, i, place: vec2, covariance: vec3, distance, variance):
     """Begin hypotheses round the ring of the first range; their velocities follow in the next prediction."""
     filters[w, k, i, FilterColumn.known] = 1.0

@@ -5,22 +5,8 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
+from usvauv.kernels.limits import Quantity
 from usvauv.kernels.registry import Registry
-
-
-class Quantity(NamedTuple):
-    """A number of a vehicle: what a field of its section of a scenario is made from.
-
-    Attributes:
-        default: in SI units.
-        low, high: least and greatest value that is allowed.
-        meaning: what it is, with its unit and the source of the default.
-    """
-
-    default: float
-    low: float
-    high: float
-    meaning: str
 
 
 class Vehicle(NamedTuple):

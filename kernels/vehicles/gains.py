@@ -9,7 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from usvauv.kernels.columns import columns
-from usvauv.kernels.vehicles.definition import Quantity
+from usvauv.kernels.limits import Quantity
 from usvauv.kernels.vehicles.numbers import GRAVITY, Constant
 
 NUMBERS: dict[str, Quantity] = {

@@ -17,7 +17,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from usvauv.kernels.columns import columns
-from usvauv.kernels.vehicles.definition import Quantity
+from usvauv.kernels.limits import Quantity
 
 GRAVITY = 9.81  # m/s²
 

@@ -35,6 +35,10 @@ SMALLEST: dict[str, tuple[str, dict[str, object]]] = {  # options, and constants
     "benchmarks.studies.generalisation": ("--episodes 2 --steps 256 --jobs 1 --out runs", {}),
     "benchmarks.studies.hindsight": ("--episodes 2 --tuning-episodes 2 --moves 10", {}),
     "benchmarks.studies.refraction": ("--seconds 0", {}),
+    "benchmarks.studies.tracking": (
+        "--episodes 2",
+        {"TEAMS": (1,), "SETTINGS": {"hard": ((0.5, 0.7), (120.0, 420.0))}},
+    ),
     "benchmarks.train": ("--seeds 1 --limit 0", {}),
     "benchmarks.vehicles": (
         "--vehicles 16 --seconds 0",

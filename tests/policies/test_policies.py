@@ -161,7 +161,8 @@ class TestFace:
 @pytest.mark.parametrize("name", Scenario.shipped())
 def test_the_default_policy_acts_in_every_scenario_and_area(name):
     """On numbers in the place of observations: a world of each scenario would take seconds to compile."""
-    world = ToyWorld(Scenario.load(name, ["area.width=150", "area.length=120"]), 2)
+    small = ["area.width=150", "area.length=120", "auv.start_margin=10", "nodes.margin=10"]
+    world = ToyWorld(Scenario.load(name, small), 2)
     policy = policies.load(policies.default(world.scenario), world)
     assert policy.scenario is world.scenario
     observation = torch.rand((2, world.num_auvs, world.observation_size), generator=torch.Generator().manual_seed(0))

@@ -112,7 +112,7 @@ def evaluate(
     for name in names:
         options.check_policy(name, setting)
     scenarios = combinations(setting, names, usv or [None], targets or [None])
-    figures = (*FIGURES, *(name for name, metric in task_metrics.items() if metric.task == setting.task))
+    figures = (*FIGURES, *(name for name, metric in task_metrics.items() if metric.belongs_to(setting.task)))
     score = options.choice("--score", chosen_score or "arps", figures)
     reference = next((which for which in scenarios if against in (None, *filter(None, which))), None)
     if reference is None:

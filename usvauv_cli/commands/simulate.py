@@ -296,6 +296,12 @@ def mission_summary(row: EpisodeMetrics, trace: Trace) -> None:
     ]
     if scenario.task == "station-keeping":
         lines.insert(1, f"stations: AUVs are off theirs by {row.target_distance:.2f} m on average")
+    if scenario.task_definition.targets == "moving":
+        lines.insert(
+            1,
+            f"targets: error {found['track_error_mean']:.1f} m on average, median {found['track_error_median']:.1f} m,"
+            f" within 20 m in {100 * found['track_close']:.0f} % of the time",
+        )
     if scenario.task == "data-collection":
         before, cost = found["aoi_peak"], found["joule_per_mbit"]
         lines[1:2] = [

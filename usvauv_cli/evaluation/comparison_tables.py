@@ -9,14 +9,24 @@ from typing import NamedTuple
 from usvauv.cli import terminal
 from usvauv.cli.evaluation.comparison import Comparison, Estimate, words
 from usvauv.cli.terminal import counted
+from usvauv.env.record.tracking_metrics import TASKS
 from usvauv.env.scenario import Scenario
 from usvauv.env.storage.result_tables import Combination
 
 # Those shown by default, by task, between ARPS and those of positions; of a plugin's task, all of its own.
-BY_TASK = {"data-collection": ("delivered_mbit", "ec"), "station-keeping": ("target_distance", "ec")}
+BY_TASK = {
+    "data-collection": ("delivered_mbit", "ec"),
+    "station-keeping": ("target_distance", "ec"),
+    **dict.fromkeys(TASKS, ("track_error_median", "track_error_mean", "track_close", "covered")),
+}
 LONGEST_NAME = {1: 30, 2: 24, 3: 16}  # by the number of columns with names
 
-HEADLINES = {"data-collection": "delivered_mbit", "station-keeping": "target_distance"}  # by task; of others ARPS
+# By task; of others ARPS.
+HEADLINES = {
+    "data-collection": "delivered_mbit",
+    "station-keeping": "target_distance",
+    **dict.fromkeys(TASKS, "track_error_mean"),
+}
 PHRASES = {
     "arps": ("reward per step", "{one} earns {by} {way} reward per step than {other}", "more", "less"),
     "delivered_mbit": ("data", "{one} collects {by} Mbit {way} than {other}", "more", "less"),
@@ -26,6 +36,12 @@ PHRASES = {
         "{one} keeps {by} m {way} its stations than {other}",
         "farther from",
         "nearer to",
+    ),
+    "track_error_mean": (
+        "error of targets",
+        "{one} is {by} m {way} about the targets than {other}",
+        "farther off",
+        "better",
     ),
 }  # of a figure: what it is, a sentence, and the words for a positive and for a negative difference
 
@@ -71,6 +87,13 @@ OF_TASK = {
         Column("aoi_largest", "largest age, s", 0, "largest age of any node at any time", "less"),
         Column("jain", "Jain's index", 3, "evenness of the data collected by node: 1 if equal", "more"),
         Column("joule_per_mbit", "J/Mbit", 0, "energy over data collected", "less"),
+        Column("track_error_mean", "error, m", 1, "error of the AUVs' estimates of targets", "less"),
+        Column("track_error_median", "median, m", 1, "its median", "less"),
+        Column("track_error_p95", "95 %, m", 1, "its 95th percentile", "less"),
+        Column("track_close", "in 20 m", 2, "share of targets and steps with an error up to 20 m", "more"),
+        Column("track_nees", "NEES/2", 2, "squared error over its covariance, halved: 1 if consistent"),
+        Column("covered", "in 150 m", 2, "share of targets and steps with an AUV within 150 m", "more"),
+        Column("out_of_range", "lost", 3, "share of targets and steps without an AUV in range", "less"),
     )
 }
 POSITIONS = (

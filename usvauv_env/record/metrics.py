@@ -107,12 +107,16 @@ class Metric:
     """A task's figure of merit.
 
     Attributes:
-        task: name of the task.
+        task: name of the task, or of several.
         values: function: trace → one number for each world, (W,).
     """
 
-    task: str
+    task: str | tuple[str, ...]
     values: Annotated[Callable[[Trace], np.ndarray], "trace"]
+
+    def belongs_to(self, task: str) -> bool:
+        """Whether it is a figure of this task."""
+        return task in ((self.task,) if isinstance(self.task, str) else self.task)
 
 
 def position_error(trace: Trace) -> np.ndarray:
@@ -147,7 +151,7 @@ def distribution(error: np.ndarray) -> dict[str, float]:
 
 def target_distance(trace: Trace) -> np.ndarray:
     """Distance between AUVs and their targets, true positions, (T, W, K), m."""
-    target = np.take_along_axis(trace.node_position[None], trace.target[..., None].astype(np.intp), axis=2)
+    target = np.take_along_axis(trace.node_places, trace.target[..., None].astype(np.intp), axis=2)
     return np.linalg.norm(target - trace.auv_position, axis=-1)
 
 
@@ -292,7 +296,7 @@ def episode_metrics(trace: Trace, first_episode: int = 0) -> list[EpisodeMetrics
     reward = trace.reward_terms.sum(axis=(2, 3), dtype=np.float64).mean(0)
     touched = trace.auv_touched.astype(np.int8)
     spent, metered = trace.auv_charge == 0, trace.boat_power.size > 0
-    of_task = {name: _of_task(name, trace) for name, m in task_metrics.items() if m.task == trace.scenario.task}
+    of_task = {name: _of_task(name, trace) for name, m in task_metrics.items() if m.belongs_to(trace.scenario.task)}
     return [
         EpisodeMetrics(
             scenario=trace.scenario.name,

@@ -65,6 +65,7 @@ class Recorder:
     def __init__(self, world: World) -> None:
         self.world = world
         self._start, self._flow = world.site.start, world.site.current
+        self._moving = world.scenario.task_definition.targets == "moving"
         self._rows: defaultdict[str, list[np.ndarray]] = defaultdict(list)
 
     def __len__(self) -> int:
@@ -94,6 +95,8 @@ class Recorder:
             ("foreseen", world.foreseen_position),
             ("vortex", world.vortex[:, :num_vortices]),
             ("body", world.body if world.scenario.auv.dynamic else NO_BODY),
+            ("way", world.node[..., NodeColumn.span("x", "y")] if self._moving else NO_BODY),
+            ("targets", world.task_node if self._moving else NO_BODY),
         ):
             self._rows[name].append(tensor.cpu().numpy().copy())
 
@@ -120,7 +123,7 @@ class Recorder:
             ScenarioError: each world has its own seed.
         """
         world = self.world
-        vehicles, boats, hull, tally, backlog, terms, known, own, foreseen, vortex, body = (
+        vehicles, boats, hull, tally, backlog, terms, known, own, foreseen, vortex, body, way, targets = (
             np.stack([row[worlds] for row in rows[first:]]) for rows in self._rows.values()
         )
         nodes = world.node[worlds].cpu().numpy()
@@ -181,7 +184,18 @@ class Recorder:
             **(of_bodies(body) if world.scenario.auv.dynamic else {}),
             **({"auv_charge": column("charge")} if world.scenario.auv.battery else {}),
             **({"boat_power": boat_power(world.scenario, boats)} if world.scenario.boat.metered else {}),
+            **({"node_way": way, **self._estimates(targets)} if self._moving else {}),
         )
+
+    def _estimates(self, targets: np.ndarray) -> dict[str, np.ndarray]:
+        """The arrays of a trace for estimates of nodes (..., M, ·) that move, where the task's memory has them."""
+        columns = self.world.scenario.task_definition.node_columns
+        if not columns or "estimate_x" not in columns.names:
+            return {}
+        return {
+            "node_estimate": targets[..., columns.span("estimate_x", "estimate_y")],
+            "node_covariance": targets[..., columns.span("covariance_xx", "covariance_yy")],
+        }
 
 
 def boat_power(scenario: Scenario, boats: np.ndarray) -> np.ndarray:

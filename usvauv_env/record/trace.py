@@ -52,10 +52,12 @@ class Stored(NamedTuple):
 
 
 _AUV, _BOAT, _WORLD = ("time", "world", "auv"), ("time", "world", "boat"), ("time", "world")
+_NODE = ("time", "world", "node")
 _AUV_XY, _BOAT_XY, _COVARIANCE = (*_AUV, "axis"), (*_BOAT, "axis"), (*_AUV, "component")
 
 OPTIONAL = (  # may be empty
     *("auv_depth", "auv_attitude", "auv_fins", "auv_touched", "auv_charge", "boat_power"),
+    *("node_way", "node_estimate", "node_covariance"),
     *("stream_time", "stream", "surface", "storm"),
 )
 DERIVED = "boat_heading"  # missing in files of earlier versions
@@ -194,6 +196,13 @@ class Trace:
         _AUV, "W h", "energy left in a battery that ends; at 0 the AUV moves by itself no more", optional=True
     )
     boat_power: np.ndarray = _array(_BOAT, "W", "power of the boat in this step, where it is counted", optional=True)
+    node_way: np.ndarray = _array((*_NODE, "axis"), "m", "position of nodes that move", optional=True)
+    node_estimate: np.ndarray = _array(
+        (*_NODE, "axis"), "m", "the AUVs' estimate of it; where they are while they know nothing", optional=True
+    )
+    node_covariance: np.ndarray = _array(
+        (*_NODE, "component"), "m2", "covariance of that; 0 while they know nothing", optional=True
+    )
 
     def __repr__(self) -> str:
         """Number of missions and steps, seed, policy and boat strategy, and the scenario."""
@@ -344,6 +353,13 @@ class Trace:
             return np.concatenate([heading, np.zeros((*self.power.shape, 2))], axis=-1)
         heading, rest = np.split(self.auv_attitude, [1], axis=-1)
         return np.concatenate([np.unwrap(heading, axis=0), rest], axis=-1)
+
+    @property
+    def node_places(self) -> np.ndarray:
+        """Positions of the nodes at each step, (T, W, M, 2), m."""
+        if self.node_way.size:
+            return self.node_way
+        return np.broadcast_to(self.node_position, (len(self.time), *self.node_position.shape))
 
     def stream_at(self, t: float) -> np.ndarray:
         """Real current at cruise depth at a time (s), (rows, columns, 2), m/s; empty without one."""

@@ -385,10 +385,12 @@ class ComparisonFrames(Frames):
         return [*self._plays[side].figures(t), error]
 
     def _plot_yield(self, box: Rectangle) -> RecordedPlot:
-        """Data collected by both so far, or their distances from the stations."""
-        stations = self._plays[0].stations
-        series = [play.off_target if stations else play.delivered for play in self._plays]
-        title = "Distance of the AUVs to their stations, m" if stations else "Data delivered, Mbit"
+        """Data collected by both so far, or their distances from the stations, or the errors of their targets."""
+        title, series = "Data delivered, Mbit", [play.delivered for play in self._plays]
+        if self._plays[0].stations:
+            title, series = "Distance of the AUVs to their stations, m", [play.off_target for play in self._plays]
+        if self._plays[0].moving:
+            title, series = "Error of the targets, m", [play.track_error for play in self._plays]
         return self._plot(box, title, series, 0.0, 1.05 * max(float(values.max()) for values in series) or 1.0)
 
     def _plot_errors(self, box: Rectangle) -> RecordedPlot:

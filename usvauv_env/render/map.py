@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import string
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
@@ -77,9 +78,7 @@ class MissionMap:
         self._overlay.clear()
         self.streaks.update(self._trace.vortex[step, 0], self._trace.stream_at(float(self._trace.time[step])))
         self.streaks.draw(self._overlay, t / self._play.pace * self._streak_step, self._layout.px(1.2))
-        auvs, boats, nodes = (
-            view.pixel(places) for places in (play.auvs.at(t), play.boats.at(t), self._trace.node_position[0])
-        )
+        auvs, boats, nodes = (view.pixel(places) for places in (play.auvs.at(t), play.boats.at(t), play.nodes.at(t)))
         estimated = view.pixel(play.estimated.at(t))
         self._draw_field(step)
         self._draw_ellipses(t, estimated)
@@ -102,6 +101,9 @@ class MissionMap:
             self._fade(boats[:, boat], t - steps[0], style.BOAT, 0.45, width)
         for auv in range(auvs.shape[1]):
             self._fade(auvs[:, auv], t - steps[0], style.auv_colour(auv), 0.85, width)
+        targets = self.view.pixel(self._play.nodes.until(t, steps)) if self._play.moving else auvs[:, :0]
+        for target in range(targets.shape[1]):
+            self._fade(targets[:, target], t - steps[0], style.TARGET, 0.7, width)
 
     def _fade(self, points: np.ndarray, steps: float, colour: style.Colour, opacity: float, width: int) -> None:
         length = max(2, len(points) // TRAIL_PIECES + 1)
@@ -124,6 +126,18 @@ class MissionMap:
                 outline = shapes.ellipse_points(estimated[auv], axes)
                 line = np.concatenate([outline, outline[:1]])
                 self._overlay.strokes([line], style.auv_colour(auv), 0.8, self._layout.px(1))
+
+    def _draw_tracks(self, picture: np.ndarray, t: float, nodes: np.ndarray) -> None:
+        """The targets that move, with their letters, and where the AUVs take them to be."""
+        unit, zoom = self._layout.unit, self._layout.zoom
+        tracked, axes = self.view.pixel(self._play.tracked.at(t)), error_axes(self._play.track_covariance.at(t))
+        for place, each in zip(tracked, self.view.vector(axes), strict=True):
+            outline = shapes.ellipse_points(place, each)
+            shapes.stroke(picture, outline, style.TARGET, self._layout.px(1.3), closed=True)
+            shapes.fix(picture, place, 3.5 * unit, style.TARGET, 1.4 * unit, zoom)
+        for number, place in enumerate(nodes):
+            shapes.target(picture, place, 6 * self._size, style.TARGET, zoom)
+            shapes.badge(picture, letter(number), place + self._label, 11 * unit, style.TARGET)
 
     def _draw_pings(self, t: float, auvs: np.ndarray, boats: np.ndarray) -> None:
         """A ring from each boat that has interrogated, and lines from the boats to the AUVs that have replied."""
@@ -153,6 +167,9 @@ class MissionMap:
                 self._overlay.strokes(shapes.dashes(position, node, 5 * unit), colour, 0.7, self._layout.px(1.3))
 
     def _draw_nodes(self, picture: np.ndarray, t: float, nodes: np.ndarray) -> None:
+        if self._play.moving:
+            self._draw_tracks(picture, t, nodes)
+            return
         if self._play.stations:
             for auv, centre in enumerate(nodes):
                 shapes.station(picture, centre, self._node_radius, style.auv_colour(auv), self._layout.zoom)
@@ -186,6 +203,11 @@ class MissionMap:
         if np.hypot(*(fix - position)) > 5 * layout.unit:  # smaller errors are visible in the inset only
             shapes.fix(picture, fix, 4 * layout.unit, style.WHITE, 1.5 * layout.unit, layout.zoom)
         shapes.badge(picture, str(auv + 1), position + self._label, 11 * layout.unit, colour)
+
+
+def letter(target: int) -> str:
+    """Name of a moving target: A to Z, then A1 and so on."""
+    return string.ascii_uppercase[target % 26] + (str(target // 26) if target >= 26 else "")
 
 
 class MapLayers(Protocol):
@@ -344,6 +366,9 @@ FIX: Entry = LegendSymbol.fix, "true place of an AUV, and estimated"
 ELLIPSE: Entry = LegendSymbol.ellipse, "2-σ ellipse: 86 % of errors expected"
 CURRENT: Entry = LegendSymbol.current, "drifting streaks: water current"
 TO_NODE: Entry = LegendSymbol.target, "way to the sensor node it heads for"
+TO_TARGET: Entry = LegendSymbol.target, "way to the target it follows"
+MOVING: Entry = LegendSymbol.moving, "target that moves, and its way"
+TRACKED: Entry = LegendSymbol.tracked, "where the AUVs take it to be, 2 σ"
 TO_STATION: Entry = LegendSymbol.target, "way back to its station"
 NEXT: Entry = LegendSymbol.next, "its way to the next three nodes"
 NODE: Entry = LegendSymbol.node, "sensor nodes: how full with data"
@@ -354,6 +379,7 @@ AGE: Entry = LegendSymbol.age, "white ring: last visited 5 min ago"
 STATION: Entry = LegendSymbol.station, "station that it holds"
 ENTRIES = AUV, BOAT, PING, HEARD, TO_NODE, GOAL, NEXT, FIX, NODE, ELLIPSE, FULL, SERVICE, AGE, CURRENT
 STATION_ENTRIES = AUV, BOAT, PING, HEARD, TO_STATION, GOAL, CURRENT, FIX, STATION, ELLIPSE
+TARGET_ENTRIES = AUV, BOAT, PING, HEARD, TO_TARGET, GOAL, MOVING, TRACKED, FIX, ELLIPSE, CURRENT
 FORESIGHT: tuple[Entry, ...] = (
     (LegendSymbol.foreseen, "where the boat foresees an AUV"),
     (LegendSymbol.field, "lines: what the boat would learn there"),
@@ -376,7 +402,8 @@ def draw_legend(
     draw_card(picture, box, layout)
     unit, size = layout.unit, 11 * layout.unit
     task, passing = scenario.task, scenario.nodes.service == "passing"
-    entries = (ENTRIES if task == "data-collection" else STATION_ENTRIES) + FORESIGHT * foresees
+    kinds = {"nodes": ENTRIES, "auvs": STATION_ENTRIES, "moving": TARGET_ENTRIES}
+    entries = kinds[scenario.task_definition.targets] + FORESIGHT * foresees
     entries = [entry for entry in entries if from_above or entry is not CURRENT]
     entries = [IN_PASSING if passing and entry is SERVICE else entry for entry in entries]
     widest = max(text_width(words, size) for _, words in entries)

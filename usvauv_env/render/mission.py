@@ -21,6 +21,7 @@ from usvauv.env.accuracy.fix_errors import reception
 from usvauv.env.record.headings import latest
 from usvauv.env.record.metrics import age, energy_consumption, position_error, target_distance
 from usvauv.env.record.trace import Trace
+from usvauv.env.record.tracking_metrics import number, track_error
 from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.sea.storm import elevation
 from usvauv.env.site.site import Site
@@ -197,6 +198,9 @@ class Playback:
 
     Attributes:
         pace: steps of the mission from one frame to the next. sea: its surface. stations: whether the AUVs keep some.
+        nodes: series of places, m; `node_way` has them at each step, or once. moving: whether they move, as targets
+            that AUVs track. tracked, track_covariance: the AUVs' estimates of these, m, m²; empty without any.
+            track_error: (T,) their error, mean over targets, m. target_depth: at which they are drawn, m.
         time, duration: s. depths: of the AUVs, m. covariance: m².
         boats, auvs, estimated, foreseen, goals: series of places, m.
         floating: (B, 3) elevation (m) and slopes to the east and north under the boats, as shown.
@@ -215,6 +219,16 @@ class Playback:
         self.trace, self.pace, self.sea, scenario = trace, pace, RecordedSea(trace, speed_up), trace.scenario
         window = max(1, round(MEDIAN_WINDOW / scenario.mission.step))
         self.stations = scenario.task == "station-keeping"
+        self.moving = trace.node_way.size > 0
+        self.node_way = (trace.node_way if self.moving else trace.node_position[None])[:, 0].astype(float)
+        self.nodes = self.of_nodes(self.node_way)
+        self.tracked, self.track_covariance = (self.of_nodes(np.zeros((1, 0, n))) for n in (2, 3))
+        self.track_error, self.target_depth = np.zeros(len(trace.time)), 0.0
+        if trace.node_estimate.size:
+            self.tracked = Series(trace.node_estimate[:, 0].astype(float))
+            self.track_covariance = Series(trace.node_covariance[:, 0].astype(float))
+            self.track_error = track_error(trace)[:, 0].mean(axis=1)
+            self.target_depth = 0.5 * (number(trace, "depth_least") + number(trace, "depth_most"))
         self.duration = max(float(trace.time[-1]), scenario.mission.step)
         self.time, self.depths = Series(trace.time), Series(trace.depth[:, 0])
         moving = trace.boat_position, trace.auv_position
@@ -227,7 +241,7 @@ class Playback:
         self.attitude = Series(trace.attitude[:, 0])
         self.hovering, self._target = trace.hovering[:, 0].astype(bool), trace.target[:, 0]
         self.fill = trace.backlog[:, 0] / scenario.nodes.buffer
-        self.age = age(trace)[:, 0] / OLD * (not self.stations)
+        self.age = age(trace)[:, 0] / OLD * (not self.stations and not self.moving)
         rate = trace.service_rate[:, 0].astype(float)
         self._sdr, self._ec = np.cumsum(rate.sum(axis=1)), energy_consumption(trace)[:, 0]
         self._power, self._full = trace.power[:, 0].sum(axis=1), trace.overflowing[:, 0]
@@ -244,6 +258,10 @@ class Playback:
         asked = (((flags & usbl.SILENT) == 0)[..., None] & (self._by[..., None] == boats)).any(axis=1)
         self._ring_steps = PING_STEPS * math.sqrt(pace)  # in slow motion faster, but calm enough for the eye
         self._pinged = np.stack([_pings(by_boat, self._ring_steps) for by_boat in asked.T], axis=1)
+
+    def of_nodes(self, values: np.ndarray) -> Series:
+        """Series of values of nodes at each step, or of one that lasts."""
+        return Series(np.broadcast_to(values, (len(self.trace.time), *values.shape[1:])))
 
     @cached_property
     def site(self) -> Site:
@@ -263,6 +281,14 @@ class Playback:
     def figures(self, t: float) -> list[tuple[str, float, str]]:
         """Figures of a moment: name with unit, value, and how it is written (a format specification)."""
         t = step_of(t)
+        if self.moving:
+            return [
+                ("error, m", self.track_error[t], ".1f"),
+                ("in the mean, m", self.track_error[: t + 1].mean(), ".1f"),
+                ("power now, W", self._power[t], ".0f"),
+                ("EC, W", self._ec[t], ".1f"),
+                ("AUVs too close", self.trace.collisions[: t + 1, 0].sum(), ".0f"),
+            ]
         if self.stations:
             return [
                 ("off station, m", self.off_target[t], ".2f"),

@@ -10,7 +10,7 @@ import numpy as np
 
 from usvauv.env.render import shapes, style
 from usvauv.env.render.layout import Layout, Rectangle, nice_above
-from usvauv.env.render.map import Popups
+from usvauv.env.render.map import Popups, letter
 from usvauv.env.render.mission import Playback, Series, Vehicle, error_axes, step_of
 from usvauv.env.render.scene import (
     BOAT_BODY,
@@ -342,10 +342,12 @@ class BelowSurface:
         auvs, foreseen, estimated = (scene.place(place[:, 0], -scene.depths * trace.depth[:, 0]) for place in places)
         self.auvs, self._foreseen, self._estimated = Series(auvs, smooth=True), Series(foreseen), Series(estimated)
         self._length = enlarged * AUV_LENGTH * max(scene.sides)
-        nodes = trace.node_position[0]
-        self._nodes = scene.place(nodes, -scene.depths * scenario.auv.depth if play.stations else scene.floor(nodes))
+        nodes = play.node_way
+        depth = play.target_depth if play.moving else scenario.auv.depth
+        heights = -scene.depths * depth if play.stations or play.moving else scene.floor(nodes)
+        self._nodes = play.of_nodes(scene.place(nodes, heights))
         self._floor = Series(scene.floor(trace.auv_position[:, 0]))
-        spacing = math.sqrt(scene.sides[0] * scene.sides[1] / len(self._nodes)) * camera.focal / camera.distance
+        spacing = math.sqrt(scene.sides[0] * scene.sides[1] / nodes.shape[1]) * camera.focal / camera.distance
         self._radii = np.clip(spacing / 8, 3.0 * unit, 9.0 * unit) * np.array(ZOOMS)
         self._gauges = [shapes.NodeGauges(float(radius)) for radius in self._radii]
         self._popups = Popups(play, unit)
@@ -353,8 +355,15 @@ class BelowSurface:
 
     def draw_nodes(self, canvas: Canvas, t: float) -> None:
         """Gauges on stalks, far to near, or the stations."""
-        away, feet = canvas.camera.away(self._nodes), canvas.camera.pixel(self._nodes)
+        nodes = self._nodes.at(t)
+        away, feet = canvas.camera.away(nodes), canvas.camera.pixel(nodes)
         zoom = np.digitize(canvas.camera.distance / away, (0.93, 1.07))
+        if self._play.moving:
+            for number, (place, radius) in enumerate(zip(feet, self._radii[zoom], strict=True)):
+                shapes.target(canvas.picture, place, 0.7 * radius, style.TARGET, self._layout.zoom)
+                label = place + np.array([14, -13]) * self._layout.unit
+                shapes.badge(canvas.picture, letter(number), label, 11 * self._layout.unit, style.TARGET)
+            return
         heads = feet - self._radii[zoom][:, None] * (0.0, 1.5)
         shapes.strokes(canvas.picture, np.stack([feet, heads], 1), style.OUTLINE, self._layout.px(2))
         if self._play.stations:
@@ -369,7 +378,7 @@ class BelowSurface:
     def draw_words(self, canvas: Canvas, t: float) -> None:
         """The AUVs' numbers beside them, and the data of their latest services, which a small view leaves out."""
         (height, width), unit = canvas.picture.shape[:2], self._layout.unit
-        nodes, auvs = canvas.camera.pixel(self._nodes), canvas.camera.pixel(self.auvs.at(t))
+        nodes, auvs = canvas.camera.pixel(self._nodes.at(t)), canvas.camera.pixel(self.auvs.at(t))
         labels = auvs + np.array([14, -13]) * unit
         if height > SMALL * unit:
             box = Rectangle(0, 0, width, height)
@@ -386,7 +395,7 @@ class BelowSurface:
         foot = np.array([*place[:2], self._floor.at(t)[auv]])
         canvas.line(np.stack([place, foot]), dim)
         canvas.circle(foot, 0.012 * size, dim)
-        stops = self._nodes[self._play.stops(step, auv)]
+        stops = self._nodes.at(t)[self._play.stops(step, auv)]
         for number, leg in enumerate(pairwise(stops)):
             canvas.line(np.stack(leg), style.mix(WATER, colour, 0.5 - 0.12 * number), layout.px(1.3))
         node = stops[0]

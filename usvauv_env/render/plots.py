@@ -311,8 +311,10 @@ class DepthSection:
             self._slope, self._foot = (
                 np.stack([self._column(self._x[::-1]), self._row(-ends)], 1) for ends in (highest, lowest)
             )
-        nodes, deep = trace.node_position[0], below - float(bed.max())  # nodes of the demonstration lie below its bed
-        self._nodes = np.stack([self._column(nodes[:, 0]), self._row(-play.site.depth_at(nodes) - deep) - 1.0], 1)
+        nodes, deep = play.node_way, below - float(bed.max())  # nodes of the demonstration lie below its bed
+        at = np.full(nodes.shape[:-1], -play.target_depth) if play.moving else -play.site.depth_at(nodes) - deep
+        self._moving = play.moving
+        self._nodes = play.of_nodes(np.stack([self._column(nodes[..., 0]), self._row(at) - 1.0], -1))
         self._floating = play.floating
         boats = "boat" if trace.boat_position.shape[2] == 1 else "boats"
         titles = f"Section from the south: {boats}, AUVs, nodes", "Section from the south", "Section"
@@ -328,7 +330,8 @@ class DepthSection:
             between = np.concatenate([self._slope, self._foot[::-1]])
             shapes.fill(picture, between, style.mix(self._water, theme.muted, 0.4))
         shapes.stroke(picture, self._foot, theme.muted, layout.px(1.5))
-        shapes.dots(picture, self._nodes, 2.0 * unit, np.broadcast_to(np.array(theme.muted), (len(self._nodes), 3)))
+        nodes, ink = self._nodes.at(t), style.TARGET if self._moving else theme.muted
+        shapes.dots(picture, nodes, 2.0 * unit, np.broadcast_to(np.array(ink), (len(nodes), 3)))
         lines = self._boat_outlines(t)
         places = np.stack([self._column(self._play.auvs.at(t)[:, 0]), self._row(-self._play.depths.at(t))], 1)
         for auv, place in enumerate(places):

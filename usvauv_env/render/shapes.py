@@ -250,6 +250,14 @@ def station(image: np.ndarray, centre: np.ndarray, radius: float, colour: Colour
         disc(fine, middle, 0.35 * radius * factor, colour)
 
 
+def target(image: np.ndarray, centre: np.ndarray, size: float, colour: Colour, factor: int) -> None:
+    """A moving target: a filled diamond with a dark edge."""
+    corners = np.array([(0, -size), (size, 0), (0, size), (-size, 0)])
+    with smooth(image, centre, 1.6 * size, factor) as (fine, middle):
+        fill(fine, middle + 1.35 * corners * factor, style.OUTLINE)
+        fill(fine, middle + corners * factor, colour)
+
+
 def badge(image: np.ndarray, text: str, centre: np.ndarray, size: float, colour: Colour) -> None:
     """A short text on a dark pill."""
     half = max(text_width(text, size, bold=True) / 2, 0.3 * size)
@@ -385,6 +393,15 @@ class LegendSymbol(NamedTuple):
 
     def station(self) -> None:
         station(self.picture, self.at, 6.5 * self.layout.unit, self.layout.theme.auv(0), self.layout.zoom)
+
+    def moving(self) -> None:
+        target(self.picture, self.at, 6 * self.layout.unit, style.TARGET, self.layout.zoom)
+
+    def tracked(self) -> None:
+        unit = self.layout.unit
+        outline = ellipse_points(self.at, np.array([(11.0, -3.0), (1.5, 5.0)]) * unit)
+        stroke(self.picture, outline, style.TARGET, self.layout.px(1.2), closed=True)
+        fix(self.picture, self.at, 3 * unit, style.TARGET, 1.3 * unit, self.layout.zoom)
 
     def service(self) -> None:
         unit, colour = self.layout.unit, self.layout.theme.auv(0)

@@ -111,6 +111,7 @@ BOAT = colour("#ffffff")
 BOAT_DECK = colour("#1b4f8a")
 FIELD = colour("#cfe3f5")  # lines of what a place of the boat is worth
 FULL = colour("#ff453a")
+TARGET = colour("#ff9ddb")  # one that moves, and the estimate of it
 AGE = (colour("#3a5168"), WHITE)  # of a node's data: fresh, old
 GAUGE = (colour("#35d07f"), colour("#ffb020"), FULL)  # backlog of a node: empty, half, full
 

@@ -67,7 +67,7 @@ class Area(Section):
 
 
 class Mission(Section):
-    step: float = Field(1.0, ge=0.01, le=10, description="mission step, s")
+    step: float = Field(1.0, ge=0.01, le=60, description="mission step, s")
     duration: float = Field(
         1000.0, ge=0.01, le=1e7, description="length of an episode, s; the nearest whole number of steps, at least one"
     )

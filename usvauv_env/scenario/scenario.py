@@ -33,7 +33,7 @@ from usvauv.env.scenario.fields import (
     without_retired,
 )
 from usvauv.env.storage.files import TextFileError, check_plain
-from usvauv.kernels.limits import MOST_EFFICIENT
+from usvauv.kernels.limits import MOST_EFFICIENT, Quantity
 from usvauv.kernels.mission.tasks.task import Task, tasks
 from usvauv.kernels.vehicles.definition import vehicles
 from usvauv.kernels.vehicles.numbers import constants_of
@@ -62,7 +62,9 @@ class Scenario(Section):
     name: str = Field("unnamed", min_length=1, description="name shown in tables and on videos")
     description: str = Field("", description="one sentence on what it stands for")
     task: Annotated[str, one_of(tasks)] = Field(
-        "data-collection", description="data-collection, station-keeping (hold a formation), or a plugin's task"
+        "data-collection",
+        description="data-collection, station-keeping (hold a formation), tracking (follow moving targets),"
+        " tracking-plain (the same by published rules), or a plugin's task",
     )
     area: environment.Area = section("the operating area")
     mission: environment.Mission = section("clock of the mission")
@@ -99,9 +101,17 @@ class Scenario(Section):
         return name
 
     def _problems(self) -> Iterator[str]:
-        for name in self.task_parameters.numbers:
-            if name not in (declared := self.task_definition.declared):
+        declared: tuple[str, ...] = ()
+        numbers: dict[str, Quantity] = {}
+        if given := self.task_parameters.numbers:
+            declared, numbers = self.task_definition.declared, dict(self.task_definition.parameters)
+        for name, value in given.items():
+            if name not in declared:
                 yield (f"task_parameters.{name}: allowed for task {self.task!r}: {', '.join(declared) or 'none'}")
+            elif name in numbers and not numbers[name].low <= value <= numbers[name].high:
+                yield (
+                    f"task_parameters.{name} = {value:g}: must be from {numbers[name].low:g} to {numbers[name].high:g}"
+                )
         if self.auv.separation == "geometry" and self.auv.depth >= self.area.depth:
             yield f"auv.depth = {self.auv.depth:g}: must be below area.depth, {self.area.depth:g} m"
         nodes = self.nodes
@@ -329,8 +339,8 @@ class Scenario(Section):
 
     @property
     def targets(self) -> int:
-        """Number of possible targets: nodes, or stations."""
-        return self.nodes.count if self.task_definition.targets == "nodes" else self.auv.count
+        """Number of possible targets: nodes, stations, or moving targets."""
+        return self.auv.count if self.task_definition.targets == "auvs" else self.nodes.count
 
     @property
     def numbers(self) -> str:
@@ -480,8 +490,12 @@ class Scenario(Section):
         return self.model_dump(mode="json")
 
     def to_toml(self) -> str:
-        """The whole scenario as TOML, each field with its description as a comment."""
-        head, sections = [], []
+        """The whole scenario as TOML, each field with its description as a comment; numbers of the task that have their
+        defaults are comments.
+        """
+        head, sections, task = [], [], {}
+        if self.task != type(self).model_fields["task"].default:  # which has none, and needs no Taichi so
+            task = dict(self.task_definition.parameters)
         for field, info in type(self).model_fields.items():
             value = getattr(self, field)
             if not isinstance(value, Section):
@@ -490,7 +504,12 @@ class Scenario(Section):
             about = type(value).model_fields
             sections += ["", f"[{field}]  # {info.description}"]
             sections += [f"{key} = {as_toml(getattr(value, key))}  # {about[key].description}" for key in about]
-            sections += [f"{key} = {as_toml(extra)}" for key, extra in (value.model_extra or {}).items()]
+            given = value.model_extra or {}
+            meanings = {key: number.meaning for key, number in task.items()} if field == "task_parameters" else {}
+            about_extra = {key: meanings.get(key, "of a plugin, or a weight of the task's reward") for key in given}
+            sections += [f"{key} = {as_toml(extra)}  # {about_extra[key]}" for key, extra in given.items()]
+            unset = {key: number for key, number in task.items() if key in meanings and key not in given}
+            sections += [f"# {key} = {as_toml(number.default)}  # {number.meaning}" for key, number in unset.items()]
         return "\n".join([*head, *sections]) + "\n"
 
 

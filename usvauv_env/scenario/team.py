@@ -487,3 +487,4 @@ class Reference(Section):
     clear_price: Price = Field(0.0, description="best price of time of `clear`, W")
     loiter_price: Price = Field(0.0, description="best price of time of `loiter`, W")
     pass_price: Price = Field(0.0, description="best price of time of `pass`, W")
+    circle_radius: Distance = Field(60.0, description="best radius of `circle` round a moving target, m")

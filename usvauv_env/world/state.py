@@ -13,7 +13,7 @@ from usvauv.env.scenario.fields import ScenarioError
 from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.world.observation_layout import ObservationLayout
 from usvauv.kernels.functions import LANES, Limits
-from usvauv.kernels.mission.worlds import REWARDS, STATE
+from usvauv.kernels.mission.worlds import REWARDS, state_arrays
 
 Numbers = torch.Tensor | np.ndarray | Sequence[Any]  # arguments of `World.step`
 ALIGNMENT = LANES  # numbers
@@ -45,6 +45,9 @@ def array_shapes(scenario: Scenario, num_worlds: int, foresees: bool) -> dict[st
         "foresight": foresees,
         "body": scenario.auv.dynamic,
         "hull": scenario.boat.model == "otter",
+        "task_auv": scenario.task_definition.auv_columns is not None,
+        "task_node": scenario.task_definition.node_columns is not None,
+        "task_pair": scenario.task_definition.pair_columns is not None,
     }
     lengths = {
         "W": num_worlds,
@@ -56,11 +59,14 @@ def array_shapes(scenario: Scenario, num_worlds: int, foresees: bool) -> dict[st
         "O": ObservationLayout.of(scenario).size,
         "R": len(scenario.task_definition.reward_names),
     }
-    shapes = {
-        name: (*(lengths[axis] for axis in array.axes), *([len(array.names)] if array.names else []))
-        for name, array in {**STATE, **REWARDS}.items()
+    arrays = {**state_arrays(scenario.task_definition), **REWARDS}
+    return {
+        name: (
+            *(lengths[axis] if in_use.get(name, True) else 1 for axis in array.axes),
+            *([len(array.names)] if array.names else []),
+        )
+        for name, array in arrays.items()
     }
-    return shapes | {name: (1, 1, shapes[name][-1]) for name, used in in_use.items() if not used}
 
 
 def padded_length(shape: Sequence[int]) -> int:
@@ -126,7 +132,8 @@ def bounds_of(scenario: Scenario) -> dict[str, np.ndarray]:
         "last_boat": scenario.boat.count - 1,
         "last_kind": len(scenario.nodes.arrival_rates) - 1,
     }
-    sides = {name: ([r.low for r in array.ranges], [r.high for r in array.ranges]) for name, array in STATE.items()}
+    arrays = state_arrays(scenario.task_definition)
+    sides = {name: ([r.low for r in array.ranges], [r.high for r in array.ranges]) for name, array in arrays.items()}
     return {
         name: np.array([[numbers.get(b, b) for b in side] for side in both], np.float32)
         for name, both in sides.items()
@@ -135,16 +142,17 @@ def bounds_of(scenario: Scenario) -> dict[str, np.ndarray]:
 
 
 def first_outside(
-    name: str, values: torch.Tensor, bounds: Mapping[str, np.ndarray], columns: Sequence[str] = ()
+    name: str, values: torch.Tensor, scenario: Scenario, columns: Sequence[str] = ()
 ) -> tuple[int, str] | None:
     """World and description of an array's first number (W, ..., columns) outside its column's bounds; None without one.
 
     Args:
-        name: of the array. bounds: from `bounds_of`.
+        name: of the array.
         columns: names of the numbers in an array whose columns have no ranges.
     """
     values = values.detach().double().cpu()
-    array = STATE.get(name)
+    bounds = bounds_of(scenario)
+    array = state_arrays(scenario.task_definition).get(name)
     ranges = array.ranges if array else ()
     if not ranges:
         wrong = ~(values.abs() <= ANYTHING)
@@ -171,9 +179,8 @@ def first_fault(
     arrays: Mapping[str, torch.Tensor], scenario: Scenario, columns: Mapping[str, Sequence[str]]
 ) -> tuple[int, str]:
     """World and description of the first impossible number in arrays; `columns` as in `first_outside`, by array."""
-    bounds = bounds_of(scenario)
     for name, values in arrays.items():
-        if (problem := first_outside(name, values, bounds, columns.get(name, ()))) is not None:
+        if (problem := first_outside(name, values, scenario, columns.get(name, ()))) is not None:
             return problem
     return 0, "its state was not finite"
 
@@ -196,7 +203,6 @@ def checked_state(given: object, own: Mapping[str, torch.Tensor], scenario: Scen
     if given.keys() != own.keys():
         missing, unknown = sorted(own.keys() - given.keys()), sorted(given.keys() - own.keys(), key=str)
         refuse(f"{missing[0]} is missing" if missing else f"{unknown[0]} is unknown")
-    bounds = bounds_of(scenario)
     for name, mine in own.items():
         value = given[name]
         if not _has_numbers(value):
@@ -214,7 +220,7 @@ def checked_state(given: object, own: Mapping[str, torch.Tensor], scenario: Scen
             if wrong.any():
                 kind = "" if name == "sea_clock" else "a whole number "
                 refuse(f"{name} has {float(value[wrong][0]):g}: must be {kind}from {least} to {LATEST}")
-        elif (problem := first_outside(name, value, bounds)) is not None:
+        elif (problem := first_outside(name, value, scenario)) is not None:
             refuse(f"world {problem[0]}: {problem[1]}")
     return {name: given[name].detach() for name in own}
 

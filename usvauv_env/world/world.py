@@ -141,6 +141,9 @@ class World:
     exchange: torch.Tensor
     foresight: torch.Tensor
     belief: torch.Tensor
+    task_auv: torch.Tensor
+    task_node: torch.Tensor
+    task_pair: torch.Tensor
     observation: torch.Tensor
     reward: torch.Tensor
     reward_terms: torch.Tensor

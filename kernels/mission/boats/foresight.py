@@ -57,10 +57,18 @@ def works_within(worlds: ti.template()) -> ti.f32:
 
 
 @func
+def place_of_node(worlds: ti.template(), w, i) -> vec2:
+    """Where boats take node i to be, m."""
+    place = vec2(worlds.node.x[w, i], worlds.node.y[w, i])
+    if ti.static(worlds.program.task.known_place):
+        place = worlds.program.task.known_place(worlds, w, i)
+    return place
+
+
+@func
 def approached(worlds: ti.template(), w, way: PredictedAuv, time) -> vec2:
     """Position of an AUV that has gone straight towards its node for some time (s), at most to it, m."""
-    node = ti.static(worlds.node)
-    ahead = vec2(node.x[w, way.node], node.y[w, way.node]) - way.place
+    ahead = place_of_node(worlds, w, way.node) - way.place
     distance = ahead.norm()
     return way.place + ti.min(way.speed * time / ti.max(distance, 1e-6), 1.0) * ahead
 
@@ -69,7 +77,6 @@ def approached(worlds: ti.template(), w, way: PredictedAuv, time) -> vec2:
 def advanced(worlds: ti.template(), w, way: PredictedAuv, time, lost: ti.i32) -> PredictedAuv:
     """An AUV's state after some time (s); one that is lost goes no farther than to its target."""
     p = ti.static(worlds.p)
-    node = ti.static(worlds.node)
     left = time
     for _ in range(8):
         if left <= 0.0:
@@ -83,7 +90,7 @@ def advanced(worlds: ti.template(), w, way: PredictedAuv, time, lost: ti.i32) ->
             if way.hovers <= 0.0:
                 way.node = worlds.program.target_rule.foreseen(worlds, w, way.node)
         else:
-            there = vec2(node.x[w, way.node], node.y[w, way.node])
+            there = place_of_node(worlds, w, way.node)
             ahead = there - way.place
             distance = ahead.norm()
             to_go = distance
@@ -109,8 +116,7 @@ def advanced(worlds: ti.template(), w, way: PredictedAuv, time, lost: ti.i32) ->
 @func
 def may_arrive(worlds: ti.template(), w, way: PredictedAuv, time):
     """Whether an AUV may come to a node within some time, s; at most by one in a hundred farther than it gets."""
-    node = ti.static(worlds.node)
-    away = vec2(node.x[w, way.node], node.y[w, way.node]) - way.place
+    away = place_of_node(worlds, w, way.node) - way.place
     farthest = worlds.p.hover_radius + 1.01 * ti.max(way.speed, SLOWEST) * time
     return way.hovers <= time and away.norm_sqr() <= farthest * farthest
 

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
+from usvauv.kernels.columns import Columns
+from usvauv.kernels.limits import Quantity
 from usvauv.kernels.registry import Registry
 
 Function = Callable[..., Any]  # a Taichi function
@@ -41,11 +43,18 @@ class Task:
         update: (worlds, w), what happens to the nodes in a step.
         finish: (worlds, w), after the rewards: complete services, give new targets.
         reward_terms: terms of the reward, in the order of their columns.
-        targets: number of nodes: "nodes" for `nodes.count`, "auvs" for one an AUV.
-        parameters: names and defaults of the task's own numbers, `worlds.task_parameters` in this order; the scenario
-            may set them in `task_parameters`.
+        targets: what AUVs head for: "nodes", `nodes.count` of them, chosen by the target rule; "auvs" for one place an
+            AUV; "moving" for `nodes.count` nodes that move, so that a trace has their way.
+        parameters: the task's own numbers by name, which a scenario may set in `task_parameters`; in functions
+            `worlds.task_parameters.name`.
         observation: names of observation terms that the task adds, see `usvauv.kernels.mission.observation`.
         heuristic: name of the heuristic that is taken where no policy is named, and that a learned one has to beat.
+        auv_columns, node_columns, pair_columns: columns of the task's own memory of each AUV, `worlds.task_auv[w, k]`,
+            of each node, `worlds.task_node[w, i]`, and of each AUV and node, `worlds.task_pair[w, k, i]`; None for no
+            such memory. They are part of the worlds' state, and zero before the first episode.
+        way: (worlds, w, k) → vec2, what AUV k takes the way to its target to be, m, which its observation has; None:
+            from where it takes itself to be to the node.
+        known_place: (worlds, w, i) → vec2, where boats take node i to be, m; None: where it is.
     """
 
     place: Annotated[Function, "worlds, w"]
@@ -54,10 +63,15 @@ class Task:
     update: Annotated[Function, "worlds, w"]
     finish: Annotated[Function, "worlds, w"]
     reward_terms: tuple[RewardTerm, ...]
-    targets: Literal["nodes", "auvs"] = "nodes"
-    parameters: tuple[tuple[str, float], ...] = ()
+    targets: Literal["nodes", "auvs", "moving"] = "nodes"
+    parameters: tuple[tuple[str, Quantity], ...] = ()
     observation: tuple[str, ...] = ()
     heuristic: str = "clear"
+    auv_columns: type[Columns] | None = None
+    node_columns: type[Columns] | None = None
+    pair_columns: type[Columns] | None = None
+    way: Annotated[Function, "worlds, w, k"] | None = None
+    known_place: Annotated[Function, "worlds, w, i"] | None = None
 
     @property
     def declared(self) -> tuple[str, ...]:
@@ -74,5 +88,10 @@ HERE = "usvauv.kernels.mission.tasks"
 tasks: Registry[Task] = Registry(
     "task",
     form=Task,
-    shipped={"data-collection": f"{HERE}.data_collection", "station-keeping": f"{HERE}.station_keeping"},
+    shipped={
+        "data-collection": f"{HERE}.data_collection",
+        "station-keeping": f"{HERE}.station_keeping",
+        "tracking": f"{HERE}.tracking",
+        "tracking-plain": f"{HERE}.tracking_plain",
+    },
 )

@@ -7,7 +7,8 @@ Registries, and the class of their items:
   `velocity_of_water`
 """
 
-from usvauv.kernels.vehicles.definition import Quantity, Vehicle, vehicles
+from usvauv.kernels.limits import Quantity
+from usvauv.kernels.vehicles.definition import Vehicle, vehicles
 from usvauv.kernels.vehicles.kinematics import velocity_of_water
 from usvauv.kernels.vehicles.vehicle import (
     LANES,

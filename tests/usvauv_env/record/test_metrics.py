@@ -95,7 +95,7 @@ def by_loops(trace: Trace, w: int) -> dict[str, float]:
         "spent": sum(float(trace.auv_charge[-1, w, k]) == 0 for k in range(AUVS)),
         "spent_first": min(float(trace.time[t]) for t, k in every if trace.auv_charge[t, w, k] == 0),
         "target_distance": statistics.fmean(
-            math.dist(trace.node_position[w, trace.target[t, w, k]], trace.auv_position[t, w, k]) for t, k in every
+            math.dist(trace.node_places[t, w, trace.target[t, w, k]], trace.auv_position[t, w, k]) for t, k in every
         ),
         **{name: sum(int(trace.__dict__[f][t, w]) for t in range(STEPS)) for name, f in
            (("overflow", "overflowing"), ("collisions", "collisions"))},

@@ -1,0 +1,159 @@
+"""Errors of tracked targets by rule and setting, beside published ones, and what not knowing one's place costs.
+
+    python -m benchmarks.studies.tracking
+
+First `tracking-plain`, by team and setting of the published environment: the error of the estimates of the AUV with the
+smallest range, after the first 20 steps, its median and its mean over worlds, targets and steps, the latter with the
+95 % interval over worlds, and NEES/2, which is 1 where filters are consistent. `published` has median and mean of that
+environment's particle filter with its AUVs on a circle of 60 m, measured in it.
+
+Then `tracking`: the same by the boat's strategy, and with places known exactly; differences from `belief` are paired.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+
+import numpy as np
+
+from benchmarks.machine import command_line, describe, parse, show
+from usvauv import policies
+from usvauv.env import Scenario, World
+from usvauv.env.record.metrics import own_error
+from usvauv.env.record.recorder import record
+from usvauv.env.record.trace import Trace
+from usvauv.env.record.tracking_metrics import nees, settled, track_error
+
+SETTINGS = {  # share of the AUVs' speed, and time between turns, s: 5 to 14 steps, or 2 to 9
+    "easy": ((0.0, 0.35), (120.0, 420.0)),
+    "medium": ((0.15, 0.5), (30.0, 270.0)),
+    "hard": ((0.5, 0.7), (120.0, 420.0)),
+    "expert": ((0.83, 0.86), (120.0, 420.0)),
+}
+TEAMS = (1, 3, 5)
+RULES = ("straight", "circle", "greedy-information")
+SPEED = 0.986  # m/s, of the AUVs
+PUBLISHED = {
+    (1, "easy"): "10.8 (13.4)",
+    (1, "medium"): "13.0 (16.3)",
+    (1, "hard"): "20.9 (29.4)",
+    (1, "expert"): "51.9",
+    (3, "easy"): "9.4 (10.9)",
+    (3, "medium"): "11.1 (12.6)",
+    (3, "hard"): "22.0 (32.0)",
+    (3, "expert"): "58.1",
+}
+PLACES = {
+    "belief": ("belief", ()),
+    "fim": ("fim", ()),
+    "hold": ("hold:500,500", ()),
+    "places known": ("belief", ("task_parameters.places_known=1",)),
+}
+NORMAL = 1.96
+
+
+def setting(name: str, team: int) -> Scenario:
+    """`tracking-plain` with a team of AUVs, as many targets, and the targets of a setting."""
+    (slowest, fastest), (soonest, latest) = SETTINGS[name]
+    numbers = {
+        "target_speed_least": slowest * SPEED,
+        "target_speed_most": fastest * SPEED,
+        "turn_after_least": soonest,
+        "turn_after_most": latest,
+    }
+    changes = [f"task_parameters.{key}={value:.4g}" for key, value in numbers.items()]
+    return Scenario.load("tracking-plain", [f"auv.count={team}", f"nodes.count={team}", *changes])
+
+
+def run(scenario: Scenario, rule: str, worlds: int, seed: int, usv: str | None = None) -> Trace:
+    """A trace of worlds."""
+    world = World(scenario, worlds, seed, usv)
+    return record(world, policies.load(rule, world).act, rule)
+
+
+def by_world(values: np.ndarray) -> np.ndarray:
+    """Means (W,) of values (T, W, M) that may be missing."""
+    return np.nanmean(np.moveaxis(values, 1, 0).reshape(values.shape[1], -1), axis=1)
+
+
+def interval(values: np.ndarray, digits: int = 1) -> str:
+    """Mean of values (W,) and half of its 95 % interval."""
+    return f"{values.mean():.{digits}f} ± {NORMAL * values.std(ddof=1) / np.sqrt(len(values)):.{digits}f}"
+
+
+def figures(trace: Trace) -> dict[str, object]:
+    """Errors of a trace."""
+    error = track_error(trace)[settled(trace)]
+    consistency = by_world(nees(trace)[settled(trace)]) / 2
+    return {
+        "median, m": float(f"{np.median(error):.1f}"),
+        "mean, m": interval(by_world(error)),
+        "95 %, m": float(f"{np.quantile(error, 0.95):.1f}"),
+        "NEES/2": interval(consistency, 2),
+    }
+
+
+def plain(worlds: int, seed: int) -> list[dict[str, object]]:
+    """Rows of all teams, settings and rules."""
+    return [
+        {"team": f"{team} on {team}", "setting": name, "rule": rule}
+        | figures(run(setting(name, team), rule, worlds, seed))
+        | {"published": PUBLISHED.get((team, name), "") if rule == "circle" else ""}
+        for team in TEAMS
+        for name in SETTINGS
+        for rule in RULES
+    ]
+
+
+def places(worlds: int, seed: int) -> list[dict[str, object]]:
+    """Rows of what the AUVs know of their places."""
+    traces = {
+        row: run(Scenario.load("tracking", changes), "circle", worlds, seed, usv)
+        for row, (usv, changes) in PLACES.items()
+    }
+    first = by_world(track_error(traces["belief"])[settled(traces["belief"])])
+    return [
+        {"boat": row}
+        | figures(trace)
+        | {
+            "from belief, m": interval(by_world(track_error(trace)[settled(trace)]) - first),
+            "own error, m rms": float(f"{np.sqrt(np.square(own_error(trace)).mean()):.1f}"),
+        }
+        for row, trace in traces.items()
+    ]
+
+
+def rates(teams: Sequence[int], worlds: int) -> list[dict[str, object]]:
+    """Steps of all worlds in a processor second, by team."""
+    rows = []
+    for team in teams:
+        world = World(setting("hard", team), worlds, 0)
+        policy, observation = policies.load("circle", world), world.reset()
+        for _ in range(10):
+            observation = world.step(policy.act(observation)).observation
+        action, start = policy.act(observation), time.process_time()
+        for _ in range(10):
+            world.step(action)
+        rows.append({"team": f"{team} on {team}", "steps/s": round(10 * worlds / (time.process_time() - start))})
+    return rows
+
+
+def main() -> None:
+    parser = command_line(__doc__)
+    parser.add_argument("--episodes", type=int, default=200, help="worlds of each row")
+    parser.add_argument("--seed", type=int, default=2026)
+    arguments = parse(parser)
+    result = {
+        "machine": describe(),
+        "episodes": arguments.episodes,
+        "seed": arguments.seed,
+        "tracking-plain": plain(arguments.episodes, arguments.seed),
+        "tracking": places(max(2, arguments.episodes // 4), arguments.seed),
+        "steps of all worlds in a second of a processor, hard": rates(TEAMS, max(64, 4 * arguments.episodes)),
+    }
+    show(result, arguments.json)
+
+
+if __name__ == "__main__":
+    main()

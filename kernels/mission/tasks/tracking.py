@@ -1,0 +1,476 @@
+"""The task of tracking: AUVs follow moving targets by the sound these send, not knowing exactly where they are either.
+
+**Targets** carry a transmitter. Each moves at a constant speed on a course that changes by a random walk and, at random
+times, by a turn. It may drift with the water at the AUVs' cruise depth, and turn away from an AUV that comes near.
+
+**Ranges.** Every `interval` seconds each AUV within `range_most` measures its slant range r to each target with a
+normal error of the deviation σ, unless the signal is lost. Depths are known: the horizontal range √(r² − h²) has the
+variance r² σ²/(r² − h² + r σ), which near r = h stays that of √(r σ). Each AUV sends its ranges and its own position,
+with the covariance of that, to the others within `message_range`; each of them receives the message or not.
+
+**Estimates.** Each AUV has a filter of each target, `usvauv.kernels.tracking`, updated by the ranges it has, each from
+where the AUV that measured it takes itself to be. The uncertainty of that place counts as noise of the range; but
+errors of dead reckoning last from one range to the next. Where targets drift, the filter's velocity is that through
+the water, which is taken to flow as at the AUV, with a random walk for what differs. The team's estimate of a target is
+that of the AUV whose range, measured last, is the smallest.
+
+**Assignment.** AUV by AUV, each follows the target with the fewest followers, and of those the nearest by its own
+estimate; it changes only for one nearer by `HYSTERESIS`.
+"""
+
+from typing import Annotated
+
+import taichi as ti
+
+from usvauv.kernels.flow import current
+from usvauv.kernels.functions import func
+from usvauv.kernels.limits import Quantity
+from usvauv.kernels.mission.columns import (
+    Amount,
+    AuvOrNone,
+    Binary,
+    Covariance,
+    Draw,
+    Duration,
+    Position,
+    Range,
+    StateColumns,
+    Turn,
+)
+from usvauv.kernels.mission.motion import own_covariance, own_position, target_of, travel
+from usvauv.kernels.mission.observation import ObservationTerm, observation_terms
+from usvauv.kernels.mission.tasks import rewards
+from usvauv.kernels.mission.tasks.task import RewardTerm, Task, tasks
+from usvauv.kernels.mission.worlds import normals, uniforms
+from usvauv.kernels.tracking import range_filter
+from usvauv.kernels.tracking.hypotheses import BOUNDS, CAPACITY, FilterColumn, HypothesisColumn
+from usvauv.kernels.trigonometry import TWO_PI
+from usvauv.kernels.types import Level, vec2, vec3
+
+HYSTERESIS = 30.0  # m
+COVERED = 150.0  # m, from an AUV to a target that is covered
+PRECISE, USELESS = 10.0, 50.0  # m, errors between which the reward falls from 1 to 0
+NEVER = 1e8  # s
+PLACINGS = 64  # attempts to place a target apart from the others
+SPREAD = 100.0  # m, unit of an estimate's deviation in an observation
+FOLLOWERS = 1e5  # m, that a follower of a target counts for another one
+
+PARAMETERS = (
+    ("target_speed_least", Quantity(0.3, 0.0, 5.0, "a target's speed is uniform from this, m/s")),
+    ("target_speed_most", Quantity(0.6, 0.0, 5.0, "to this")),
+    ("turn_after_least", Quantity(120.0, 0.0, 1e6, "time between two turns is uniform from this, s")),
+    ("turn_after_most", Quantity(420.0, 0.0, 1e6, "to this; 0: none")),
+    ("turn_least", Quantity(0.6, 0.0, 3.2, "a turn to either side is uniform from this, rad")),
+    ("turn_most", Quantity(1.5, 0.0, 3.2, "to this")),
+    ("course_walk", Quantity(0.004, 0.0, 1.0, "random walk of a course, rad/√s")),
+    ("drifts", Quantity(1.0, 0.0, 1.0, "1: targets drift with the water, and filters with that at their AUV")),
+    ("drift_walk", Quantity(0.01, 0.0, 1.0, "random walk of a target's velocity by other water there, m/s/√s")),
+    ("evade_range", Quantity(0.0, 0.0, 1e4, "distance at which a target turns away from an AUV, m")),
+    ("depth_least", Quantity(5.0, 0.0, 1e4, "a target's depth, known, is uniform from this, m")),
+    ("depth_most", Quantity(20.0, 0.0, 1e4, "to this")),
+    ("interval", Quantity(10.0, 0.01, 1e4, "time from one range to the next, s")),
+    ("range_noise", Quantity(2.0, 0.01, 1e3, "standard deviation of a slant range, m")),
+    ("range_loss", Quantity(0.1, 0.0, 1.0, "share of ranges that are lost")),
+    ("range_most", Quantity(450.0, 1.0, 1e5, "largest slant range that is measured, m")),
+    ("message_loss", Quantity(0.1, 0.0, 1.0, "share of messages between two AUVs that are lost")),
+    ("message_range", Quantity(1500.0, 0.0, 1e5, "distance up to which AUVs receive one another, m")),
+    ("places_known", Quantity(0.0, 0.0, 1.0, "1: AUVs know exactly where they are")),
+    ("settling", Quantity(600.0, 0.0, 1e6, "time at the start that figures of merit leave out, s")),
+)
+
+
+class TargetColumn(StateColumns):
+    """A target, and the team's estimate of it, (W, M, ·)."""
+
+    course: Turn  # rad anticlockwise from east
+    speed: Annotated[int, Range(0.0, 5.0)]  # through the water, m/s
+    depth: Annotated[int, Range(0.0, 1e4)]  # m
+    turn_at: Duration  # time of its next turn, s
+    known: Binary  # 1 once there is a range of it
+    by: AuvOrNone  # the AUV whose estimate is the team's
+    estimate_x: Position  # m
+    estimate_y: Position
+    covariance_xx: Covariance  # m²
+    covariance_xy: Covariance
+    covariance_yy: Covariance
+    error: Amount  # of the team's estimate, horizontal, m
+    distance: Amount  # to the nearest AUV, horizontal, m
+
+
+HYPOTHESES = tuple(f"{name}_{h}" for name in HypothesisColumn.names for h in range(CAPACITY))
+
+
+class PairColumn(StateColumns):
+    """An AUV's filter of a target, and the slant range measured in this step, 0 for none, m, (W, K, M, ·)."""
+
+    __annotations__ = {
+        name: Annotated[int, Range(*bounds)]
+        for name, bounds in zip((*FilterColumn.names, *HYPOTHESES), BOUNDS, strict=True)
+    } | {"measured": Amount}
+
+
+@func
+def place_target(worlds: ti.template(), w, i):
+    """Put target i at a random place apart from the AUVs and the targets before it, on a random course."""
+    p, given = ti.static(worlds.p, worlds.task_parameters)
+    node, target = ti.static(worlds.node, worlds.task_node)
+    searching, attempt = True, 0
+    while searching:
+        u = uniforms(worlds, w, Draw.node, PLACINGS * i + attempt)
+        node.x[w, i] = p.node_margin + u[0] * (p.width - 2 * p.node_margin)
+        node.y[w, i] = p.node_margin + u[1] * (p.length - 2 * p.node_margin)
+        here = vec2(node.x[w, i], node.y[w, i])
+        attempt += 1
+        searching = attempt < PLACINGS and nearest(worlds, w, here, i) < p.start_separation
+    u = uniforms(worlds, w, Draw.target, i)
+    for c in ti.static(range(len(TargetColumn.names))):
+        target[w, i, c] = 0.0
+    target.course[w, i] = TWO_PI * (u[0] - 0.5)
+    target.speed[w, i] = given.target_speed_least + u[1] * (given.target_speed_most - given.target_speed_least)
+    target.depth[w, i] = given.depth_least + u[2] * (given.depth_most - given.depth_least)
+    target.turn_at[w, i] = time_of_turn(worlds, 0.0, u[3])
+    target.by[w, i] = -1.0
+    first = i % worlds.auv.shape[1]  # the AUV that is to follow it
+    target.estimate_x[w, i] = worlds.auv.x[w, first]
+    target.estimate_y[w, i] = worlds.auv.y[w, first]
+
+
+@func
+def nearest(worlds: ti.template(), w, here: vec2, targets):
+    """Distance from a place to the nearest AUV or target before number `targets`, m."""
+    least = worlds.p.diagonal
+    for k in range(worlds.auv.shape[1]):
+        least = ti.min(least, (vec2(worlds.auv.x[w, k], worlds.auv.y[w, k]) - here).norm())
+    for i in range(targets):
+        least = ti.min(least, (vec2(worlds.node.x[w, i], worlds.node.y[w, i]) - here).norm())
+    return least
+
+
+@func
+def time_of_turn(worlds: ti.template(), now, u):
+    """Time of the turn after `now`, s, by a number u in (0, 1)."""
+    given = ti.static(worlds.task_parameters)
+    found = NEVER
+    if given.turn_after_most > 0.0:
+        found = now + given.turn_after_least + u * (given.turn_after_most - given.turn_after_least)
+    return found
+
+
+@func
+def place(worlds: ti.template(), w):
+    """Nodes have no data. Targets are placed with the first AUV's assignment, apart from AUVs that are in place."""
+    for i in range(worlds.node.shape[1]):
+        for c in range(worlds.node.shape[2]):
+            worlds.node[w, i, c] = 0.0
+
+
+@func
+def assign(worlds: ti.template(), w, k):
+    """Place the targets with AUV 0; nothing is known of them yet. AUV k begins with the target of its number."""
+    if k == 0:
+        for i in range(worlds.node.shape[1]):
+            place_target(worlds, w, i)
+    worlds.auv.target[w, k] = ti.cast(k % worlds.node.shape[1], ti.f32)
+    for i in range(worlds.node.shape[1]):
+        range_filter.begin(worlds.task_pair, w, k, i)
+        worlds.task_pair.measured[w, k, i] = 0.0
+
+
+@func
+def move(worlds: ti.template(), w, k, a0, a1):
+    """One step of AUV k."""
+    travel(worlds, w, k, a0, a1)
+    worlds.auv.closed[w, k] = 0.0
+
+
+@func
+def wrapped(angle):
+    """An angle within ±π."""
+    return angle - TWO_PI * ti.floor(angle / TWO_PI + 0.5)
+
+
+@func
+def move_target(worlds: ti.template(), w, i):
+    """One step of target i; at the border it turns back inside."""
+    p, given = ti.static(worlds.p, worlds.task_parameters)
+    node, target = ti.static(worlds.node, worlds.task_node)
+    here = vec2(node.x[w, i], node.y[w, i])
+    now = p.step * worlds.clock[w, 1]
+    noise, u = normals(worlds, w, Draw.target, i), uniforms(worlds, w, Draw.turn, i)
+    course = target.course[w, i] + given.course_walk * ti.sqrt(p.step) * noise[0]
+    if now >= target.turn_at[w, i]:
+        turn = given.turn_least + u[0] * (given.turn_most - given.turn_least)
+        course += ti.select(u[1] < 0.5, turn, -turn)
+        target.turn_at[w, i] = time_of_turn(worlds, now, u[2])
+    for k in range(worlds.auv.shape[1]):
+        away = here - vec2(worlds.auv.x[w, k], worlds.auv.y[w, k])
+        if away.norm() < given.evade_range and away.norm() > 0.0:
+            course = ti.atan2(away[1], away[0])
+    velocity = target.speed[w, i] * vec2(ti.cos(course), ti.sin(course))
+    if given.drifts > 0.0:
+        velocity += current.velocity(worlds.water, Level.cruise, w, here[0], here[1])
+    there = here + p.step * velocity
+    inside = vec2(ti.min(ti.max(there[0], 0.0), p.width), ti.min(ti.max(there[1], 0.0), p.length))
+    if inside[0] != there[0] or inside[1] != there[1]:
+        course = ti.atan2(0.5 * p.length - here[1], 0.5 * p.width - here[0])
+    node.x[w, i] = inside[0]
+    node.y[w, i] = inside[1]
+    target.course[w, i] = wrapped(course)
+
+
+@func
+def believed_place(worlds: ti.template(), w, k) -> vec2:
+    """Where AUV k takes itself to be, m."""
+    here = own_position(worlds, w, k)
+    if worlds.task_parameters.places_known > 0.0:
+        here = vec2(worlds.auv.x[w, k], worlds.auv.y[w, k])
+    return here
+
+
+@func
+def place_covariance(worlds: ti.template(), w, k) -> vec3:
+    """Covariance (xx, xy, yy) of that, m²."""
+    found = own_covariance(worlds, w, k)
+    if worlds.task_parameters.places_known > 0.0:
+        found = vec3(0.0)
+    return found
+
+
+@func
+def height_over(worlds: ti.template(), w, k, i):
+    """Height of AUV k over target i, m."""
+    return worlds.task_node.depth[w, i] - worlds.p.cruise - worlds.auv.depth_error[w, k]
+
+
+@func
+def measure(worlds: ti.template(), w, k, i):
+    """The slant range from AUV k to target i, if it is measured in this step."""
+    given = ti.static(worlds.task_parameters)
+    away = vec2(worlds.node.x[w, i] - worlds.auv.x[w, k], worlds.node.y[w, i] - worlds.auv.y[w, k])
+    slant = vec2(away.norm(), height_over(worlds, w, k, i)).norm()
+    index = k * worlds.node.shape[1] + i
+    u = uniforms(worlds, w, Draw.range_loss, index)
+    measured = 0.0
+    if slant <= given.range_most and u[0] >= given.range_loss:
+        measured = ti.max(slant + given.range_noise * normals(worlds, w, Draw.range, index)[0], 1e-3)
+    worlds.task_pair.measured[w, k, i] = measured
+
+
+@func
+def receives(worlds: ti.template(), w, k, j) -> bool:
+    """Whether AUV k has the ranges that AUV j has measured in this step."""
+    given = ti.static(worlds.task_parameters)
+    away = vec2(worlds.auv.x[w, j] - worlds.auv.x[w, k], worlds.auv.y[w, j] - worlds.auv.y[w, k])
+    u = uniforms(worlds, w, Draw.message, k * worlds.auv.shape[1] + j)
+    return k == j or (away.norm() <= given.message_range and u[0] >= given.message_loss)
+
+
+@func
+def use_ranges(worlds: ti.template(), w, k):
+    """Update the filters of AUV k by its own ranges and those it has received."""
+    sigma = worlds.task_parameters.range_noise
+    for j in range(worlds.auv.shape[1]):
+        if receives(worlds, w, k, j):
+            here, covariance = believed_place(worlds, w, j), place_covariance(worlds, w, j)
+            for i in range(worlds.node.shape[1]):
+                r = worlds.task_pair.measured[w, j, i]
+                if r > 0.0:
+                    h = height_over(worlds, w, j, i)
+                    square = ti.max(r * r - h * h, 0.0)
+                    variance = r * r * sigma * sigma / (square + r * sigma)
+                    range_filter.observe_range(worlds.task_pair, w, k, i, here, covariance, ti.sqrt(square), variance)
+
+
+@func
+def share_estimate(worlds: ti.template(), w, i):
+    """The team's estimate of target i: of the AUV with the smallest range in this step, else of the last one."""
+    target, pair = ti.static(worlds.task_node, worlds.task_pair)
+    least = 1e9
+    for k in range(worlds.auv.shape[1]):
+        r = pair.measured[w, k, i]
+        if r > 0.0 and r < least:
+            least = r
+            target.by[w, i] = ti.cast(k, ti.f32)
+            target.known[w, i] = 1.0
+    k = ti.max(ti.cast(target.by[w, i], ti.i32), 0)
+    x, y = pair.x[w, k, i], pair.y[w, k, i]
+    if target.known[w, i] == 0.0:
+        here = believed_place(worlds, w, k)
+        x, y = here[0], here[1]
+    target.estimate_x[w, i] = x
+    target.estimate_y[w, i] = y
+    target.covariance_xx[w, i] = pair.xx[w, k, i]
+    target.covariance_xy[w, i] = pair.xy[w, k, i]
+    target.covariance_yy[w, i] = pair.yy[w, k, i]
+    here = vec2(worlds.node.x[w, i], worlds.node.y[w, i])
+    target.error[w, i] = (vec2(x, y) - here).norm()
+    target.distance[w, i] = nearest(worlds, w, here, 0)
+
+
+@func
+def assumed(worlds: ti.template()):
+    """What filters assume of a target: what is true, but for evasion."""
+    p, given = ti.static(worlds.p, worlds.task_parameters)
+    least, greatest = NEVER, NEVER
+    if given.turn_after_most > 0.0:
+        least, greatest = ti.ceil(given.turn_after_least / p.step), ti.ceil(given.turn_after_most / p.step)
+    walk = vec2(given.target_speed_most * given.course_walk, given.drifts * given.drift_walk)
+    return range_filter.Motion(
+        step=p.step,
+        slowest=given.target_speed_least,
+        fastest=given.target_speed_most,
+        least_interval=least,
+        greatest_interval=greatest,
+        least_turn=given.turn_least,
+        greatest_turn=ti.max(given.turn_most, given.turn_least + 1e-3),
+        walk=walk.norm() * ti.sqrt(p.step),
+    )
+
+
+@func
+def update(worlds: ti.template(), w):
+    """Move the targets; every `interval` seconds measure them and update the filters."""
+    p, given = ti.static(worlds.p, worlds.task_parameters)
+    now, num_targets = p.step * worlds.clock[w, 1], worlds.node.shape[1]
+    due = ti.floor(now / given.interval + 1e-4) > ti.floor((now - p.step) / given.interval + 1e-4)
+    for i in range(num_targets):
+        move_target(worlds, w, i)
+    for k in range(worlds.auv.shape[1]):
+        for i in range(num_targets):
+            worlds.task_pair.measured[w, k, i] = 0.0
+            if due:
+                measure(worlds, w, k, i)
+    for k in range(worlds.auv.shape[1]):
+        for i in range(num_targets):
+            range_filter.predict(worlds.task_pair, w, k, i, assumed(worlds))
+            if given.drifts > 0.0:
+                water = vec2(worlds.auv.current_x[w, k], worlds.auv.current_y[w, k])
+                range_filter.carry(worlds.task_pair, w, k, i, p.step * water)
+        if due:
+            use_ranges(worlds, w, k)
+        for i in range(num_targets):
+            range_filter.finish(worlds.task_pair, w, k, i)
+    for i in range(num_targets):
+        share_estimate(worlds, w, i)
+
+
+@func
+def finish(worlds: ti.template(), w):
+    """Assign targets to the AUVs anew."""
+    pair = ti.static(worlds.task_pair)
+    for k in range(worlds.auv.shape[1]):
+        here, best, least = believed_place(worlds, w, k), target_of(worlds, w, k), 1e9
+        for i in range(worlds.node.shape[1]):
+            cost = 0.0
+            if pair.known[w, k, i] > 0.0:
+                cost = (vec2(pair.x[w, k, i], pair.y[w, k, i]) - here).norm()
+            if i != target_of(worlds, w, k):
+                cost += HYSTERESIS
+            for j in range(k):
+                if target_of(worlds, w, j) == i:
+                    cost += FOLLOWERS
+            if cost < least:
+                least = cost
+                best = i
+        worlds.auv.target[w, k] = ti.cast(best, ti.f32)
+
+
+@func
+def way(worlds: ti.template(), w, k) -> vec2:
+    """What AUV k takes the way to its target to be, m; none while it knows nothing of it."""
+    pair = ti.static(worlds.task_pair)
+    i = target_of(worlds, w, k)
+    found = vec2(0.0)
+    if pair.known[w, k, i] > 0.0:
+        found = vec2(pair.x[w, k, i], pair.y[w, k, i]) - believed_place(worlds, w, k)
+    return found
+
+
+@func
+def known_place(worlds: ti.template(), w, i) -> vec2:
+    """Where the team takes target i to be, m."""
+    return vec2(worlds.task_node.estimate_x[w, i], worlds.task_node.estimate_y[w, i])
+
+
+@func
+def observe_track(worlds: ti.template(), w, k, first):
+    """What AUV k's filter says of its target, and how AUV k moves: see `_said`."""
+    pair = ti.static(worlds.task_pair)
+    i = target_of(worlds, w, k)
+    sight, seen = vec2(1.0, 0.0), way(worlds, w, k)
+    if seen.norm() > 1e-3:
+        sight = seen.normalized()
+    xx, xy, yy = pair.xx[w, k, i], pair.xy[w, k, i], pair.yy[w, k, i]
+    along = xx * sight[0] * sight[0] + 2.0 * xy * sight[0] * sight[1] + yy * sight[1] * sight[1]
+    across = xx * sight[1] * sight[1] - 2.0 * xy * sight[0] * sight[1] + yy * sight[0] * sight[0]
+    both = (yy - xx) * sight[0] * sight[1] + xy * (sight[0] * sight[0] - sight[1] * sight[1])
+    along, across = ti.max(along, 1e-6), ti.max(across, 1e-6)
+    worlds.observation[w, k, first] = pair.vx[w, k, i]
+    worlds.observation[w, k, first + 1] = pair.vy[w, k, i]
+    worlds.observation[w, k, first + 2] = worlds.auv.velocity_x[w, k]
+    worlds.observation[w, k, first + 3] = worlds.auv.velocity_y[w, k]
+    worlds.observation[w, k, first + 4] = ti.sqrt(along) / SPREAD
+    worlds.observation[w, k, first + 5] = ti.sqrt(across) / SPREAD
+    worlds.observation[w, k, first + 6] = both / ti.sqrt(along * across)
+
+
+@func
+def tracked(worlds: ti.template(), w, k, weight):
+    """Mean over targets of e^{−2t/(1−t)}, t the share of the way of the team's error from `PRECISE` to `USELESS`."""
+    total, count = 0.0, worlds.node.shape[1]
+    for i in range(count):
+        t = ti.max((worlds.task_node.error[w, i] - PRECISE) / (USELESS - PRECISE), 0.0)
+        if t < 1.0:
+            total += ti.exp(-2.0 * t / (1.0 - t))
+    return weight * total / count
+
+
+@func
+def covered(worlds: ti.template(), w, k, weight):
+    """Share of the targets within `COVERED` of an AUV."""
+    total, count = 0.0, worlds.node.shape[1]
+    for i in range(count):
+        if worlds.task_node.distance[w, i] <= COVERED:
+            total += 1.0
+    return weight * total / count
+
+
+@func
+def collision(worlds: ti.template(), w, k, weight):
+    """1 where two AUVs are closer than the collision distance."""
+    return weight * ti.min(worlds.tally.collisions[w], 1.0)
+
+
+REWARD_TERMS = (
+    RewardTerm("tracked", tracked, 1.0),
+    RewardTerm("covered", covered, 1.0),
+    RewardTerm("collision", collision, -1.0),
+    RewardTerm("border", rewards.border, None),
+    RewardTerm("proximity", rewards.proximity, None),
+    RewardTerm("power", rewards.power, None),
+)
+TRACKING = Task(
+    place=place,
+    assign=assign,
+    move=move,
+    update=update,
+    finish=finish,
+    reward_terms=REWARD_TERMS,
+    targets="moving",
+    parameters=PARAMETERS,
+    observation=("track",),
+    heuristic="circle",
+    node_columns=TargetColumn,
+    pair_columns=PairColumn,
+    way=way,
+    known_place=known_place,
+)
+tasks.register("tracking", TRACKING)
+_said = [
+    *(f"velocity of the target by the AUV's filter, {axis}, m/s" for axis in "xy"),
+    *(f"velocity of the AUV through the water, {axis}, m/s" for axis in "xy"),
+    f"standard deviation of the target's place along the line of sight, over {SPREAD:g} m",
+    "the same across it, to the left",
+    "correlation of both",
+]
+observation_terms.register("track", ObservationTerm(observe_track, lambda num_auvs: _said, "m/s, 1", -1e4, 1e4))

@@ -1,0 +1,199 @@
+"""The task of tracking: how targets move, what ranges are measured, who follows whom, what counts as tracked."""
+
+import math
+
+import numpy as np
+import pytest
+import torch
+
+from usvauv.env import Scenario, World
+from usvauv.env.record.metrics import task_metrics
+from usvauv.env.record.recorder import record
+from usvauv.env.record.trace import Trace
+from usvauv.kernels.mission.columns import AuvColumn, NodeColumn
+from usvauv.kernels.mission.tasks.tracking import PairColumn, TargetColumn
+from usvauv.kernels.mission.tasks.tracking_plain import HelmColumn
+from usvauv.policies.loading import load
+
+XY = NodeColumn.span("x", "y")
+STILL = ["current.count=0", "task_parameters.course_walk=0", "task_parameters.turn_after_most=0"]
+
+
+def made(*changes: str, worlds: int = 32) -> World:
+    """Worlds of `tracking-plain` at the beginning of an episode."""
+    world = World(Scenario.load("tracking-plain", list(changes)), worlds, seed=3)
+    world.reset()
+    return world
+
+
+def stepped(world: World, steps: int = 1) -> None:
+    """Steps of AUVs that want to go east."""
+    for _ in range(steps):
+        world.step(torch.ones(world.num_worlds, world.num_auvs, 2) * torch.tensor([1.0, 0.0]))
+
+
+def test_a_target_goes_straight_at_its_speed():
+    world = made(*STILL)
+    start, speed = world.node[..., XY].clone(), world.task_node[..., TargetColumn.speed].clone()
+    stepped(world, 20)
+    way = world.node[..., XY] - start
+    np.testing.assert_allclose(way.norm(dim=-1), 600 * speed, rtol=1e-4)
+    assert speed.min() >= 0.493
+    assert speed.max() <= 0.69
+    assert speed.max() - speed.min() > 0.18
+
+
+def test_a_target_drifts_with_the_water():
+    drifting = [*STILL, "task_parameters.target_speed_most=0", "task_parameters.target_speed_least=0"]
+    world = made(*drifting, "task_parameters.drifts=1", "current.speed=0.2", "current.direction=0.5")
+    start = world.node[..., XY].clone()
+    stepped(world, 10)
+    way = (world.node[..., XY] - start).mean((0, 1))
+    np.testing.assert_allclose(way, [60 * math.cos(0.5), 60 * math.sin(0.5)], atol=0.05)
+
+
+def test_turns_come_as_often_and_are_as_large_as_they_should():
+    world = made("task_parameters.course_walk=0", worlds=200)
+    before, turns = world.task_node[..., TargetColumn.course].clone(), []
+    for _ in range(100):
+        stepped(world)
+        course = world.task_node[..., TargetColumn.course].clone()
+        change = (course - before + math.pi) % (2 * math.pi) - math.pi
+        turns.append(change)
+        before = course
+    change = torch.stack(turns)
+    turned = change[change.abs() > 1e-4]
+    gaps = [np.diff(np.flatnonzero(own)) for own in (change.abs() > 1e-4).flatten(1).T.numpy()]
+    gaps = np.concatenate([own[np.cumsum(own) <= 70] for own in gaps])  # so that long ones are not left out
+    count = np.bincount(gaps, minlength=15)
+    assert not count[:5].any()
+    assert (count[5:] / len(gaps)).max() < 0.125  # 5 to 14 steps, each as likely
+    assert (count[5:15] / len(gaps)).min() > 0.08
+    assert turned.abs().min() >= 0.6 - 1e-4
+    assert turned.abs().max() <= 1.5 + 1e-4
+    assert turned.abs().mean() == pytest.approx(1.05, rel=0.02)
+    assert turned.mean().abs() < 0.05
+
+
+def test_an_evasive_target_opens_the_distance():
+    fast = ["task_parameters.target_speed_least=0.98", "task_parameters.target_speed_most=0.98"]
+    apart = {}
+    for distance in (0, 300):
+        world = made(*STILL, *fast, "auv.count=1", "nodes.count=1", f"task_parameters.evade_range={distance}")
+        policy, observation = load("straight", world), world.observation
+        for _ in range(40):
+            observation = world.step(policy.act(observation)).observation
+        apart[distance] = world.task_node[..., TargetColumn.distance].median()
+    assert apart[300] > apart[0] + 50
+
+
+def test_ranges_have_the_noise_the_losses_and_the_limit_that_are_set():
+    world = made("task_parameters.range_most=150", worlds=500)
+    errors, lost, out = [], [], []
+    for _ in range(20):
+        stepped(world)
+        away = world.node[:, None, :, XY] - world.auv[:, :, None, AuvColumn.span("x", "y")]
+        depth = world.task_node[:, None, :, TargetColumn.depth] - 1.0
+        slant = (away.square().sum(-1) + depth**2).sqrt()
+        measured = world.task_pair[..., PairColumn.measured]
+        near = slant <= 149.9
+        errors.append((measured - slant)[near & (measured > 0)])
+        lost.append((measured == 0)[near].float())
+        out.append(measured[slant > 150.1])
+    error = torch.cat(errors)
+    assert len(error) > 5000
+    assert error.mean().abs() < 4 * 10 / math.sqrt(len(error))
+    assert error.std() == pytest.approx(10, rel=0.03)
+    assert torch.cat(lost).mean() == pytest.approx(0.1, abs=0.01)
+    assert not torch.cat(out).any()
+
+
+def test_every_target_has_a_follower():
+    world = made("auv.count=4", "nodes.count=3")
+    stepped(world, 30)
+    for targets in world.auv[..., AuvColumn.target].long():
+        assert set(targets.tolist()) == {0, 1, 2}
+
+
+def test_an_auv_by_the_published_rules_turns_by_neighbouring_rudders_and_goes_straight():
+    world = made()
+    generator = torch.Generator().manual_seed(1)
+    course, rudder = (world.task_auv[..., column].clone() for column in (HelmColumn.course, HelmColumn.rudder))
+    errors = []
+    for _ in range(40):
+        before = world.auv[..., AuvColumn.span("x", "y")].clone()
+        world.step(2 * torch.rand(32, 3, 2, generator=generator) - 1)
+        way = world.auv[..., AuvColumn.span("x", "y")] - before
+        np.testing.assert_allclose(way.norm(dim=-1), 29.58, rtol=1e-4)
+        new, now = world.task_auv[..., HelmColumn.course], world.task_auv[..., HelmColumn.rudder]
+        np.testing.assert_allclose(torch.atan2(way[..., 1], way[..., 0]), new, atol=1e-4)
+        assert (now - rudder).abs().max() <= 1
+        assert now.abs().max() <= 2
+        errors.append((new - course + 6.052 * 0.12 * now + 0.0005 + math.pi) % (2 * math.pi) - math.pi)
+        course, rudder = new.clone(), now.clone()
+    error = torch.stack(errors)
+    assert error.mean().abs() < 1e-3
+    assert error.std() == pytest.approx(0.02, rel=0.05)
+
+
+def test_the_reward_counts_errors_as_published():
+    world = made("auv.start_separation=30")
+    stepped(world, 30)
+    error, distance = (world.task_node[..., column].double() for column in (TargetColumn.error, TargetColumn.distance))
+    t = ((error - 10) / 40).clamp(0, 1 - 1e-9)
+    expected = torch.exp(-2 * t / (1 - t)).mean(-1)
+    terms = dict(zip(world.reward_names, world.reward_terms.unbind(-1), strict=True))
+    np.testing.assert_allclose(terms["tracked"], expected[:, None].expand(-1, 3), atol=1e-5)
+    np.testing.assert_allclose(terms["covered"], (distance <= 150).double().mean(-1)[:, None].expand(-1, 3), atol=1e-6)
+    assert 0 < expected.mean() < 1
+
+
+def test_on_a_circle_an_auv_keeps_its_distance():
+    still = ["task_parameters.target_speed_most=0", "task_parameters.target_speed_least=0", "auv.count=1"]
+    world = made(*STILL, *still, "nodes.count=1", "task_parameters.range_noise=0.5")
+    policy, observation, distances = load("circle:80", world), world.observation, []
+    for step in range(100):
+        observation = world.step(policy.act(observation)).observation
+        if step >= 40:
+            distances.append(world.task_node[..., TargetColumn.distance].clone())
+    assert torch.stack(distances).mean() == pytest.approx(80, abs=8)
+
+
+def test_who_seeks_information_has_more_of_it():
+    """The team's covariances are smaller than those of AUVs that head straight for their targets."""
+    areas = {}
+    for rule in ("greedy-information", "straight"):
+        world = made(worlds=64)
+        policy, observation, found = load(rule, world), world.observation, []
+        for step in range(80):
+            observation = world.step(policy.act(observation)).observation
+            xx, xy, yy = world.task_node[..., TargetColumn.span("covariance_xx", "covariance_yy")].double().unbind(-1)
+            if step >= 20:
+                found.append((xx * yy - xy * xy).clamp(min=0).sqrt())
+        areas[rule] = torch.stack(found).median()
+    assert areas["greedy-information"] < 0.95 * areas["straight"]
+
+
+def test_figures_of_merit_are_those_of_the_trace(tmp_path):
+    scenario = Scenario.load("tracking-plain", ["mission.duration=1200"])
+    world = World(scenario, 4, seed=5)
+    trace = record(world, load("circle", world).act, "circle")
+    trace.save(tmp_path / "t.nc")
+    again = Trace.load(tmp_path / "t.nc")
+    error = np.hypot(*np.moveaxis(again.node_estimate - again.node_way, -1, 0))[19:].reshape(21, 4, 3)
+    values = {name: metric.values(again) for name, metric in task_metrics.items() if metric.belongs_to("tracking")}
+    np.testing.assert_allclose(values["track_error_mean"], error.mean((0, 2)), rtol=1e-5)
+    np.testing.assert_allclose(values["track_close"], (error <= 20).mean((0, 2)), rtol=1e-5)
+    own = world.task_node[..., TargetColumn.error].numpy()
+    np.testing.assert_allclose(error[-1], own, atol=2e-3)
+
+
+def test_a_stored_world_goes_on_with_the_same_filters():
+    world = made()
+    stepped(world, 5)
+    state = world.state()
+    stepped(world, 5)
+    expected = world.task_pair.clone()
+    world.load_state(state)
+    stepped(world, 5)
+    assert torch.equal(world.task_pair, expected)
