@@ -13,7 +13,7 @@ from usvauv.kernels.mission.columns import AuvColumn
 from usvauv.kernels.mission.tasks.tracking import PairColumn
 from usvauv.policies.guidance import command, follow_circle, unit
 from usvauv.policies.heuristics.travel import Clear
-from usvauv.policies.policy import number
+from usvauv.policies.policy import HeuristicWorld, number
 
 LOOKAHEAD = 0.5  # of a circle, over its radius
 COURSES = 16  # among which `GreedyInformation` chooses
@@ -23,45 +23,30 @@ EDGE = 25.0  # m, over which a range becomes unlikely at the largest one
 PULL = 20.0  # nats for a leash's length too far
 
 
-class Follow(Clear):
-    """What both rules of this file have: filters of targets, numbers of the task, a course among moving things.
+class Circle(Clear):
+    """Circles about its target at a radius, with the target's velocity by the AUV's filter, clear of other AUVs.
+
+    A range says where a target is along the line of sight only; on a circle that line turns. The course is that of
+    `guidance.follow_circle` in the frame that moves with the target.
 
     Attributes:
         speed: through the water, m/s.
     """
 
-    world: World
+    parameter = ("RADIUS", "m")
 
-    def __init__(self, name: str, world: World, argument: float) -> None:
+    def __init__(self, name: str, world: HeuristicWorld, argument: float) -> None:
         super().__init__(name, world, argument)
         self.speed = self.scenario.reference.crab_speed
-        task = self.scenario.task_definition
-        defaults = {name: quantity.default for name, quantity in task.parameters}
-        self.numbers = defaults | self.scenario.task_parameters.numbers
 
     @classmethod
     def parse(cls, text: str | None, scenario: Scenario) -> float:
         if scenario.task_definition.pair_columns is not PairColumn:
             raise ValueError(f"needs the task tracking, which scenario {scenario.name!r} does not have")
-        radius = scenario.reference.circle_radius if text is None else number(text, "a radius in m, such as 60")
+        radius = scenario.reference.circle_radius if text is None else number(text, "a distance in m, such as 60")
         if not (math.isfinite(radius) and radius > 0.0):
-            raise ValueError("the radius must be above 0 m")
+            raise ValueError(f"the {cls.parameter[0].lower()} must be above 0 m")
         return radius
-
-    def pairs(self, like: Tensor) -> Tensor:
-        """Each AUV's filters of all targets, (W, K, M, ·), `PairColumn`."""
-        return self.world.task_pair.to(like)
-
-    def own(self, pairs: Tensor) -> Tensor:
-        """Its filter of its own target, (W, K, ·)."""
-        target = self.world.auv[..., AuvColumn.target].to(pairs.device, torch.int64)[..., None, None]
-        return pairs.gather(2, target.expand(*target.shape[:3], pairs.shape[-1]))[:, :, 0]
-
-    def places(self, like: Tensor) -> Tensor:
-        """Where AUVs take themselves to be, (W, K, 2), m."""
-        known = self.numbers["places_known"] > 0.0
-        places = self.world.auv[..., AuvColumn.span("x", "y")] if known else self.world.own_position
-        return places.to(like)
 
     def reach(self, track: Tensor, carried: Tensor) -> Tensor:
         """Heading (unit vectors (..., 2)) that moves an AUV along `track` (likewise) in a frame.
@@ -75,16 +60,6 @@ class Follow(Clear):
         left = (self.speed**2 - across.square().sum(-1)).clamp_min(0.0).sqrt()
         return unit(left[..., None] * track - across)
 
-
-class Circle(Follow):
-    """Circles about its target at a radius, with the target's velocity by the AUV's filter, clear of other AUVs.
-
-    A range says where a target is along the line of sight only; on a circle that line turns. The course is that of
-    `guidance.follow_circle` in the frame that moves with the target.
-    """
-
-    parameter = ("RADIUS", "m")
-
     def steer(self, observation: Tensor) -> tuple[Tensor, Tensor]:
         """Heading (unit vectors, (W, K, 2)) and speed through the water (W, K), m/s."""
         velocity = observation[..., self.layout.slice("track")][..., :2]
@@ -97,23 +72,38 @@ class Circle(Follow):
         return command(*self.steer(observation), self.scenario)
 
 
-class GreedyInformation(Follow):
+class GreedyInformation(Circle):
     """Each AUV in turn takes the course whose ranges add most information on all targets.
 
     The course maximises Σ ln |P⁻¹ + Σ uu′p/σ²| over the targets: P an AUV's covariance of a target's place, u the
     directions of sight of the ranges that it foresees, its own and the others', p the probability that they are
     measured. AUVs before it have chosen; those after it are taken to keep their course. AUV by AUV the sum is at least
-    half of the best: the information is submodular (Krause, Singh and Guestrin, 2008, JMLR 9, 235).
+    half of the best: the information is submodular (Krause, Singh and Guestrin, 2008, JMLR 9, 235). It does not tell
+    that sight turns faster near a target, so each AUV is held to a leash of its own: beyond it, `PULL` is taken off.
     """
 
     parameter = ("LEASH", "m")
+    world: World
 
     def __init__(self, name: str, world: World, argument: float) -> None:
         super().__init__(name, world, argument)
+        defaults = {name: quantity.default for name, quantity in self.scenario.task_definition.parameters}
+        self.numbers = defaults | self.scenario.task_parameters.numbers
         angle = torch.arange(COURSES, dtype=torch.float32, device="cpu") * (2.0 * math.pi / COURSES)
         self.courses = torch.stack((angle.cos(), angle.sin()), -1)
         self.times = self.numbers["interval"] * torch.arange(1.0, RANGES + 1.0, device="cpu")
         self.height = 0.5 * (self.numbers["depth_least"] + self.numbers["depth_most"]) - self.scenario.auv.depth
+
+    def own(self, pairs: Tensor) -> Tensor:
+        """Its filter of its own target, (W, K, ·), of those of all targets, (W, K, M, ·)."""
+        target = self.world.auv[..., AuvColumn.target].to(pairs.device, torch.int64)[..., None, None]
+        return pairs.gather(2, target.expand(*target.shape[:3], pairs.shape[-1]))[:, :, 0]
+
+    def places(self, like: Tensor) -> Tensor:
+        """Where AUVs take themselves to be, (W, K, 2), m."""
+        known = self.numbers["places_known"] > 0.0
+        places = self.world.auv[..., AuvColumn.span("x", "y")] if known else self.world.own_position
+        return places.to(like)
 
     def information(self, places: Tensor, targets: Tensor) -> Tensor:
         """Information xx, xy, yy of ranges from places (..., 2) to targets (..., 2), (..., 3), 1/m²."""
@@ -126,7 +116,7 @@ class GreedyInformation(Follow):
         return share[..., None] * torch.stack((x * x, x * y, y * y), -1)
 
     def act(self, observation: Tensor) -> Tensor:
-        pairs, times = self.pairs(observation), self.times.to(observation)
+        pairs, times = self.world.task_pair.to(observation), self.times.to(observation)
         here, current = self.places(observation), self.world.current().to(observation)
         mine, offset = self.own(pairs), self.target(observation) * self.scenario.area.diagonal
         aim = here + offset + times[-1] * mine[..., PairColumn.span("vx", "vy")]  # its target in the end
