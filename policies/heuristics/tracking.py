@@ -15,7 +15,7 @@ from usvauv.policies.guidance import command, follow_circle, unit
 from usvauv.policies.heuristics.travel import Clear
 from usvauv.policies.policy import HeuristicWorld, number
 
-LOOKAHEAD = 0.5  # of a circle, over its radius
+LOOKAHEAD = 1.5  # of a circle, over its radius
 COURSES = 16  # among which `GreedyInformation` chooses
 RANGES = 4  # of each AUV to each target that it foresees
 UNFORESEEN = 0.3  # share of its speed by which a target's velocity is uncertain
@@ -64,7 +64,9 @@ class Circle(Clear):
         """Heading (unit vectors, (W, K, 2)) and speed through the water (W, K), m/s."""
         velocity = observation[..., self.layout.slice("track")][..., :2]
         offset = self.target(observation) * self.scenario.area.diagonal
-        track = self.clear(follow_circle(offset, self.argument, LOOKAHEAD * self.argument), observation)
+        lead = 0.5 * self.speed * self.scenario.mission.step
+        circling = follow_circle(offset, self.argument, LOOKAHEAD * self.argument, lead=lead)
+        track = self.clear(circling, observation)
         heading = self.reach(track, self.world.current().to(observation) - velocity)
         return heading, torch.full_like(heading[..., 0], self.speed)
 

@@ -313,7 +313,8 @@ def assumed(worlds: ti.template()):
     p, given = ti.static(worlds.p, worlds.task_parameters)
     least, greatest = NEVER, NEVER
     if given.turn_after_most > 0.0:
-        least, greatest = ti.ceil(given.turn_after_least / p.step), ti.ceil(given.turn_after_most / p.step)
+        least = ti.floor(given.turn_after_least / p.step) + 1.0
+        greatest = ti.ceil(given.turn_after_most / p.step)
     walk = vec2(given.target_speed_most * given.course_walk, given.drifts * given.drift_walk)
     return range_filter.Motion(
         step=p.step,
