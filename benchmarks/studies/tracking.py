@@ -47,7 +47,7 @@ PUBLISHED = {
 PLACES = {
     "belief": ("belief", ()),
     "fim": ("fim", ()),
-    "hold": ("hold:500,500", ()),
+    "hold": ("hold:1200,1200", ()),  # the middle
     "places known": ("belief", ("task_parameters.places_known=1",)),
 }
 NORMAL = 1.96
