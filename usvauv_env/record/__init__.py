@@ -3,5 +3,3 @@
 `recorder.record` runs a policy and returns a `trace.Trace`; `evaluation.run_episodes` runs policies on the same worlds.
 Videos and figures are drawn from a trace in `usvauv.env.render` and `usvauv_cli`.
 """
-
-from usvauv.env.record import tracking_metrics  # noqa: F401 - they register themselves

@@ -253,7 +253,18 @@ def energy_per_data(trace: Trace) -> np.ndarray:
     return np.divide(energy, data, out=np.full(len(data), np.nan), where=data > 0)
 
 
-task_metrics: Registry[Metric] = Registry("metric", form=Metric)
+OF_TARGETS = [
+    "track_error_mean",
+    "track_error_median",
+    "track_error_p95",
+    "track_close",
+    "track_nees",
+    "covered",
+    "out_of_range",
+]
+task_metrics: Registry[Metric] = Registry(
+    "metric", form=Metric, shipped=dict.fromkeys(OF_TARGETS, "usvauv.env.record.tracking_metrics")
+)
 for _name, _values in {
     "lost_mbit": lost_data,
     "aoi_mean": lambda trace: age(trace).mean(axis=(0, 2)),  # s, over nodes and time

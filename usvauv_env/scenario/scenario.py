@@ -33,8 +33,8 @@ from usvauv.env.scenario.fields import (
     without_retired,
 )
 from usvauv.env.storage.files import TextFileError, check_plain
-from usvauv.kernels.limits import MOST_EFFICIENT, Quantity
-from usvauv.kernels.mission.tasks.task import Task, tasks
+from usvauv.kernels.limits import MOST_EFFICIENT
+from usvauv.kernels.mission.tasks.task import Task, numbers_of, tasks
 from usvauv.kernels.vehicles.definition import vehicles
 from usvauv.kernels.vehicles.numbers import constants_of
 from usvauv.kernels.vehicles.stability import check_roll, substep
@@ -101,17 +101,13 @@ class Scenario(Section):
         return name
 
     def _problems(self) -> Iterator[str]:
-        declared: tuple[str, ...] = ()
-        numbers: dict[str, Quantity] = {}
-        if given := self.task_parameters.numbers:
-            declared, numbers = self.task_definition.declared, dict(self.task_definition.parameters)
-        for name, value in given.items():
-            if name not in declared:
-                yield (f"task_parameters.{name}: allowed for task {self.task!r}: {', '.join(declared) or 'none'}")
-            elif name in numbers and not numbers[name].low <= value <= numbers[name].high:
-                yield (
-                    f"task_parameters.{name} = {value:g}: must be from {numbers[name].low:g} to {numbers[name].high:g}"
-                )
+        allowed = numbers_of(self.task)
+        for name, value in self.task_parameters.numbers.items():
+            if name not in allowed:
+                yield (f"task_parameters.{name}: allowed for task {self.task!r}: {', '.join(allowed) or 'none'}")
+            elif not allowed[name].low <= value <= allowed[name].high:
+                low, high = allowed[name].low, allowed[name].high
+                yield f"task_parameters.{name} = {value:g}: must be from {low:g} to {high:g}"
         if self.auv.separation == "geometry" and self.auv.depth >= self.area.depth:
             yield f"auv.depth = {self.auv.depth:g}: must be below area.depth, {self.area.depth:g} m"
         nodes = self.nodes
@@ -493,9 +489,7 @@ class Scenario(Section):
         """The whole scenario as TOML, each field with its description as a comment; numbers of the task that have their
         defaults are comments.
         """
-        head, sections, task = [], [], {}
-        if self.task != type(self).model_fields["task"].default:  # which has none, and needs no Taichi so
-            task = dict(self.task_definition.parameters)
+        head, sections, task = [], [], numbers_of(self.task)
         for field, info in type(self).model_fields.items():
             value = getattr(self, field)
             if not isinstance(value, Section):
@@ -505,10 +499,10 @@ class Scenario(Section):
             sections += ["", f"[{field}]  # {info.description}"]
             sections += [f"{key} = {as_toml(getattr(value, key))}  # {about[key].description}" for key in about]
             given = value.model_extra or {}
-            meanings = {key: number.meaning for key, number in task.items()} if field == "task_parameters" else {}
-            about_extra = {key: meanings.get(key, "of a plugin, or a weight of the task's reward") for key in given}
-            sections += [f"{key} = {as_toml(extra)}  # {about_extra[key]}" for key, extra in given.items()]
-            unset = {key: number for key, number in task.items() if key in meanings and key not in given}
+            known = task if field == "task_parameters" else {}
+            meaning = {key: known[key].meaning if key in known else "of a plugin" for key in given}
+            sections += [f"{key} = {as_toml(extra)}  # {meaning[key]}" for key, extra in given.items()]
+            unset = {key: number for key, number in known.items() if key not in given}
             sections += [f"# {key} = {as_toml(number.default)}  # {number.meaning}" for key, number in unset.items()]
         return "\n".join([*head, *sections]) + "\n"
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 from usvauv.kernels.columns import Columns
 from usvauv.kernels.limits import Quantity
+from usvauv.kernels.mission.tasks import tracking_numbers
 from usvauv.kernels.registry import Registry
 
 Function = Callable[..., Any]  # a Taichi function
+HEAVIEST = 1e6  # weight of a term of the reward
 
 
 @dataclass(frozen=True)
@@ -74,14 +76,36 @@ class Task:
     known_place: Annotated[Function, "worlds, w, i"] | None = None
 
     @property
-    def declared(self) -> tuple[str, ...]:
-        """Names that the scenario's `task_parameters` may have."""
-        return (*(name for name, _ in self.parameters), *(t.name for t in self.reward_terms if t.weight is not None))
+    def numbers(self) -> dict[str, Quantity]:
+        """What the scenario's `task_parameters` may set: the parameters, and weights of terms of the reward."""
+        weights = {term.name: term.weight for term in self.reward_terms if term.weight is not None}
+        return {**dict(self.parameters), **weights_of(weights)}
 
     @property
     def reward_names(self) -> tuple[str, ...]:
         """Names of the reward terms, in order."""
         return tuple(term.name for term in self.reward_terms)
+
+
+def weights_of(weights: Mapping[str, float]) -> dict[str, Quantity]:
+    """Weights of terms of the reward, by name, as numbers that a scenario may set."""
+    return {
+        name: Quantity(weight, -HEAVIEST, HEAVIEST, f"weight of the reward's term {name}")
+        for name, weight in weights.items()
+    }
+
+
+OF_TRACKING = {**dict(tracking_numbers.PARAMETERS), **weights_of(tracking_numbers.WEIGHTS)}
+SHIPPED: dict[str, dict[str, Quantity]] = {  # `Task.numbers` of the tasks that ship
+    "data-collection": {},
+    "station-keeping": {},
+    **dict.fromkeys(("tracking", "tracking-plain"), OF_TRACKING),
+}
+
+
+def numbers_of(task: str) -> dict[str, Quantity]:
+    """`Task.numbers` of a task by name; of one that ships without Taichi."""
+    return SHIPPED[task] if task in SHIPPED else tasks[task].numbers
 
 
 HERE = "usvauv.kernels.mission.tasks"

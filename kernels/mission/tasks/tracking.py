@@ -24,7 +24,6 @@ import taichi as ti
 
 from usvauv.kernels.flow import current
 from usvauv.kernels.functions import func
-from usvauv.kernels.limits import Quantity
 from usvauv.kernels.mission.columns import (
     Amount,
     AuvOrNone,
@@ -41,6 +40,7 @@ from usvauv.kernels.mission.motion import own_covariance, own_position, target_o
 from usvauv.kernels.mission.observation import ObservationTerm, observation_terms
 from usvauv.kernels.mission.tasks import rewards
 from usvauv.kernels.mission.tasks.task import RewardTerm, Task, tasks
+from usvauv.kernels.mission.tasks.tracking_numbers import PARAMETERS, WEIGHTS
 from usvauv.kernels.mission.worlds import normals, uniforms
 from usvauv.kernels.tracking import range_filter
 from usvauv.kernels.tracking.hypotheses import BOUNDS, CAPACITY, FilterColumn, HypothesisColumn
@@ -54,29 +54,6 @@ NEVER = 1e8  # s
 PLACINGS = 64  # attempts to place a target apart from the others
 SPREAD = 100.0  # m, unit of an estimate's deviation in an observation
 FOLLOWERS = 1e5  # m, that a follower of a target counts for another one
-
-PARAMETERS = (
-    ("target_speed_least", Quantity(0.3, 0.0, 5.0, "a target's speed is uniform from this, m/s")),
-    ("target_speed_most", Quantity(0.6, 0.0, 5.0, "to this")),
-    ("turn_after_least", Quantity(120.0, 0.0, 1e6, "time between two turns is uniform from this, s")),
-    ("turn_after_most", Quantity(420.0, 0.0, 1e6, "to this; 0: none")),
-    ("turn_least", Quantity(0.6, 0.0, 3.2, "a turn to either side is uniform from this, rad")),
-    ("turn_most", Quantity(1.5, 0.0, 3.2, "to this")),
-    ("course_walk", Quantity(0.004, 0.0, 1.0, "random walk of a course, rad/√s")),
-    ("drifts", Quantity(1.0, 0.0, 1.0, "1: targets drift with the water, and filters with that at their AUV")),
-    ("drift_walk", Quantity(0.01, 0.0, 1.0, "random walk of a target's velocity by other water there, m/s/√s")),
-    ("evade_range", Quantity(0.0, 0.0, 1e4, "distance at which a target turns away from an AUV, m")),
-    ("depth_least", Quantity(5.0, 0.0, 1e4, "a target's depth, known, is uniform from this, m")),
-    ("depth_most", Quantity(20.0, 0.0, 1e4, "to this")),
-    ("interval", Quantity(10.0, 0.01, 1e4, "time from one range to the next, s")),
-    ("range_noise", Quantity(2.0, 0.01, 1e3, "standard deviation of a slant range, m")),
-    ("range_loss", Quantity(0.1, 0.0, 1.0, "share of ranges that are lost")),
-    ("range_most", Quantity(450.0, 1.0, 1e5, "largest slant range that is measured, m")),
-    ("message_loss", Quantity(0.1, 0.0, 1.0, "share of messages between two AUVs that are lost")),
-    ("message_range", Quantity(1500.0, 0.0, 1e5, "distance up to which AUVs receive one another, m")),
-    ("places_known", Quantity(0.0, 0.0, 1.0, "1: AUVs know exactly where they are")),
-    ("settling", Quantity(600.0, 0.0, 1e6, "time at the start that figures of merit leave out, s")),
-)
 
 
 class TargetColumn(StateColumns):
@@ -442,10 +419,9 @@ def collision(worlds: ti.template(), w, k, weight):
     return weight * ti.min(worlds.tally.collisions[w], 1.0)
 
 
+TERMS = (tracked, covered, collision)
 REWARD_TERMS = (
-    RewardTerm("tracked", tracked, 1.0),
-    RewardTerm("covered", covered, 1.0),
-    RewardTerm("collision", collision, -1.0),
+    *(RewardTerm(term.__name__, term, WEIGHTS[term.__name__]) for term in TERMS),
     RewardTerm("border", rewards.border, None),
     RewardTerm("proximity", rewards.proximity, None),
     RewardTerm("power", rewards.power, None),

@@ -11,6 +11,7 @@ from usvauv.env.record.metrics import task_metrics
 from usvauv.env.record.recorder import record
 from usvauv.env.record.trace import Trace
 from usvauv.kernels.mission.columns import AuvColumn, NodeColumn
+from usvauv.kernels.mission.tasks.task import SHIPPED, tasks
 from usvauv.kernels.mission.tasks.tracking import PairColumn, TargetColumn
 from usvauv.kernels.mission.tasks.tracking_plain import HelmColumn
 from usvauv.policies.loading import load
@@ -197,3 +198,8 @@ def test_a_stored_world_goes_on_with_the_same_filters():
     world.load_state(state)
     stepped(world, 5)
     assert torch.equal(world.task_pair, expected)
+
+
+@pytest.mark.parametrize("task", SHIPPED)
+def test_a_task_has_the_numbers_that_scenarios_are_checked_by(task):
+    assert tasks[task].numbers == SHIPPED[task]

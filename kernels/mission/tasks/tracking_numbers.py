@@ -1,0 +1,27 @@
+"""Numbers of the task `tracking`, each with default, range and meaning; without Taichi, for scenarios."""
+
+from usvauv.kernels.limits import Quantity
+
+PARAMETERS = (
+    ("target_speed_least", Quantity(0.3, 0.0, 5.0, "a target's speed is uniform from this, m/s")),
+    ("target_speed_most", Quantity(0.6, 0.0, 5.0, "to this")),
+    ("turn_after_least", Quantity(120.0, 0.0, 1e6, "time between two turns is uniform from this, s")),
+    ("turn_after_most", Quantity(420.0, 0.0, 1e6, "to this; 0: none")),
+    ("turn_least", Quantity(0.6, 0.0, 3.2, "a turn to either side is uniform from this, rad")),
+    ("turn_most", Quantity(1.5, 0.0, 3.2, "to this")),
+    ("course_walk", Quantity(0.004, 0.0, 1.0, "random walk of a course, rad/√s")),
+    ("drifts", Quantity(1.0, 0.0, 1.0, "1: targets drift with the water, and filters with that at their AUV")),
+    ("drift_walk", Quantity(0.01, 0.0, 1.0, "random walk of a target's velocity by other water there, m/s/√s")),
+    ("evade_range", Quantity(0.0, 0.0, 1e4, "distance at which a target turns away from an AUV, m")),
+    ("depth_least", Quantity(5.0, 0.0, 1e4, "a target's depth, known, is uniform from this, m")),
+    ("depth_most", Quantity(20.0, 0.0, 1e4, "to this")),
+    ("interval", Quantity(10.0, 0.01, 1e4, "time from one range to the next, s")),
+    ("range_noise", Quantity(2.0, 0.01, 1e3, "standard deviation of a slant range, m")),
+    ("range_loss", Quantity(0.1, 0.0, 1.0, "share of ranges that are lost")),
+    ("range_most", Quantity(450.0, 1.0, 1e5, "largest slant range that is measured, m")),
+    ("message_loss", Quantity(0.1, 0.0, 1.0, "share of messages between two AUVs that are lost")),
+    ("message_range", Quantity(1500.0, 0.0, 1e5, "distance up to which AUVs receive one another, m")),
+    ("places_known", Quantity(0.0, 0.0, 1.0, "1: AUVs know exactly where they are")),
+    ("settling", Quantity(600.0, 0.0, 1e6, "time at the start that figures of merit leave out, s")),
+)
+WEIGHTS = {"tracked": 1.0, "covered": 1.0, "collision": -1.0}  # of terms of the reward
