@@ -39,9 +39,9 @@ PHRASES = {
     ),
     "track_error_mean": (
         "error of targets",
-        "{one} is {by} m {way} about the targets than {other}",
-        "farther off",
-        "better",
+        "{one} errs by {by} m {way} about the targets than {other}",
+        "more",
+        "less",
     ),
 }  # of a figure: what it is, a sentence, and the words for a positive and for a negative difference
 
@@ -73,11 +73,13 @@ OF_BATTERIES = (
     Column("spent_first", "first spent, s", 0, "when the first battery was spent", "more"),
 )
 OF_STATIONS = (Column("target_distance", "off station, m", 2, "mean distance of the AUVs to their targets", "less"),)
+OF_TARGETS = (Column("target_distance", "to target, m", 1, "mean distance of the AUVs to their targets"),)
 OF_NODES = (
     Column("delivered_mbit", "data, Mbit", 1, "data collected from the nodes", "more"),
     Column("services", "services", 1, "completed services of nodes", "more"),
     Column("sdr", "SDR, Mbit/s", 2, "sum over the services of their data rates", "more"),
 )
+OF_KIND = {"nodes": OF_NODES, "auvs": OF_STATIONS, "moving": OF_TARGETS}  # by `Task.targets`
 OF_TASK = {
     column.name: column
     for column in (
@@ -118,14 +120,14 @@ COLUMNS = {
 
 def column_tables(scenario: Scenario, comparison: Comparison) -> dict[str, list[Column]]:
     """Columns of each table by its title; those of batteries only where one was spent."""
-    nodes, of_task = scenario.task_definition.targets == "nodes", comparison.of_task
+    kind, of_task = scenario.task_definition.targets, comparison.of_task
     spent = any(comparison.score(which, "spent").mean > 0 for which in comparison.combinations)
     energy = [*(OF_BOATS if scenario.boat.metered else ()), *(OF_BATTERIES if spent else ())]
     vehicles = OF_VEHICLES if scenario.auv.dynamic else ()
     own = [OF_TASK.get(name, Column(name, name, 2, "a figure of a plugin")) for name in of_task]
     return {
-        "Work": [*WORK[:1], *(OF_NODES if nodes else OF_STATIONS), *WORK[1:], *energy, *vehicles],
-        "Age, losses and cost of data" if nodes else "Of the task": own,
+        "Work": [*WORK[:1], *OF_KIND[kind], *WORK[1:], *energy, *vehicles],
+        "Age, losses and cost of data" if kind == "nodes" else "Of the task": own,
         "Positions and fixes": list(POSITIONS),
     }
 

@@ -45,8 +45,8 @@ class Episode:
             "boat" (F, B, 2), m; "vortex", centres, m, circulations of the share of the speed that the AUVs meet, m²/s,
             and core radii, m; "fill" (F, M), share of the buffer, (F, 0) where nodes have no data; "data", collected so
             far, Mbit; "energy", spent so far, Wh. Of the real current: "stream_time", s, and "stream" at its arrows,
-            m/s. "node" (M, 2), m.
-        auvs: K. node: (M, 2) m. with_data: whether nodes have data.
+            m/s. "node" (F, M, 2), or (1, M, 2) where they stay, m.
+        auvs: K. node: (M, 2) at the end, m. with_data: whether nodes have data.
         tracks: of the AUVs, then of the boats, (points, 2) m.
         age: (4, F) time, and of the ages of the nodes' data then the 10th, 50th and 90th percentile, s; (4, 0) where
             nodes have none.
@@ -123,6 +123,7 @@ def thinned(trace: Trace, episodes: int) -> Episode:
     size = (
         2 * (3 + (8 + (trace.auv_attitude.size > 0)) * auvs + 2 * boats + 4 * vortices) + auvs + nodes * with_data
     )  # bytes, as encoded below
+    size += 4 * nodes * (trace.node_way.size > 0)
     kept = evenly(steps, FRAME_BYTES // (episodes * size))
     points = evenly(steps, min(TRACK_POINTS // (episodes * (auvs + boats)), MOST_TRACK))
     moving = [*np.moveaxis(trace.auv_position[points, 0], 1, 0), *np.moveaxis(trace.boat_position[points, 0], 1, 0)]
@@ -149,7 +150,7 @@ def thinned(trace: Trace, episodes: int) -> Episode:
         ],
         "stream_time": encoded(trace.stream_time if len(trace.stream_time) else np.zeros(1)),
         "stream": encoded(at_arrows(trace.stream, area.width, area.length)),
-        "node": encoded(trace.node_position[0]),
+        "node": encoded(trace.node_way[kept, 0] if trace.node_way.size else trace.node_position[:1]),
         "fill": encoded(fill, bits=8),
         "data": encoded(data),
         "energy": encoded(power * trace.scenario.mission.step / 3600),

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from usvauv.cli.web_report import document
 from usvauv.cli.web_report.document import COLUMN, INK, NODE, SEA, colour, dash
-from usvauv.cli.web_report.episodes import Recording, collects_data
+from usvauv.cli.web_report.episodes import Recording
 from usvauv.env.render.style import Axes, Figure, Line2D, MaxNLocator
 from usvauv.env.scenario import Scenario
 
@@ -44,7 +44,8 @@ def trajectories(names: Sequence[str], recordings: Sequence[Recording], scenario
     ways.append(Line2D([], [], color=INK, lw=0.9, alpha=0.7, label="boat"))
     points = (("o", "none", "start"), ("s", INK, "end"))
     ways += [Line2D([], [], ls="none", marker=m, ms=4, mec=INK, mfc=f, label=name) for m, f, name in points]
-    place = "node" if collects_data(scenario) else "station"
+    places = {"nodes": "node", "auvs": "station", "moving": "target, at the end"}
+    place = places[scenario.task_definition.targets]
     ways.append(Line2D([], [], ls="none", marker="^", ms=3.5, color=NODE, label=place))
     figure, plots = maps(names, scenario, ways)
     for axes, recording in zip(plots, recordings, strict=True):

@@ -192,11 +192,15 @@
     }
   }
 
+  function nodesAt(place) {
+    return pairs(episode.node, episode.node.shape[0] > 1 ? place : [0, 0]);
+  }
+
   function drawNodes(place) {
-    const count = episode.node.shape[0], filled = episode.fill.shape[1] > 0;
+    const nodes = nodesAt(place), count = nodes.length, filled = episode.fill.shape[1] > 0;
     const radius = Math.min(Math.max(0.14 * Math.sqrt(width * length / count) * perMetre, 3.5), 9 * unit);
     for (let i = 0; i < count; i++) {
-      const [x, y] = pixel([episode.node.values[2 * i], episode.node.values[2 * i + 1]]);
+      const [x, y] = pixel(nodes[i]);
       const fill = filled ? between(episode.fill, count, place, i) : 0, full = fill > 0.995;
       context.fillStyle = colours.card;
       context.strokeStyle = full ? colours.ink : colours.node;
@@ -220,13 +224,13 @@
   }
 
   function drawAuvs(place) {
-    const [frame] = place, auvs = pairs(episode.auv, place), estimates = pairs(episode.estimate, place);
+    const [frame] = place, nodes = nodesAt(place), auvs = pairs(episode.auv, place), estimates = pairs(episode.estimate, place);
     const count = auvs.length, [axes, angles] = episode.ellipse, magnify = Number(element("magnify").value);
     const later = pairs(episode.auv, [Math.min(frame + 1, episode.time.shape[0] - 1), 0]);
     const before = pairs(episode.auv, [Math.max(frame - 1, 0), 0]);
     auvs.forEach((auv, k) => {
-      const at = frame * count + k, node = 2 * episode.target.values[at], here = pixel(auv), colour = ofAuv(k);
-      line([here, pixel([episode.node.values[node], episode.node.values[node + 1]])], colour, 1.4 * unit, [1.5, 4]);
+      const at = frame * count + k, here = pixel(auv), colour = ofAuv(k);
+      line([here, pixel(nodes[episode.target.values[at]])], colour, 1.4 * unit, [1.5, 4]);
       const seen = pixel(auv.map((value, axis) => value + magnify * (estimates[k][axis] - value)));
       context.save();
       context.beginPath();

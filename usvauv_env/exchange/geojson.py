@@ -73,7 +73,7 @@ def of_plan(plan: Plan, scenario: Scenario) -> list[dict[str, Any]]:
 
 
 def of_mission(trace: Trace) -> list[dict[str, Any]]:
-    """The area, the ways of AUVs and boats, the nodes or stations and the services of world 0 of a trace.
+    """The area, ways of AUVs, boats and targets that move, nodes or stations, and services of world 0 of a trace.
 
     A way has `times`, one for each of its points, and a service `time`: ISO 8601 in UTC where the mission has a date,
     else seconds since its start. It has a `depth`, m, where that is a state one for each point. Of a way that is cut,
@@ -88,14 +88,17 @@ def of_mission(trace: Trace) -> list[dict[str, Any]]:
     nodes = scenario.task_definition.targets == "nodes"
     features = [_outline(frame, scenario, policy=trace.policy, usv=trace.usv, seed=trace.seed, start=trace.start)]
     afloat = np.zeros(trace.boat_position.shape[:3])
-    for kind, ways, depths in (("auv", trace.auv_position, trace.depth), ("boat", trace.boat_position, afloat)):
+    moving = [("auv", trace.auv_position, trace.depth), ("boat", trace.boat_position, afloat)]
+    if trace.node_way.size:
+        moving.append(("target", trace.node_way, np.zeros(trace.node_way.shape[:3])))
+    for kind, ways, depths in moving:
         for k in range(ways.shape[2]):
             parts = _cut(np.column_stack([_degrees(frame, ways[:, 0, k]), depths[:, 0, k], trace.time]))
             depth = [part[:, 2].tolist() for part in parts] if trace.auv_depth.size and kind == "auv" else []
             times = [_times(trace, part[:, 3]) for part in parts]
             about = {"depth": _joined(depth) if depth else float(depths[0, 0, k]), "times": _joined(times)}
             features.append(_feature("LineString", parts, kind=kind, **{kind: k + 1}, **about))
-    for i, place in enumerate(trace.node_position[0]):
+    for i, place in enumerate(trace.node_position[0] if not trace.node_way.size else ()):
         about = {"packets_per_second": float(trace.node_rate[0, i]), "services": int(np.sum(node == i))}
         about["delivered_mbit"] = float(brought[node == i].sum())
         named = {"kind": "node", "node": i + 1, **about} if nodes else {"kind": "station", "station": i + 1}
