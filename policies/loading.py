@@ -52,7 +52,8 @@ def imported(name: str) -> Callable[[World], Any]:
 
 
 class Imported(Policy):
-    """The result of MODULE:CLASS for a world: an object with `act`, or a function, as for `usvauv.env.run_episodes`.
+    """The result of MODULE:CLASS for a world: an object with `act`, or a function, as for
+    `usvauv.env.record.evaluation.run_episodes`.
 
     Attributes:
         described: its name and the module's file, for error messages.
@@ -175,7 +176,7 @@ def acting(name: str | Path, world: World) -> Act:
 
 
 def named(*names: str) -> dict[str, Callable[[World], Act]]:
-    """Policies by name, as argument of `usvauv.env.run_episodes`."""
+    """Policies by name, as argument of `usvauv.env.record.evaluation.run_episodes`."""
     return {name: partial(acting, name) for name in names}
 
 

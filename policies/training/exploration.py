@@ -12,7 +12,7 @@ from usvauv.env.scenario import Scenario
 
 
 class TrainingWorld(Protocol):
-    """W worlds of K AUVs, stepped, truncated and reset together; `usvauv.env.World` is one.
+    """W worlds of K AUVs, stepped, truncated and reset together; `usvauv.env.world.world.World` is one.
 
     Attributes:
         scenario: sizes, speed limits, layout of the observation, form of the action.

@@ -128,7 +128,7 @@ def evaluate(
 
     Episode e of every combination takes place in world e of the seed. So differences to the first combination are taken
     episode by episode, which is far more precise than comparing two means. `usvauv.cli.evaluation.comparison` describes
-    the intervals. `usvauv.env.run_episodes` returns the single episodes.
+    the intervals. `usvauv.env.record.evaluation.run_episodes` returns the single episodes.
 
     >>> table = evaluate("wide", usv=["fim", "belief"], episodes=40)
     >>> table.loc["delivered_mbit"]
