@@ -17,7 +17,7 @@ from usvauv.cli.evaluation.comparison_tables import COLUMNS as HEADED
 from usvauv.cli.evaluation.comparison_tables import OF_BATTERIES, OF_STATIONS, metrics_tables
 from usvauv.cli.evaluation.ranking import FEW, ahead
 from usvauv.env import Scenario
-from usvauv.env.record.metrics import COLUMNS, FIGURES, EpisodeMetrics, episode_metrics
+from usvauv.env.record.metrics import COLUMNS, FIGURES, OF_TARGETS, EpisodeMetrics, episode_metrics
 from usvauv.env.storage.result_tables import Combination
 from usvauv.policies import TrainingConfig
 from usvauv.policies.algorithms import Batch, Sizes, algorithms
@@ -87,8 +87,9 @@ def test_wide_tables_have_every_figure_of_the_task(capsys):
     means, _, differences = text.partition("\ndifference from ")
     assert means.count(LONG[0]) == 3
     assert differences.count(f"\n{LONG[1]} ") == 3
+    others = (*OF_STATIONS, *OF_BATTERIES, *OF_TARGETS)
     shown = (re.split("  +", line.strip())[1:] for line in means.splitlines() if line.startswith("policy "))
-    assert len([heading for line in shown for heading in line]) == len(HEADED) - len(OF_STATIONS) - len(OF_BATTERIES)
+    assert len([heading for line in shown for heading in line]) == len(HEADED) - len(others)
 
 
 def test_a_dumb_terminal_has_whole_numbers_and_lines_of_progress(capsys, monkeypatch):

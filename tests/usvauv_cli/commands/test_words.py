@@ -61,7 +61,7 @@ class TestLists:
             (
                 "boats",
                 boat_strategies,
-                {"hold:X,Y": "X, Y in m.", "belief": "Default in wide, wide-torpedo.", "agent": "World.step"},
+                {"hold:X,Y": "X, Y in m.", "belief": "Default in tracking, wide, wide-torpedo.", "agent": "World.step"},
             ),
             ("targets", target_rules, {"rollout[:HORIZON]": "HORIZON in s, default 90. Default in survey."}),
             ("scenarios", Scenario.shipped(), {"wide": "600 m × 600 m, 8 AUVs, 1 boat, 16 min 40 s."}),

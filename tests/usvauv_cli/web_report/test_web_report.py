@@ -165,7 +165,7 @@ class TestPlayer:
                 "target": trace.target[:, 0],
                 "hovering": trace.hovering[:, 0],
                 "boat": trace.boat_position[:, 0],
-                "node": trace.node_position[0],
+                "node": trace.node_position[:1],
                 "fill": trace.backlog[:, 0] / 5000,
                 "data": np.cumsum(trace.delivered[:, 0].sum(axis=1)),
                 "energy": np.cumsum(trace.power[:, 0].sum(axis=1)) / 3600,

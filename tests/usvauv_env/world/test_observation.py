@@ -13,11 +13,13 @@ from usvauv.env.site.site import Site
 from usvauv.env.world.agents import observed
 from usvauv.env.world.observation_layout import ObservationLayout
 from usvauv.kernels.mission.observation import observation_terms, quantities
+from usvauv.kernels.mission.tasks.task import tasks
 
 
 @pytest.mark.parametrize("num_auvs", [1, 2, 5])
 def test_the_table_of_the_docs_holds_for_any_number_of_auvs(num_auvs):
     """Its expressions in K, at that K, are first and last index of each term where all terms are present."""
+    assert tasks["tracking"].observation == ("track",)  # which so is registered
     layout = ObservationLayout(num_auvs, tuple(observation_terms))
     page = (Path(__file__).parents[3] / "docs" / "interfaces.md").read_text(encoding="utf-8")
     table = page.partition("\n| index | term | ")[2].partition("\n\n")[0]
