@@ -318,12 +318,13 @@ def update(worlds: ti.template(), w):
             worlds.task_pair.measured[w, k, i] = 0.0
             if due:
                 measure(worlds, w, k, i)
+    motion = assumed(worlds)
     for k in range(worlds.auv.shape[1]):
+        water = p.step * vec2(worlds.auv.current_x[w, k], worlds.auv.current_y[w, k])
         for i in range(num_targets):
-            range_filter.predict(worlds.task_pair, w, k, i, assumed(worlds))
+            range_filter.predict(worlds.task_pair, w, k, i, motion)
             if given.drifts > 0.0:
-                water = vec2(worlds.auv.current_x[w, k], worlds.auv.current_y[w, k])
-                range_filter.carry(worlds.task_pair, w, k, i, p.step * water)
+                range_filter.carry(worlds.task_pair, w, k, i, water)
         if due:
             use_ranges(worlds, w, k)
         for i in range(num_targets):
