@@ -73,13 +73,13 @@ OF_BATTERIES = (
     Column("spent_first", "first spent, s", 0, "when the first battery was spent", "more"),
 )
 OF_STATIONS = (Column("target_distance", "off station, m", 2, "mean distance of the AUVs to their targets", "less"),)
-OF_TARGETS = (Column("target_distance", "to target, m", 1, "mean distance of the AUVs to their targets"),)
+OF_MOVING = (Column("target_distance", "to target, m", 1, "mean distance of the AUVs to their targets"),)
 OF_NODES = (
     Column("delivered_mbit", "data, Mbit", 1, "data collected from the nodes", "more"),
     Column("services", "services", 1, "completed services of nodes", "more"),
     Column("sdr", "SDR, Mbit/s", 2, "sum over the services of their data rates", "more"),
 )
-OF_KIND = {"nodes": OF_NODES, "auvs": OF_STATIONS, "moving": OF_TARGETS}  # by `Task.targets`
+OF_KIND = {"nodes": OF_NODES, "auvs": OF_STATIONS, "moving": OF_MOVING}  # by `Task.targets`
 OF_TASK = {
     column.name: column
     for column in (
