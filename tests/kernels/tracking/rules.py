@@ -1,7 +1,7 @@
 """Rules of the published environment UTracking (arXiv 2505.08222) in NumPy, batched over runs, and a particle filter.
 
 AUVs circle targets that keep their speed and turn at random, and measure ranges. A filter has the methods `predict()`,
-`observe(place, distance, received)` and `finish()` for F = runs × AUVs × targets rows, and then `mean` (F, 4), m and
+`observe(place, measured, received)` and `finish()` for F = runs × AUVs × targets rows, and then `mean` (F, 4), m and
 m/s, and `covariance` (F, 2, 2), m².
 """
 
@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from usvauv.kernels.functions import kernel
-from usvauv.kernels.tracking import range_filter
+from usvauv.kernels.tracking import bearings, range_filter
 from usvauv.kernels.tracking.hypotheses import COLUMNS, FilterColumn
 from usvauv.kernels.types import array1, array2, array4, mask1, vec2, vec3
 
@@ -76,6 +76,17 @@ def observe_all(
 
 
 @kernel
+def observe_bearings_all(
+    filters: array4, place: array2, covariance: array2, bearing: array1, variance: array1, received: mask1
+):
+    for w in range(filters.shape[0]):
+        if received[w] != 0:
+            uncertainty = vec3(covariance[w, 0], covariance[w, 1], covariance[w, 2])
+            observer = vec2(place[w, 0], place[w, 1])
+            bearings.observe_bearing(filters, w, 0, 0, observer, uncertainty, bearing[w], variance[w], REACH)
+
+
+@kernel
 def finish_all(filters: array4):
     for w in range(filters.shape[0]):
         range_filter.finish(filters, w, 0, 0)
@@ -97,12 +108,21 @@ class Filters:
     def predict(self) -> None:
         self.call(predict_all, len(self.rows), self.numbers)
 
-    def observe(self, place: Any, distance: Any, received: Any, covariance: Any = None, variance: Any = None) -> None:
+    def observe(
+        self,
+        place: Any,
+        measured: Any,
+        received: Any,
+        covariance: Any = None,
+        variance: Any = None,
+        kernel: Callable[..., None] = observe_all,
+    ) -> None:
+        """Ranges, m, or with `observe_bearings_all` bearings, rad."""
         count = len(self.rows)
         variance = np.full(count, self.variance) if variance is None else variance
         covariance = np.zeros((count, 3)) if covariance is None else covariance
-        arrays = [self.tensor(array) for array in (place, covariance, distance, variance)]
-        self.call(observe_all, int(received.sum()), *arrays, self.tensor(received, np.uint8))
+        arrays = [self.tensor(array) for array in (place, covariance, measured, variance)]
+        self.call(kernel, int(received.sum()), *arrays, self.tensor(received, np.uint8))
 
     def finish(self) -> None:
         self.call(finish_all, len(self.rows))
