@@ -240,8 +240,13 @@ def circle(place: np.ndarray, heading: np.ndarray, last: np.ndarray, target: np.
     return chosen
 
 
-def simulate(make: Make, level: Level, *, runs: int, pairs: int, seed: int, steps: int = 128) -> Outcome:
-    """As many AUVs as targets, AUV k circling target k; of each target counts the filter of the least range."""
+def simulate(
+    make: Make, level: Level, *, runs: int, pairs: int, seed: int, steps: int = 128, guide: Make | None = None
+) -> Outcome:
+    """As many AUVs as targets, AUV k circling target k; of each target counts the filter of the least range.
+
+    AUVs steer by the filters' own estimates, or by those of `guide`; both have the same measurements then.
+    """
     random, shape = np.random.default_rng(seed), (runs, pairs)
     places = together(random, runs, 2 * pairs)
     auv, target = places[:, :pairs], places[:, pairs:]
@@ -251,6 +256,8 @@ def simulate(make: Make, level: Level, *, runs: int, pairs: int, seed: int, step
     left = random.integers(*interval, shape)
     rudder = np.full(shape, 2)
     filters = make(runs * pairs * pairs, level)
+    guides = guide(runs * pairs * pairs, level) if guide else filters
+    both = (filters, guides) if guide else (filters,)
     each = np.arange(pairs)
     errors, squares = [], []
     for step in range(steps):
@@ -266,13 +273,16 @@ def simulate(make: Make, level: Level, *, runs: int, pairs: int, seed: int, step
         received = (random.random(true.shape) >= LOST) & (true <= REACH)
         heard = random.random((runs, pairs, pairs)) >= LOST
         heard[:, each, each] = True
-        filters.predict()
+        for each_filter in both:
+            each_filter.predict()
         for offset in range(pairs):
             sender = (each + offset) % pairs
             place = np.broadcast_to(auv[:, sender, None], (runs, pairs, pairs, 2)).reshape(-1, 2)
             known = received[:, sender] & heard[:, each, sender, None]
-            filters.observe(place, distance[:, sender].reshape(-1), known.reshape(-1))
-        filters.finish()
+            for each_filter in both:
+                each_filter.observe(place, distance[:, sender].reshape(-1), known.reshape(-1))
+        for each_filter in both:
+            each_filter.finish()
         mean = filters.mean.reshape(runs, pairs, pairs, 4)
         error = mean[..., :2] - target[:, None]
         P = filters.covariance.reshape(runs, pairs, pairs, 2, 2)
@@ -286,6 +296,6 @@ def simulate(make: Make, level: Level, *, runs: int, pairs: int, seed: int, step
                 np.where(counted, np.take_along_axis(np.linalg.norm(error, axis=-1), nearest, 1)[:, 0], np.nan)
             )
             squares.append(np.where(counted, np.take_along_axis(squared, nearest, 1)[:, 0], np.nan))
-        own = mean[:, each, each]
+        own = guides.mean.reshape(runs, pairs, pairs, 4)[:, each, each]
         rudder = circle(auv, heading, rudder, own[..., :2], STEP * own[..., 2:])
     return Outcome(np.array(errors), np.array(squares))
