@@ -76,7 +76,9 @@ class StoneSoup:
                 continue
             model = Distance(ndim_state=4, mapping=(0, 2), noise_covar=np.array([[NOISE**2]]), place=place[f])
             seen = Detection(StateVector([measured[f]]), timestamp=self.time, measurement_model=model)
-            self.states[f] = self.updater.update(SingleHypothesis(self.states[f], seen))
+            found = self.updater.update(SingleHypothesis(self.states[f], seen))
+            found.hypothesis = None  # which holds all states before
+            self.states[f] = found
         self.known |= received
 
     def ring(self, place: np.ndarray, distance: float) -> Any:

@@ -23,7 +23,7 @@ def export(
     scenario: Annotated[
         str | None,
         typer.Argument(
-            metavar="[SCENARIO]",
+            metavar="SCENARIO",
             callback=options.of_kind("scenario"),
             help="For a policy: shipped name or path of a TOML file. Default: the scenario of its training.",
         ),

@@ -189,7 +189,7 @@ def train(
                 f" {config.before_learning} world-steps",
                 err=True,
             )
-        if config.frame == "guided" and not setting.auv.dynamic:
+        elif config.frame == "guided" and not setting.auv.dynamic:
             typer.echo(
                 f"AUVs that are points gain little over {first.frame.start}, where training begins; from"
                 " --learn frame=target it begins far below and rises towards it"

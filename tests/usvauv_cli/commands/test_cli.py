@@ -33,8 +33,12 @@ def test_help_names_every_command(run_usvauv):
     assert all(command in text for command in ("simulate", "sea", "train", "eval", "reproduce", "plan", "scenarios"))
     assert subprocess.check_output([*COMMAND, "--version"], text=True) == f"usvauv {metadata.version('usvauv')}\n"
     for command in ("simulate", "sea", "train", "eval", "reproduce", "plan"):
-        assert "Example" in run_usvauv(command, "--help")[1]
-    assert run_usvauv("help", "plan") == run_usvauv("plan", "--help")
+        told = run_usvauv(command, "--help")[1]
+        assert "Example" in told
+        assert "<" not in told  # no types of a programming language
+        assert "--out" in told
+        assert "-o " in told
+    assert run_usvauv("help", "plan") == run_usvauv("plan", "--help") == run_usvauv("plan", "-h")
 
 
 class TestPlugin:
