@@ -168,7 +168,7 @@ def plan(
     if out is None and not to_stdout:
         out = Path("plan.png")
     if out:
-        writable(context, out, "--out", FORMATS)
+        out = writable(context, out, "--out", FORMATS)
         if out.suffix.lower() == geojson.ENDING:
             geojson.frame_of(setting)
         if len(others) > MOST_DRAWN:

@@ -1,6 +1,7 @@
 """The commands through their entry point: what they write, what they refuse, how they end."""
 
 import csv
+import itertools
 import os
 import shutil
 import signal
@@ -365,12 +366,20 @@ class TestResultsThatAreThere:
         assert run_usvauv(*self.PLAN)[0] == 0
         before = [path.read_bytes() for path in files]
         assert run_usvauv(*self.PLAN, "--json", "a.json", "--arch", "auto")[0] == 0  # the same in other words
-        said = refused(*self.PLAN, "--slope", "0.1,0")
+        said = refused(*self.PLAN, "--slope", "0.1,0", "--out", "plan.png")
         assert said.startswith('--out plan.png: exists, made with --slope = "0,0", here "0.1,0"; --force')
         assert [path.read_bytes() for path in files] == before
         assert 'made with command = "plan", here "sea"' in refused("sea", "--out", "plan.png")
         assert run_usvauv(*self.PLAN, "--slope", "0.1,0", "--force")[0] == 0
         assert run_usvauv(*self.PLAN, "--slope", "0.1,0")[0] == 0
+
+    def test_a_name_that_nobody_gave_is_numbered(self, tmp_path, run_usvauv):
+        """The same arguments replace their own result, others make one beside it."""
+        for slope, _ in itertools.product(("0,0", "0.1,0", "0.2,0"), range(2)):
+            code, said, _ = run_usvauv(*self.PLAN[:3], "--slope", slope)
+            assert code == 0
+        assert "plan-3.png" in said
+        assert sorted(path.name for path in tmp_path.iterdir()) == ["plan-2.png", "plan-3.png", "plan.png"]
 
     def test_a_file_that_was_changed_is_another_argument(self, tmp_path, run_usvauv, refused):
         scenario, log = tmp_path / "base.toml", tmp_path / "a.csv"
