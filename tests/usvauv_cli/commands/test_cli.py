@@ -422,7 +422,7 @@ class TestResultsThatAreThere:
         ("sweep mine.toml", "is a scenario, not a study; usvauv simulate mine.toml runs it"),
         ("replay mine.toml", "is a scenario, not a trace; usvauv simulate mine.toml runs it"),
         ("plan --log mission.nc", "is a NetCDF file, not a log of fixes; usvauv replay mission.nc draws a trace"),
-        ("plan fixes.csv", "plan takes no argument 'fixes.csv'; --log fixes.csv does"),
+        ("plan fixes.csv", "is a CSV file, not a scenario; usvauv plan --log fixes.csv reads a log of fixes"),
         ("mine.toml", "command 'mine.toml': usvauv simulate mine.toml runs it"),
     ],
 )
@@ -554,7 +554,7 @@ def test_a_folder_with_the_name_of_a_scenario_hides_nothing(tmp_path, run_usvauv
         (["sim"], ["command 'sim'", "did you mean 'simulate'?"]),
         (["eval", "--until", "2"], ["eval has no option --until", "did you mean '--until-halfwidth'?"]),
         (["simulate", "extreme", "straight"], ["simulate takes no argument 'straight'"]),
-        (["plan", "extreme"], ["plan takes no argument 'extreme'; --scenario extreme does"]),
+        (["plan", "extreme"], ["--auv: give each AUV as X,Y,Z in metres"]),
         (["simulate", "--size", "³²⁰x³²⁰"], ["--size", "expected WIDTHxHEIGHT"]),
         (["simulate", "--out", "missing/a.mp4"], ["missing/a.mp4", "does not exist"]),
         (["simulate", "--at", "3"], ["--at 3", "usvauv-extreme.mp4", "BEGIN:END"]),
