@@ -317,6 +317,16 @@ class Playback:
         shares = ((t - step) / self._ring_steps if step >= 0 else 1.0 for step in began)
         return [share if share < 1 else None for share in shares]
 
+    def pinged(self, steps: slice) -> np.ndarray:
+        """(T,) whether the ring of a boat's ping is drawn in each of some steps."""
+        since = np.arange(len(self._pinged))[steps, None] - self._pinged[steps]
+        return np.any((self._pinged[steps] >= 0) & (since < self._ring_steps), axis=1)
+
+    @property
+    def current(self) -> bool:
+        """Whether the water has a current."""
+        return bool(self.trace.vortex.size or self.trace.stream.size)
+
     def heard(self, t: float, auv: int) -> tuple[int, float]:
         """The boat with an AUV's last reply, and how recent it is at a moment: 1 in that step, 0 without one."""
         last = int(self._heard[step_of(t), auv])
