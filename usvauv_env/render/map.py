@@ -94,7 +94,8 @@ class MissionMap:
         for auv, place in enumerate(auvs):
             self._draw_auv(picture, t, auv, place, estimated[auv], nodes)
         if not self._wordless:
-            self._popups.draw(picture, t, auvs, auvs + self._label)
+            places = view.pixel(play.auvs.values[self._popups.begin(t)]) - self._corner
+            self._popups.draw(picture, t, places, auvs + self._label)
 
     def _draw_trails(self, t: float) -> None:
         width, steps = self._layout.px(2), self._play.track(t, 120)
@@ -127,7 +128,7 @@ class MissionMap:
             if np.abs(axes).max() > 2 * self._layout.unit:
                 outline = shapes.ellipse_points(estimated[auv], axes)
                 line = np.concatenate([outline, outline[:1]])
-                self._overlay.strokes([line], style.auv_colour(auv), 0.8, self._layout.px(1))
+                self._overlay.strokes([line], style.auv_colour(auv), 0.45, self._layout.px(1.3))
 
     def _draw_tracks(self, picture: np.ndarray, t: float, nodes: np.ndarray) -> None:
         """The targets that move, with their letters, and where the AUVs take them to be."""
@@ -323,14 +324,15 @@ FRAMES = 60  # of the video, over which data of an AUV are added up and shown
 class Popups:
     """Words at AUVs with the data that each has collected in some seconds of video; `unit` is a pixel of the design.
 
-    An AUV's words appear with data that it delivers, count what comes within `FRAMES`, and vanish then.
+    They appear where an AUV delivers data, count what comes within `FRAMES`, and vanish then: words that went along
+    with it could hardly be read in fast motion.
     """
 
     def __init__(self, play: Playback, unit: float) -> None:
         self._play, self._unit = play, unit
         delivered = play.trace.delivered[:, 0].astype(float)
         self._steps = max(math.ceil(FRAMES * play.pace), 1)
-        self._begin = np.full(delivered.shape, -self._steps)  # step from which on data are added up
+        self._begin = np.full(delivered.shape, -self._steps)  # step from which on data are added up, < 0 before
         self._sum = np.zeros_like(delivered)
         for t, now in enumerate(delivered):
             before = self._begin[t - 1] if t else self._begin[0]
@@ -338,21 +340,25 @@ class Popups:
             self._begin[t] = np.where(goes_on | (now < LEAST_DATA), before, t)
             self._sum[t] = now + np.where(goes_on & (t > 0), self._sum[t - 1], 0.0)
 
-    def draw(self, picture: np.ndarray, t: float, auvs: np.ndarray, badges: np.ndarray) -> None:
-        """Write them within a picture above AUVs (K, 2), apart from each other and from the numbers at `badges` (K, 2).
+    def begin(self, t: float) -> tuple[np.ndarray, np.ndarray]:
+        """Index of what the words of a moment stand at, in values (T, K, …): the step when they appeared, the AUV."""
+        begin = np.maximum(self._begin[step_of(t)], 0)
+        return begin, np.arange(len(begin))
 
-        Those of AUVs outside the picture are left out.
+    def draw(self, picture: np.ndarray, t: float, places: np.ndarray, badges: np.ndarray) -> None:
+        """Write them within a picture above places (K, 2), apart from each other and from numbers at `badges`.
+
+        Those of places outside the picture are left out.
         """
         unit, size, step, width = self._unit, 13 * self._unit, step_of(t), picture.shape[1]
         taken = [(x, y, 10 * unit) for x, y in badges]  # middle and half the width
-        for auv, ((x, y), inside) in enumerate(zip(auvs, within(picture, auvs), strict=True)):
-            age = (t - self._begin[step, auv]) / self._steps
-            if age >= 1.0 or not inside:
+        for auv, ((x, y), inside) in enumerate(zip(places, within(picture, places), strict=True)):
+            if t - self._begin[step, auv] >= self._steps or not inside:
                 continue
             text = f"+{self._sum[step, auv]:.2f} Mbit"
             half = text_width(text, size, bold=True) / 2 + 0.4 * size
             x = np.clip(x, half, max(width - half, half))
-            y = max(y - (30 + 14 * age) * unit, size)
+            y = max(y - 34 * unit, size)
             while any(abs(x - at) < half + other and abs(y - row) < 1.5 * size for at, row, other in taken):
                 y += -1.5 * size if y > 2.5 * size else 1.5 * size * (len(taken) + 1)
             taken.append((x, y, half))

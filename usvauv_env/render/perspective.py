@@ -62,7 +62,7 @@ class PerspectiveView:
         self._backdrop = _backdrop(box.width, box.height, layout.theme)
         self._write_still(limit)
         floating = play.floating.values * (scene.heights if trace.surface.size else 0.0)
-        self.boats = Series(scene.place(trace.boat_position[:, 0], floating[..., 0]), smooth=True)
+        self.boats = Series(scene.place(play.boats.values, floating[..., 0]), smooth=True)
         self._slopes = Series(floating[..., 1:], smooth=True)
         self._below = BelowSurface(play, scene, layout, self._middle, self._enlarged)
 
@@ -387,7 +387,8 @@ class BelowSurface:
         auvs = canvas.camera.pixel(self.auvs.at(t))
         labels = auvs + np.array([14, -13]) * unit
         if height > SMALL * unit:
-            self._popups.draw(canvas.picture, t, auvs, labels)
+            places = canvas.camera.pixel(self.auvs.values[self._popups.begin(t)])
+            self._popups.draw(canvas.picture, t, places, labels)
         for auv in np.flatnonzero(within(canvas.picture, auvs)).tolist():
             shapes.badge(canvas.picture, str(auv + 1), labels[auv], 11 * unit, style.auv_colour(auv))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -92,13 +93,35 @@ class TestSea:
             assert fast > 0.99 > 0.9 > true
             assert both[0].std() > 0.5 * both[1].std()
         place, floating = trace.boat_position[:, 0], trace.boat_surface[:, 0]
-        shown = sea.under(place, floating)
+        shown = sea.under(place, floating, place)
         for t in (0, 7, STEPS - 1):
             x, y = place[t, 0]
             around = sea.on(t, np.array([x - 1, x, x + 1]), np.array([y - 1, y, y + 1]))
             slopes = (around[1, 2] - around[1, 0]) / 2, (around[2, 1] - around[0, 1]) / 2
             np.testing.assert_allclose(shown[t, 0], (around[1, 1], *slopes), atol=0.03)
-        np.testing.assert_array_equal(plain.under(place, floating), floating)
+        np.testing.assert_array_equal(plain.under(place, floating, place), floating)
+
+    def test_in_fast_motion_waves_do_not_move_a_boat_to_and_fro(self, trace):
+        """A circle of 2 m in the storm's period, on a straight way: the way remains, but for the ends."""
+        t = np.arange(120)
+        way = np.stack([20 + 0.8 * t, 60 + 0.3 * t], 1)
+        turn = 2 * np.pi * t / RecordedSea(trace).period
+        circling = way + 2 * np.stack([np.cos(turn), np.sin(turn)], 1)
+        made = synthetic_trace(steps=120)
+        boat = replace(made, boat_position=circling[:, None, None], storm=trace.storm)
+        inner = slice(20, 100)
+        np.testing.assert_allclose(Playback(boat, speed_up=30.0).boats.values[inner, 0], way[inner], atol=0.15)
+        np.testing.assert_array_equal(Playback(boat).boats.values[:, 0], circling)
+
+    def test_in_fast_motion_a_map_is_like_the_one_before(self, trace):
+        """Vehicles, which move by their own lengths, are held: sea, current and pings move."""
+        moving = "boat_position", "boat_heading", "boat_goal", "auv_position", "auv_velocity", "estimate"
+        moving += "foreseen_position", "estimate_covariance"
+        held = {name: np.repeat(getattr(trace, name)[:1], STEPS, axis=0) for name in moving}
+        frames, shown = frames_of([replace(trace, **held)], (640, 360), speed_up=30.0), []
+        for t in range(STEPS):
+            shown.append(frames.layout.map.of(frames.frame(t)).mean(axis=-1).ravel())
+        assert min(np.corrcoef(one, other)[0, 1] for one, other in pairwise(shown)) > 0.985
 
 
 class TestSeries:
