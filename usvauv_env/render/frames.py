@@ -12,6 +12,7 @@ import numpy as np
 
 from usvauv.env.record.trace import Trace
 from usvauv.env.render import shapes, style
+from usvauv.env.render.boat_view import BoatView
 from usvauv.env.render.layout import (
     AXES,
     Arrangement,
@@ -175,17 +176,20 @@ class MissionFrames(Frames):
             self.map = MissionMap(play, layout, follow=follow)
             draw_map_axes(still, self.map, layout, view_note(trace))
             self._parts.append(self.map)
-        if "perspective" in boxes:
+        scale = self.map.view.per_metre if "map" in boxes else 0.0
+        if "perspective" in boxes and follow and follow.kind == "usv":
+            self._parts.append(BoatView(play, boxes["perspective"], layout, follow.index))
+        elif "perspective" in boxes:
             perspective = PerspectiveView(play, boxes["perspective"], layout, follow)
             self._parts.append(perspective)
-        scale = self.map.view.per_metre if "map" in boxes else perspective.per_metre
+            scale = scale or perspective.per_metre
         if "fixes" in boxes:
             self._parts.append(FixInsets(still, play, boxes["fixes"], layout, self.map.view))
         if "section" in boxes:
             self._parts.append(DepthSection(still, play, boxes["section"], layout))
         if "reward" in boxes:
             self._parts.append(RewardBars(still, play, boxes["reward"], layout))
-        if "legend" in boxes:
+        if "legend" in boxes and scale:  # beside a boat there is none of what it names
             self._parts.append(Legend(play, boxes["legend"], layout, scale, "map" in boxes, "fixes" in boxes))
         if "errors" in boxes:
             self._plots.append(error_plot(still, play, boxes["errors"], layout))

@@ -146,14 +146,24 @@ class RecordedSea:
         """Elevation (len(y), len(x)) float32 at a moment on a finer grid of points x and y, m."""
         if not self.surface.size:
             return np.zeros((len(y), len(x)), np.float32)
+        long, water = self.beneath(t, *np.meshgrid(x, y))
+        return long + elevation(self._storm, x, y, self._time_of(t) / self.slow) * water
+
+    def beneath(self, t: float, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Long waves (m) at a moment, and 1 for water and 0 for land, at points x and y (m), beyond the area as at its
+        border; float32.
+        """
         columns, rows = (
             ((new - old[0]) / max(old[-1] - old[0], 1e-9) * (len(old) - 1)).astype(np.float32)
             for new, old in ((x, self._x), (y, self._y))
         )
-        across, up = np.meshgrid(columns, rows)
-        long = cv2.remap(self._long_waves(t), across, up, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-        water = cv2.remap(self._water, across, up, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
-        return long + elevation(self._storm, x, y, self._time_of(t) / self.slow) * water
+        long = cv2.remap(self._long_waves(t), columns, rows, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        return long, cv2.remap(self._water, columns, rows, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
+
+    def storm(self, t: float) -> np.ndarray:
+        """The storm's waves as they are shown at a moment: a (m), kx, ky (rad/m) and phase (rad), (N, 4)."""
+        a, kx, ky, omega, phase = self._storm.T
+        return np.stack([a, kx, ky, phase - omega * self._time_of(t) / self.slow], axis=1)
 
     def under(self, place: np.ndarray, floating: np.ndarray, at: np.ndarray) -> np.ndarray:
         """What is shown of elevation (m) and slopes to the east and north under a boat, (T, …, 3).
@@ -237,7 +247,7 @@ class Playback:
         self.time, self.depths = Series(trace.time), Series(trace.depth[:, 0])
         moving = trace.boat_position, trace.auv_position
         place, auvs = (values[:, 0] for values in moving)
-        shown = _mean(place, round(self.sea.period / scenario.mission.step)) if self.sea.slow > 1.0 else place
+        shown = running_mean(place, round(self.sea.period / scenario.mission.step)) if self.sea.slow > 1.0 else place
         self.boats, self.auvs = Series(shown, smooth=True), Series(auvs, smooth=True)
         self.floating = Series(self.sea.under(place, trace.boat_surface[:, 0], shown), smooth=True)
         linear = trace.boat_heading, trace.boat_goal, trace.estimate, trace.estimate_covariance, trace.foreseen_position
@@ -362,7 +372,7 @@ def _smooth(series: np.ndarray, window: int) -> np.ndarray:
     return late / count.reshape(-1, *[1] * (series.ndim - 1))
 
 
-def _mean(series: np.ndarray, window: int) -> np.ndarray:
+def running_mean(series: np.ndarray, window: int) -> np.ndarray:
     """Mean (T, …) over `window` rows around each row, over fewer at both ends."""
     total = np.concatenate([0 * series[:1], np.cumsum(series, axis=0)])
     reach = np.minimum(np.minimum(np.arange(len(series)), np.arange(len(series))[::-1]), window // 2)

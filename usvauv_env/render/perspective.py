@@ -35,7 +35,7 @@ FAINTEST = 0.1  # share of its colour to which the line to an AUV fades after a 
 
 
 class PerspectiveView:
-    """Draws world 0 of a trace.
+    """Draws world 0 of a trace, with `follow` from nearer that AUV.
 
     Attributes:
         scene: where things are drawn and at which scales.
@@ -53,7 +53,7 @@ class PerspectiveView:
         self._followed = self._grid = None
         texels, self._enlarged = TEXELS, 1.0
         if follow:
-            up = -scene.depths * trace.depth[:, 0, follow.index] if follow.kind == "auv" else 0.0
+            up = -scene.depths * trace.depth[:, 0, follow.index]
             self._followed = Series(scene.place(follow.way(trace).values, up), smooth=True)
             self._grid = MapView(trace.scenario.area, box).grid(FINE)
             texels, self._enlarged = FINE, 1 / 2
