@@ -392,7 +392,7 @@ def _lid(ring: np.ndarray) -> list[np.ndarray]:
 
 
 def _boat(waterline: bool = False) -> Body:
-    """A boat; with `waterline` of what is above the water alone."""
+    """A boat; with `waterline` what of it is above the water, with a mast, to be seen from beside it."""
     keel = _deck(((-0.46, -0.12), (0.02, -0.14), (0.24, -0.08), (0.38, -0.005)), -0.08)
     line = _deck(((-0.48, -0.16), (0.03, -0.185), (0.29, -0.1), (0.46, -0.005)), 0.02)
     rail = _deck(((-0.5, -0.19), (0.04, -0.21), (0.32, -0.13), (0.56, -0.005)), 0.12)
@@ -406,9 +406,10 @@ def _boat(waterline: bool = False) -> Body:
     walls, shades = tube(room, [style.BOAT, style.BOAT_DECK])
     faces += [*walls, *_lid(room[-1])]
     inks += [*shades, style.BOAT]
-    mast = [_deck(((-0.17, -r), (-0.17 + 2 * r, -r)), up) for r, up in ((0.01, 0.34), (0.004, 0.6))]
-    poles, paints = tube(mast, [style.OUTLINE])
-    faces, inks = [*faces, *poles], [*inks, *paints]
+    if waterline:
+        mast = [_deck(((-0.17, -r), (-0.17 + 2 * r, -r)), up) for r, up in ((0.01, 0.34), (0.004, 0.6))]
+        poles, paints = tube(mast, [style.OUTLINE])
+        faces, inks = [*faces, *poles], [*inks, *paints]
     return Body.of(faces, inks)
 
 
