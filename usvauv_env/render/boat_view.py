@@ -103,8 +103,8 @@ class BoatView:
         canvas = Canvas(self._box.of(picture), self.camera(t))
         np.copyto(canvas.picture, self._sky)
         away = self._draw_sea(canvas, t)
-        self._draw_boat(canvas, t, away)
         self._draw_spray(canvas, t)
+        self._draw_boat(canvas, t, away)
         self._write(canvas.picture, t)
 
     def surface(self, t: float, camera: PinholeCamera) -> np.ndarray:
