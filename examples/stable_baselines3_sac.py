@@ -3,11 +3,11 @@
 Install and run:
 
     pip install -c constraints.txt -e ".[sb3]"
-    cd examples && python stable_baselines3_sac.py --steps 6000
+    python examples/stable_baselines3_sac.py --steps 6000
 
-and compare what was learned, in the same folder:
+and compare what was learned:
 
-    usvauv eval --policy stable_baselines3_sac:Learned --policy straight
+    usvauv eval --policy examples.stable_baselines3_sac:Learned --policy straight
 """
 
 import argparse
