@@ -2,10 +2,13 @@
 
     python -m benchmarks.tracking
     python -m benchmarks.tracking --particles 15000 --runs 100
+    python -m benchmarks.tracking --stone-soup 2000 --runs 30
 
 AUVs circle targets at 60 m by what their own filter says (`tests/kernels/tracking/rules.py`). Errors are those after
 step 20, of each target that of the AUV with the least range. `--particles` adds a bootstrap particle filter that knows
-the rules. Processor times are medians over steps, of one call for one filter.
+the rules. `--stone-soup` has filters of that library on the same measurements, while AUVs steer by ours: a particle
+filter and an unscented Kalman filter of targets whose velocity walks at random. Processor times are medians over steps,
+of one call for one filter.
 """
 
 from __future__ import annotations
@@ -59,10 +62,30 @@ def figures(outcome: Outcome) -> dict[str, float]:
     }
 
 
+def of_stone_soup(particles: int, level: Level, setting: dict[str, int]) -> dict[str, float]:
+    """Figures of filters of Stone Soup, and the processor time of all their calls for a filter and a step."""
+    from benchmarks.stone_soup import StoneSoup
+
+    found: dict[str, float] = {}
+    for name, number in (("Stone Soup's particles", particles), ("its UKF", 0)):
+        before = time.process_time()
+        outcome = simulate(
+            lambda count, level, number=number: StoneSoup(count, level, number, seed=1),
+            level,
+            **setting,
+            guide=lambda count, level: Filters(count, motion(level), runtime.start().device),
+        )
+        steps = 128 * setting["runs"] * setting["pairs"] ** 2
+        found |= {f"{figure}, {name}": value for figure, value in figures(outcome).items()}
+        found[f"{name} (µs)"] = round(1e6 * (time.process_time() - before) / steps, 1)
+    return found
+
+
 def main() -> None:
     parser = command_line(__doc__)
     parser.add_argument("--runs", type=int, default=1000, help="with one pair; a third of it with three")
     parser.add_argument("--particles", type=int, default=0, help="of the particle filter; 0: none")
+    parser.add_argument("--stone-soup", type=int, default=0, help="particles of Stone Soup's filter; 0: none")
     parser.add_argument("--seed", type=int, default=1)
     arguments = parse(parser)
     rows = []
@@ -80,6 +103,8 @@ def main() -> None:
             if arguments.particles:
                 best = simulate(lambda n, level: Particles(n, level, arguments.particles, seed=1), level, **setting)
                 row |= {f"{figure}, particles": value for figure, value in figures(best).items()}
+            if arguments.stone_soup:
+                row |= of_stone_soup(arguments.stone_soup, level, setting)
             rows.append(row)
     show({**describe(), "errors": rows}, arguments.json)
 

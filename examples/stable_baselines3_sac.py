@@ -3,19 +3,38 @@
 Install and run:
 
     pip install -c constraints.txt -e ".[sb3]"
-    python examples/stable_baselines3_sac.py --steps 6000
+    cd examples && python stable_baselines3_sac.py --steps 6000
+
+and compare what was learned, in the same folder:
+
+    usvauv eval --policy stable_baselines3_sac:Learned --policy straight
 """
 
 import argparse
 from collections.abc import Sequence
 
 import numpy as np
+import torch
 from stable_baselines3 import SAC
 from stable_baselines3.common.callbacks import BaseCallback
 
+from usvauv import World
 from usvauv.env.interfaces.sb3_env import AuvVecEnv
 
+SAVED = "stable_baselines3_sac.zip"
 REWARD_SCALE = 0.1  # a service brings 30, and Adam's defaults suit numbers of order one
+
+
+class Learned:
+    """The policy that was saved last, without exploration."""
+
+    def __init__(self, world: World) -> None:
+        self.model = SAC.load(SAVED, device="cpu")
+
+    def act(self, observation: torch.Tensor) -> np.ndarray:
+        """Actions (W, K, A) for observations (W, K, O)."""
+        actions, _ = self.model.predict(observation.flatten(0, 1).numpy(), deterministic=True)
+        return actions.reshape(*observation.shape[:2], -1)
 
 
 class Report(BaseCallback):
@@ -63,6 +82,7 @@ def main(arguments: Sequence[str] | None = None) -> list[float]:
     )
     model.learn(asked.steps * env.num_envs, callback=report)
     env.close()
+    model.save(SAVED)
     return report.means
 
 

@@ -37,6 +37,12 @@ def circle(angle):
 
 
 @func
+def wrapped(angle):
+    """An angle, rad, within ±π."""
+    return angle - TWO_PI * ti.floor(angle / TWO_PI + 0.5)
+
+
+@func
 def narrowed(v):
     """A vector of double precision in single precision, number by number: Taichi converts no vector in registers."""
     return ti.Vector([ti.cast(v[n], ti.f32) for n in ti.static(range(v.n))])

@@ -117,6 +117,11 @@ def default(scenario: Scenario) -> str:
         with suppress(PolicyError):
             check(own, scenario)
             return own
+    return default_heuristic(scenario)
+
+
+def default_heuristic(scenario: Scenario) -> str:
+    """The default among the policies that are not learned."""
     if scenario.auv.action == "fins":
         return "helm"
     return "pass" if scenario.collects_in_passing else scenario.task_definition.heuristic

@@ -9,7 +9,7 @@ import pytest
 import torch
 from gymnasium.wrappers import FlattenObservation
 
-from usvauv import Scenario
+from usvauv import Scenario, World, policies
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 
@@ -56,6 +56,10 @@ def test_learns(name, library, steps, reports, short_missions, tmp_path, monkeyp
     assert np.isfinite(rewards).all()
     assert rewards[0] < -2.5
     assert rewards[-1] > rewards[0] * 2 / 3
+    if name == "stable_baselines3_sac":  # whose result is a policy for this program
+        world = World(Scenario.load(short_missions), 3, seed=5)
+        act = policies.acting(f"{name}:Learned", world)
+        assert (act(world.reset()).abs() <= 1).all()
     printed = [line for line in capsys.readouterr().out.splitlines() if line.startswith("step ")]
     assert len(printed) == reports
     assert printed[-1].startswith(f"step {steps}: mean team reward {rewards[-1]:.2f} per step")

@@ -71,7 +71,7 @@ print({*usvauv.__all__} <= {*globals()}, "torch" in sys.modules)
         ("train extreme-torpedo --set torpedo.length=0.3 --set torpedo.diameter=1", 2),
         ("live --set acoustics.absorption=none --set task=none --set channel.schedule=none", 2),
         ("sea --set auv.model=submarine", 2),
-        ("plan --scenario nosuch", 2),
+        ("plan nosuch", 2),
     ],
 )
 def test_lists_help_and_refusals_wait_for_no_library(arguments, code):

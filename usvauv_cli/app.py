@@ -117,7 +117,7 @@ def parser() -> typer.Typer:
     import typer
 
     from usvauv.cli.commands import evaluate, export, inspect, plan, sea, simulate, sweep, train
-    from usvauv.cli.usage import Command
+    from usvauv.cli.usage import HELP, Command, Commands
 
     app = typer.Typer(
         name="usvauv",
@@ -126,13 +126,19 @@ def parser() -> typer.Typer:
         add_completion=False,
         pretty_exceptions_enable=False,
         rich_markup_mode="markdown",
+        context_settings=HELP,
+        cls=Commands,
     )
-    for command in (
-        *(simulate.simulate, simulate.replay, simulate.live, train.train),
-        *(evaluate.evaluate, export.export, sweep.sweep, sweep.reproduce, plan.plan, sea.sea),
-        *(inspect.scenarios, inspect.policies, inspect.boats, inspect.targets, inspect.doctor),
-    ):
-        app.command("eval" if command is evaluate.evaluate else None, cls=Command)(command)
+    groups = {
+        "Simulate": (simulate.simulate, simulate.replay, simulate.live),
+        "Learn and compare": (train.train, evaluate.evaluate, sweep.sweep, sweep.reproduce),
+        "Plan, sea, other programs": (plan.plan, sea.sea, export.export),
+        "What there is": (inspect.scenarios, inspect.policies, inspect.boats, inspect.targets, inspect.doctor),
+    }
+    for group, commands in groups.items():
+        for command in commands:
+            name = "eval" if command is evaluate.evaluate else None
+            app.command(name, cls=Command, rich_help_panel=group)(command)
 
     def print_version(wanted: bool) -> None:
         if wanted:
@@ -144,7 +150,7 @@ def parser() -> typer.Typer:
     @app.callback()
     def options(
         version: bool = typer.Option(
-            False, "--version", callback=print_version, is_eager=True, help="Show the version and exit."
+            False, "--version", metavar="", callback=print_version, is_eager=True, help="Show the version and exit."
         ),
     ) -> None:
         """The options of `usvauv` itself; the app's help text stands above."""

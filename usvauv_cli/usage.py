@@ -9,9 +9,10 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from typer.core import TyperCommand
+from typer.core import TyperArgument, TyperCommand, TyperGroup, TyperOption
 
 from usvauv.kernels.errors import UserError, choices
+from usvauv.kernels.limits import ARCHITECTURES
 
 
 class Kind(NamedTuple):
@@ -75,8 +76,64 @@ def expect(kind: str, name: str | Path) -> None:
         raise UserError(f"{name}: is {KINDS[found].found}, not {KINDS[kind].name}; {KINDS[found].taken.format(name)}")
 
 
+# What a help text says that an option takes, by its name, else by its type; options say no more of what they are.
+TAKEN = {
+    "--policy": "NAME",
+    "--usv": "BOAT",
+    "--targets": "RULE",
+    "--arch": "|".join(ARCHITECTURES),
+    "--view": "map|sea|both",
+    "--theme": "dark|light",
+    "--log": "tensorboard|wandb",
+    "--algorithm": "sac|td3|ddpg|ppo",
+    "int": "N",
+    "float": "X",
+    "Path": "PATH",
+    "bool": "",
+}
+GROUPS = {  # of the options in a help text; those of a command itself stand first, without a group
+    "Mission": ("--policy", "--usv", "--targets", "--seed", "--set", "--plugin"),
+    "Picture": ("--view", "--theme", "--size", "--fps", "--speedup", "--at", "--follow"),
+    "Result": ("--out", "--trace", "--report", "--onnx", "--json", "--force", "--resume"),
+    "Machine": ("--arch", "--ray", "--slurm", "--jobs", "--port", "--open", "--help"),
+}
+GROUP = {option: group for group, options in GROUPS.items() for option in options}
+SHORT = {"--out": "-o"}
+HELP = {"help_option_names": ["--help", "-h"]}
+
+
+class Commands(TyperGroup):
+    """All commands."""
+
+    def get_help_option(self, ctx: Any) -> Any:
+        """The option `--help`."""
+        option = super().get_help_option(ctx)
+        if option is not None:
+            option.metavar = ""
+        return option
+
+
 class Command(TyperCommand):
-    """A command that says what is likely meant by an option or argument that it does not have."""
+    """A command whose help has groups, and that says what is likely meant by an option or argument it does not have."""
+
+    def __init__(self, *arguments: Any, **more: Any) -> None:
+        super().__init__(*arguments, **more)
+        self.context_settings = {**self.context_settings, **HELP}
+        for each in self.params:
+            if isinstance(each, TyperArgument):
+                each.display_type_rich = lambda ctx: None  # its name says what it is
+            elif isinstance(each, TyperOption):
+                name = each.opts[0]
+                each.metavar = TAKEN.get(name, TAKEN.get(each.bare_type())) if each.metavar is None else each.metavar
+                each.rich_help_panel = GROUP.get(name)
+                each.opts += [SHORT[name]] if name in SHORT else []
+
+    def get_help_option(self, ctx: Any) -> Any:
+        """The option `--help`."""
+        option = super().get_help_option(ctx)
+        if option is not None:
+            option.metavar, option.rich_help_panel = "", GROUP["--help"]
+        return option
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Process the arguments of the command line.

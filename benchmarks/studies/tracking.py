@@ -1,12 +1,16 @@
 """Errors of tracked targets by rule and setting, beside published ones, and what not knowing one's place costs.
 
     python -m benchmarks.studies.tracking
+    python -m benchmarks.studies.tracking --part measurements
     python -m benchmarks.studies.tracking --runs runs/tracking-plain --out docs/circling.png
 
 First `tracking-plain`, by team and setting of the published environment: the error of the estimates of the AUV with the
 smallest range, after the first 20 steps, its median and its mean over worlds, targets and steps, the latter with the
 95 % interval over worlds, and NEES/2, which is 1 where filters are consistent. `published` has median and mean of that
 environment's particle filter with its AUVs on a circle of 60 m, measured in it.
+
+Then what is measured, three on three at hard: ranges of 10 m, bearings of 3°, both; ranges with depths that are not
+known; ranges of signals that fade.
 
 Then `tracking`: the same by the boat's strategy, and with places known exactly; differences from `belief` are paired.
 
@@ -61,11 +65,19 @@ PLACES = {
     "places known": ("belief", ("task_parameters.places_known=1",)),
 }
 CELLS = ((1, "hard"), (3, "easy"), (3, "medium"), (3, "hard"), (3, "expert"), (5, "hard"))  # for learned policies
+MEASUREMENTS = {
+    "ranges": (),
+    "ranges, depths of 5 to 20 m not known": ("depths_known=0",),
+    "the same, depths of 5 to 80 m": ("depths_known=0", "depth_most=80"),
+    "ranges, signals of 60 dB excess at 1 m fade": ("signal_excess=60",),
+    "bearings": ("ranges=0", "bearing_noise=0.052"),
+    "ranges and bearings": ("bearing_noise=0.052",),
+}
 NORMAL = 1.96
 
 
-def setting(name: str, team: int) -> Scenario:
-    """`tracking-plain` with a team of AUVs, as many targets, and the targets of a setting."""
+def setting(name: str, team: int, *more: str) -> Scenario:
+    """`tracking-plain` with a team of AUVs, as many targets, the targets of a setting, and more task parameters."""
     (slowest, fastest), (soonest, latest) = SETTINGS[name]
     numbers = {
         "target_speed_least": slowest * SPEED,
@@ -73,7 +85,8 @@ def setting(name: str, team: int) -> Scenario:
         "turn_after_least": soonest,
         "turn_after_most": latest,
     }
-    changes = [f"task_parameters.{key}={value:.4g}" for key, value in numbers.items()]
+    given = [*(f"{key}={value:.4g}" for key, value in numbers.items()), *more]
+    changes = [f"task_parameters.{each}" for each in given]
     return Scenario.load("tracking-plain", [f"auv.count={team}", f"nodes.count={team}", *changes])
 
 
@@ -114,6 +127,14 @@ def plain(worlds: int, seed: int) -> list[dict[str, object]]:
         for team in TEAMS
         for name in SETTINGS
         for rule in RULES
+    ]
+
+
+def measurements(worlds: int, seed: int) -> list[dict[str, object]]:
+    """Rows of what is measured."""
+    return [
+        {"measured": row} | figures(run(setting("hard", 3, *changes), "circle", worlds, seed))
+        for row, changes in MEASUREMENTS.items()
     ]
 
 
@@ -208,29 +229,32 @@ def main() -> None:
     parser = command_line(__doc__)
     parser.add_argument("--episodes", type=int, default=200, help="worlds of each row")
     parser.add_argument("--seed", type=int, default=2026)
+    parser.add_argument("--part", choices=("rules", "measurements", "places", "rates"), help="one table; default all")
     parser.add_argument("--runs", type=Path, help="folder of training runs, one for each seed")
     parser.add_argument("--out", type=Path, help="X.png: figures X-light.png and X-dark.png of their curves to write")
     arguments = parse(parser)
-    result: dict[str, Any] = {
-        "machine": describe(),
-        "episodes": arguments.episodes,
-        "seed": arguments.seed,
-    }
+    worlds, seed = arguments.episodes, arguments.seed
+    result: dict[str, Any] = {"machine": describe(), "episodes": worlds, "seed": seed}
     if arguments.runs:
         runs = sorted(path.parent for path in arguments.runs.glob(f"*/{LAST}{ENDING}"))
         if not runs:
             parser.error(f"--runs {arguments.runs}: has no training runs")
-        result |= {"curves": curves(runs), "learned": learned(runs, arguments.episodes, arguments.seed)}
+        result |= {"curves": curves(runs), "learned": learned(runs, worlds, seed)}
         if arguments.out:
             write_pair(arguments.out, partial(draw, result["curves"]))
         show(result, arguments.json)
         return
-    result |= {
-        "tracking-plain": plain(arguments.episodes, arguments.seed),
-        "tracking": places(max(2, arguments.episodes // 4), arguments.seed),
-        "steps of all worlds in a second of a processor, hard": rates(TEAMS, max(64, 4 * arguments.episodes)),
+    parts = {
+        "rules": ("tracking-plain", lambda: plain(worlds, seed)),
+        "measurements": (
+            "tracking-plain, three on three, hard, by what is measured",
+            lambda: measurements(worlds, seed),
+        ),
+        "places": ("tracking", lambda: places(max(2, worlds // 4), seed)),
+        "rates": ("steps of all worlds in a second of a processor, hard", lambda: rates(TEAMS, max(64, 4 * worlds))),
     }
-    show(result, arguments.json)
+    chosen = [arguments.part] if arguments.part else parts
+    show(result | {title: make() for title, make in (parts[name] for name in chosen)}, arguments.json)
 
 
 if __name__ == "__main__":

@@ -31,7 +31,7 @@ import math
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.trigonometry import TWO_PI
+from usvauv.kernels.trigonometry import wrapped
 from usvauv.kernels.vehicles.gains import Gain
 from usvauv.kernels.vehicles.kinematics import axes, velocity_of_water
 from usvauv.kernels.vehicles.numbers import Constant
@@ -51,12 +51,6 @@ def gain(table: ti.template(), number: ti.template()) -> ti.f32:
 def clamp(value, limit) -> lanes:
     """The number nearest to a value between −limit and limit."""
     return ti.min(ti.max(value, 0.0 - limit), limit)
-
-
-@func
-def wrapped(angle) -> lanes:
-    """The angle in [−π, π)."""
-    return angle - TWO_PI * ti.floor(angle / TWO_PI + 0.5)
 
 
 @func

@@ -33,7 +33,7 @@ from usvauv.policies.training.training_run import TrainingRun, learning_bytes
 
 TINY = 1e-6
 GAIN_RATE = 0.002  # step size of the running mean of the reward, for each step of all worlds
-EVALUATIONS = 10  # evaluations in a training by default
+EVALUATIONS = 5  # evaluations in a training by default: each takes as long as some hundred updates
 WINDOW = 100  # steps of all worlds between two reports
 
 Figures = list[dict[str, Any]]  # of each run, see `Trainer.train`

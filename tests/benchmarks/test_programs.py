@@ -23,6 +23,7 @@ SMALLEST: dict[str, tuple[str, dict[str, object]]] = {  # options, and constants
     "benchmarks.digest": ("", {"MISSIONS": [("ideal", [], "fim")], "SEAS": [[]], "STEPS": 2}),
     "benchmarks.stream": ("--episodes 2", {}),
     "benchmarks.studies.front": ("--episodes 2", {}),
+    "benchmarks.film": ("--fps 1 --size 320x240", {"DURATION": 4.0, "STORM": 1.0, "RACE": 2.0}),
     "benchmarks.learning": ("--updates 50 --largest 128", {}),
     "benchmarks.scale": ("--jobs 1", {"TASKS": 4}),
     "benchmarks.seeds": ("--seeds 2 --pairs 1 --updates 200 --learn batch=8 --learn hidden=8", {}),

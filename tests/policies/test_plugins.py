@@ -86,6 +86,9 @@ class East:
 def function(world):
     return East(world).act
 
+def array(world):
+    return lambda observation: East(world).act(observation).numpy().astype(float)
+
 class Inert:
     def __init__(self, world):
         pass
@@ -113,7 +116,7 @@ def _modules(tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures("_modules")
-@pytest.mark.parametrize("name", ["own_east:East", "own_east:function"])
+@pytest.mark.parametrize("name", ["own_east:East", "own_east:function", "own_east:array"])
 def test_it_acts_under_its_name(name):
     world = ToyWorld(scenario(), 3, seed=2)
     policies.check(name, scenario())
@@ -144,7 +147,7 @@ def test_what_cannot_be_found_is_refused_without_a_world(name, problem):
     [
         ("Inert", "returned <own_east.Inert object at .*>: must be an object with `act`, or a function"),
         ("text", r"returned 'north': must be a tensor of shape \(3, 2, 2\)"),
-        ("failing", rf"raised KeyError: 'north', in .*own_east\.py, line 23 {SEE}$"),
+        ("failing", rf"raised KeyError: 'north', in .*own_east\.py, line 26 {SEE}$"),
     ],
 )
 @pytest.mark.usefixtures("_modules")

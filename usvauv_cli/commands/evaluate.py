@@ -107,7 +107,7 @@ def evaluate(
     from usvauv.env.storage.result_tables import growing_table
     from usvauv.policies import loading
 
-    options.writable(context, out, "--out", (".csv",))
+    out = options.writable(context, out, "--out", (".csv",))
     names = list(dict.fromkeys(policy or [loading.default(setting)]))
     for name in names:
         options.check_policy(name, setting)

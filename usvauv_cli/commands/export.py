@@ -23,7 +23,7 @@ def export(
     scenario: Annotated[
         str | None,
         typer.Argument(
-            metavar="[SCENARIO]",
+            metavar="SCENARIO",
             callback=options.of_kind("scenario"),
             help="For a policy: shipped name or path of a TOML file. Default: the scenario of its training.",
         ),
@@ -93,7 +93,7 @@ def export(
         raise UserError("--set: name the scenario whose fields it changes, after the policy")
     setting = None if scenario is None else Scenario.load(scenario, overrides or ())
     path = onnx or Path(f"{Path(source).name.removesuffix('.safetensors')}.onnx")
-    options.writable(context, path, "--onnx", (".onnx",))
+    path = options.writable(context, path, "--onnx", (".onnx",))
     player = loading.load_learned(source, setting)
     write(player, path)
     auv, size = player.scenario.auv, ObservationLayout.of(player.scenario).size

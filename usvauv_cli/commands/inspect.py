@@ -63,7 +63,7 @@ Item = tuple[str, str]  # as it is written, and what it is
 def scenarios(
     scenario: Annotated[
         str | None,
-        typer.Argument(metavar="[SCENARIO]", callback=of_kind("scenario"), help="Name or path to print."),
+        typer.Argument(metavar="SCENARIO", callback=of_kind("scenario"), help="Name or path to print."),
     ] = None,
     check: Annotated[
         bool, typer.Option("--check", help="Check whether what it simulates can occur at sea, instead of printing it.")

@@ -224,7 +224,7 @@ def choice(option: str, value: str, allowed: Collection[str]) -> str:
 
 def writable(context: typer.Context, path: Path, option: str, endings: Sequence[str]) -> Path:
     """The path of a result given by an option: a file with one of some endings (in lower case) can be created there, or
-    may be replaced, see `keep_others`.
+    may be replaced, see `keep_others`. Where nobody gave it, it gets the first number with which that is so.
     """
     from usvauv.env.storage.files import OutputError, check_place
 
@@ -239,8 +239,27 @@ def writable(context: typer.Context, path: Path, option: str, endings: Sequence[
         check_place(path)
     except OutputError as error:
         raise UserError(f"{option} {error}") from None
+    source = context.get_parameter_source(option.lstrip("-"))
+    if source is not None and source.name.startswith("DEFAULT"):
+        path = _numbered(context, path)
     keep_others(context, path, option)
     return path
+
+
+def _numbered(context: typer.Context, path: Path) -> Path:
+    """A path, or the first of PATH-2, PATH-3 and so on that the command may write; with --resume one that is begun."""
+    arguments, number, found = _decisive(context), 1, path
+    if context.params.get("resume"):
+        begun = sorted(path.parent.glob(f"{path.stem}*{path.suffix}.partial"))
+        return begun[0].with_suffix("") if begun else path
+    while not context.params["force"] and _occupied(found) and _made_by(found) != arguments:
+        number += 1
+        found = path.with_stem(f"{path.stem}-{number}")
+    return found
+
+
+def _occupied(path: Path) -> bool:
+    return os.path.exists(path) and not (os.path.isdir(path) and not os.listdir(path))
 
 
 def keep_others(context: typer.Context, path: Path, option: str) -> None:
@@ -251,9 +270,8 @@ def keep_others(context: typer.Context, path: Path, option: str) -> None:
     nor of a copy that was made without them.
     """
     arguments, before = _decisive(context), _identity(path)
-    there = os.path.exists(path) and not (os.path.isdir(path) and not os.listdir(path))
     goes_on = context.params["force"] or context.params.get("resume")
-    if there and not goes_on and (known := _made_by(path)) != arguments:
+    if _occupied(path) and not goes_on and (known := _made_by(path)) != arguments:
         from usvauv.cli.evaluation.batches import first_difference
 
         how = f"made with {first_difference(known, arguments)}" if known else "perhaps made with other arguments"

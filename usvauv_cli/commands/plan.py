@@ -10,7 +10,7 @@ import typer
 
 from usvauv.cli import terminal
 from usvauv.cli.commands import options
-from usvauv.cli.commands.options import Arch, Force, Overrides, Plugins, of_kind, writable
+from usvauv.cli.commands.options import Arch, Force, Overrides, Plugins, ScenarioName, of_kind, writable
 from usvauv.kernels.errors import UserError
 
 if TYPE_CHECKING:
@@ -25,6 +25,7 @@ MOST_DRAWN = 200  # places to compare with, each a row of the figure's legend
 
 def plan(
     context: typer.Context,
+    scenario: ScenarioName = "extreme",
     auv: Annotated[
         list[str] | None,
         typer.Option(
@@ -46,14 +47,6 @@ def plan(
         list[str] | None,
         typer.Option(metavar="NAME", help="A beacon of --log to plan for; may be repeated. Default: all under water."),
     ] = None,
-    scenario: Annotated[
-        str,
-        typer.Option(
-            metavar="S",
-            callback=of_kind("scenario"),
-            help="Array, sonar, noise and area: shipped name or path of a TOML file.",
-        ),
-    ] = "extreme",
     compare: Annotated[
         list[str] | None,
         typer.Option(
@@ -109,6 +102,8 @@ def plan(
 
     `usvauv plan --auv 60,80,100 --auv 150,120,90 --compare 0,0`
 
+    Array, sonar, noise and area of another scenario: `usvauv plan wide --auv 300,400,60 --auv 700,500,60`
+
     Your own USBL, a transponder in a 600 m wide area: `usvauv plan --auv 100,80,40 --auv 450,300,180
     --set area.width=600 --set area.length=400 --set area.depth=250 --set acoustics.path=transponder
     --set acoustics.source_level=170 --set usbl.spacing=0.025 --set usbl.attitude_error=0.003`
@@ -120,20 +115,7 @@ def plan(
 
     For a script: `usvauv plan --auv 60,80,100 --auv 150,120,90 --json - | jq .optimum`
 
-    **JSON:** *scenario*, *verdict* (the optimum against the centroid, a sentence), *objective*, *measurement*, *slope*
-    (x, y); *area*: *width*, *length*, *depth* (m); *auvs*: *x*, *y*, *depth* (m), *latitude*, *longitude* (degrees),
-    *carrier* (Hz); *optimum*, *centroid* and the list *compare*: *x*, *y* (m), *latitude*, *longitude*,
-    *log_objective*, *rms*, *mean* (m, of the AUVs located), *located* (how many), *budget* (rms errors of the AUVs'
-    fixes by cause, m) and one of *errors* per AUV: *range* (slant, m), *major*, *minor* (1-σ, m), *angle* of the major
-    axis (rad, anticlockwise from east), *good* (probability, the product of *detected* and *good_if_detected*),
-    *wrapped* (probability, of fixes detected), *direct_ray* (false: the sound speed profile bends it away),
-    *signal_excess* (over the detection threshold, dB); *warnings*: the lines on standard error; with `--log` *log*, for
-    each AUV *name*, *fixes*, *used*, *x*, *y*, *depth*, *noise* and *accuracy* (m), *age* (s) and *uncertainty* (m),
-    and *left_out*, the number of fixes, positions and lines not used by reason. *log_objective*, lengths in m, J the
-    information on all positions: d ln det J; a −ln tr J⁻¹; sum ln det of the sum of all AUVs' information; paper ln of
-    what Eq. 3 prints. null: *major*, *minor*, *angle*, *rms*, *mean* where an axis is unbounded, as for phases alone
-    where the AUV lies in the array's plane; *rms*, *mean* where no AUV is located; *log_objective* where there is no
-    information; *latitude*, *longitude* without a place on Earth.
+    The keys of the JSON are explained in `docs/export.md`.
     """
     import json
     from dataclasses import asdict, replace
@@ -168,7 +150,7 @@ def plan(
     if out is None and not to_stdout:
         out = Path("plan.png")
     if out:
-        writable(context, out, "--out", FORMATS)
+        out = writable(context, out, "--out", FORMATS)
         if out.suffix.lower() == geojson.ENDING:
             geojson.frame_of(setting)
         if len(others) > MOST_DRAWN:

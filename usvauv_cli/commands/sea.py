@@ -91,7 +91,8 @@ def sea(
     from usvauv.env.world.mission_parameters import first_vortices
 
     out = out or Path(f"usvauv-sea-{setting.name}.mp4")
-    kind = options.writable(context, out, "--out", FORMATS).suffix.lower()
+    out = options.writable(context, out, "--out", FORMATS)
+    kind = out.suffix.lower()
     for option, value in (("--fps", fps), ("--size", size)):
         if value is not None and kind != ".mp4":
             raise UserError(f"{option} {value}: is for videos; --out {out} is not one")

@@ -90,6 +90,7 @@ def simulate(
 
     out = out or Path(f"usvauv-{setting.name}.mp4")
     video = options.checked_video(context, out)
+    out = video.path
     if trace:
         options.writable(context, trace, "--trace", (".nc",))
     step = setting.mission.step

@@ -74,7 +74,7 @@ def sweep(
 
 
 def reproduce(
-    target: Annotated[str | None, typer.Argument(metavar="[TARGET]", help="What to make; without it, a list.")] = None,
+    target: Annotated[str | None, typer.Argument(metavar="TARGET", help="What to make; without it, a list.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder of all results; the same folder continues.")] = None,
     quick: Annotated[bool, typer.Option("--quick", help="A small version, in minutes.")] = False,
     ray: Ray = None,

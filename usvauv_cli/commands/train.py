@@ -80,8 +80,8 @@ def train(
     """Train a policy with SAC, TD3, DDPG or PPO and keep its best and last checkpoint, with curves for TensorBoard
     beside them or in Weights & Biases.
 
-    An untrained network steers much like the heuristic `clear`. The policy is evaluated before training and ten times
-    during it, in other worlds, against the default policy (most often `clear`): its margin is shown with a 95 %
+    An untrained network steers much like a heuristic, most often `clear`. The policy is evaluated before training and
+    five times during it, in other worlds, against the scenario's default heuristic: its margin is shown with a 95 %
     interval. Ctrl-C ends the run cleanly; `--resume` continues it.
 
     **Examples:**
@@ -108,6 +108,7 @@ def train(
     from usvauv.kernels import runtime
     from usvauv.policies.checkpoint import LAST, clean, path_of, provenance
     from usvauv.policies.inputs import changed, digests
+    from usvauv.policies.loading import default_heuristic
     from usvauv.policies.training.figures import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
     from usvauv.policies.training.meter import check_log
 
@@ -172,7 +173,7 @@ def train(
             return
         several, first, config = place not in found, runs[0], runs[0].config
         trainer = policies.Trainer(*runs, log=log, threads=runtime.start(arch).threads)
-        name = policies.default(setting)
+        name = default_heuristic(setting)
         typer.echo(f"evaluating {name} …")
         baselines = []
         for run in runs:
@@ -188,6 +189,11 @@ def train(
                 f" {config.before_learning} world-steps",
                 err=True,
             )
+        elif config.frame == "guided" and not setting.auv.dynamic:
+            typer.echo(
+                f"AUVs that are points gain little over {first.frame.start}, where training begins; from"
+                " --learn frame=target it begins far below and rises towards it"
+            )
         title = setting.name
         if several:
             title += f", seeds {', '.join(str(run.config.seed) for run in runs)}"
@@ -195,7 +201,7 @@ def train(
 
             def watch(figures: list[dict]) -> None:
                 try:
-                    show(training_table.of_seeds(figures))
+                    show(training_table.of_seeds(figures), _evaluations(runs))
                 except Interrupted as closed:  # the reader of standard output has gone
                     trainer.interruption.ask(closed.signum)
 
@@ -210,11 +216,7 @@ def train(
         told = f"best policy{'' if learned else ', the untrained one'}: {shown}"
         where = place / f"{FOLDER}*" if several else place
         typer.echo(terminal.wrapped(f"{told}, in {where}/best.safetensors", 2))
-        evaluations = [
-            training_table.of_seeds([{"evaluation": row} for row in rows])["evaluation"]
-            for rows in zip(*(run.history for run in runs), strict=False)
-        ]
-        for line in curve(evaluations, name):
+        for line in curve(_evaluations(runs), name):
             typer.echo(line)
         if learned:  # the best of several evaluations in the same episodes
             own = place / f"{FOLDER}{config.seed}" if several else place
@@ -238,6 +240,14 @@ def _folders(out: Path) -> dict[int, Path]:
     found = {path.name.removeprefix(FOLDER): path for path in out.glob(f"{FOLDER}*") if path.is_dir()}
     seeds = (seed for seed in found if seed.isascii() and seed.isdecimal())
     return {int(seed): found[seed] for seed in sorted(seeds, key=int)}
+
+
+def _evaluations(runs: Sequence[TrainingRun]) -> list[dict]:
+    """All evaluations so far, those of several runs as one."""
+    from usvauv.cli.commands.training_table import of_seeds
+
+    each = zip(*(run.history for run in runs), strict=False)
+    return [of_seeds([{"evaluation": row} for row in rows])["evaluation"] for rows in each]
 
 
 def _beside(worlds: World, baseline: Sequence[float], policy: LearnedPolicy) -> dict[str, float]:

@@ -15,6 +15,7 @@ from rich.live import Live
 from rich.table import Table
 
 from usvauv.cli import terminal
+from usvauv.cli.commands.training_curve import HEIGHT, curve
 from usvauv.cli.evaluation.comparison import Estimate, interval, words
 from usvauv.cli.terminal import LINE_EVERY, counted, duration, redraws
 
@@ -47,13 +48,21 @@ def of_seeds(figures: Sequence[dict]) -> dict:
 
 
 @contextmanager
-def training(baseline: dict, algorithm: str, scenario: str) -> Iterator[Callable[[dict], None]]:
-    """Show a training run as a live table, outside a terminal as lines; the function it gives takes new figures."""
+def training(baseline: dict, algorithm: str, scenario: str) -> Iterator[Callable[[dict, Sequence[dict]], None]]:
+    """Show a training run as a live table with its curve, outside a terminal as lines; the function it gives takes new
+    figures and all evaluations so far."""
     console = Console(markup=False, emoji=False)
     title = f"{algorithm} in {scenario}"
     if redraws(console):
         with Live(console=console, refresh_per_second=4) as live:
-            yield lambda figures: live.update(training_table(figures, baseline, title))
+
+            def draw(figures: dict, evaluations: Sequence[dict]) -> None:
+                """The table, and under way the curve of the margin where there is room for it."""
+                room = console.height >= TALL and figures["steps"] < figures["total"]
+                lines = curve(evaluations, baseline["policy"]) if room else []
+                live.update(Group(training_table(figures, baseline, title), *lines))
+
+            yield draw
         return
     policy, start = baseline["policy"], baseline["start"]
     begins = f"an untrained network steers much like {start}; " if start else ""
@@ -61,7 +70,7 @@ def training(baseline: dict, algorithm: str, scenario: str) -> Iterator[Callable
     print(terminal.wrapped(f"training {title}: {begins}{margin}", 2))
     printed = -LINE_EVERY
 
-    def show(figures: dict) -> None:
+    def show(figures: dict, evaluations: Sequence[dict]) -> None:
         """One line, at most every `LINE_EVERY` seconds and at the end."""
         nonlocal printed
         if figures["seconds"] - printed < LINE_EVERY and figures["steps"] < figures["total"]:
@@ -107,6 +116,7 @@ TRAINED = {
     "border": ("refused moves", "border"),
     "position_error_mean": ("position error, m", "position_error"),
 }  # of an evaluation → in words, of the training worlds
+TALL = 24 + HEIGHT + 3  # lines of a terminal that holds table and curve
 PAIRS, LONGEST_TERM = 3, 13  # a line, and columns of a name, of reward terms and figures of the learner
 
 

@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
+import torch
 from torch import Tensor
 
 from usvauv.env.record.metrics import EpisodeMetrics, episode_metrics
@@ -115,5 +117,13 @@ def evaluate_batch(
 
 
 def act_of(policy: Any) -> Act:
-    """The method `act` of an object that has one; a function itself."""
-    return getattr(policy, "act", policy)
+    """The method `act` of an object that has one; a function itself. Arrays of NumPy that it returns become tensors."""
+    act = getattr(policy, "act", policy)
+
+    def in_tensors(observation: Tensor) -> Tensor:
+        action = act(observation)
+        if isinstance(action, np.ndarray):
+            action = torch.as_tensor(action, dtype=torch.float32, device=observation.device)
+        return action
+
+    return in_tensors if callable(act) else act

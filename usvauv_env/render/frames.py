@@ -12,6 +12,7 @@ import numpy as np
 
 from usvauv.env.record.trace import Trace
 from usvauv.env.render import shapes, style
+from usvauv.env.render.boat_view import BoatView
 from usvauv.env.render.layout import (
     AXES,
     Arrangement,
@@ -23,7 +24,8 @@ from usvauv.env.render.layout import (
     within_margins,
     write_heading,
 )
-from usvauv.env.render.map import MissionMap, draw_legend, draw_map_axes, view_note
+from usvauv.env.render.legend import Legend
+from usvauv.env.render.map import MissionMap, draw_map_axes, view_note
 from usvauv.env.render.mission import Playback, Series, Vehicle, step_of
 from usvauv.env.render.perspective import PerspectiveView
 from usvauv.env.render.plots import DepthSection, FixInsets, RecordedPlot, RewardBars
@@ -174,17 +176,21 @@ class MissionFrames(Frames):
             self.map = MissionMap(play, layout, follow=follow)
             draw_map_axes(still, self.map, layout, view_note(trace))
             self._parts.append(self.map)
-        if "perspective" in boxes:
-            self._parts.append(PerspectiveView(play, boxes["perspective"], layout, follow))
+        scale = self.map.view.per_metre if "map" in boxes else 0.0
+        if "perspective" in boxes and follow and follow.kind == "usv":
+            self._parts.append(BoatView(play, boxes["perspective"], layout, follow.index))
+        elif "perspective" in boxes:
+            perspective = PerspectiveView(play, boxes["perspective"], layout, follow)
+            self._parts.append(perspective)
+            scale = scale or perspective.per_metre
         if "fixes" in boxes:
             self._parts.append(FixInsets(still, play, boxes["fixes"], layout, self.map.view))
         if "section" in boxes:
             self._parts.append(DepthSection(still, play, boxes["section"], layout))
         if "reward" in boxes:
             self._parts.append(RewardBars(still, play, boxes["reward"], layout))
-        if "legend" in boxes:
-            foresees = not np.array_equal(trace.foreseen_position, trace.estimate)
-            draw_legend(still, boxes["legend"], layout, scenario, foresees, "map" in boxes)
+        if "legend" in boxes and scale:  # beside a boat there is none of what it names
+            self._parts.append(Legend(play, boxes["legend"], layout, scale, "map" in boxes, "fixes" in boxes))
         if "errors" in boxes:
             self._plots.append(error_plot(still, play, boxes["errors"], layout))
         if "depth" in boxes:

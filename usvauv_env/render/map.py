@@ -1,11 +1,9 @@
-"""The map of a mission, seen from above, with the axes and scales around it, and its legend."""
+"""The map of a mission, seen from above, with the axes and scales around it."""
 
 from __future__ import annotations
 
 import math
 import string
-from collections.abc import Callable
-from dataclasses import replace
 from itertools import pairwise
 from typing import Protocol
 
@@ -13,17 +11,17 @@ import numpy as np
 
 from usvauv.env.record.trace import Trace
 from usvauv.env.render import shapes, style
-from usvauv.env.render.layout import Layout, Rectangle, draw_card, nice, nice_above
-from usvauv.env.render.mission import ROUNDING, TRAIL, Playback, Vehicle, error_axes, step_of
+from usvauv.env.render.layout import Layout, nice, nice_above
+from usvauv.env.render.mission import TRAIL, Playback, Vehicle, error_axes, step_of
 from usvauv.env.render.sea_surface import CurrentStreaks, MapView, SeaSurface, colour_scale
-from usvauv.env.render.shapes import LegendSymbol, Overlay
+from usvauv.env.render.shapes import Overlay
 from usvauv.env.render.style import text_width, write
-from usvauv.env.scenario.scenario import Scenario
 from usvauv.kernels.flow.vortex import Eddies
 from usvauv.kernels.types import Level
 
 TRAIL_PIECES = 6  # of one opacity each
 FOLLOWED = 3.0  # magnification of a map that goes along with a vehicle
+LEAST_DATA = 0.005  # Mbit, that begin words at an AUV
 WORDLESS = 240.0  # shorter side in pixels of the design of a map with smaller vehicles and no words over nodes
 
 
@@ -48,7 +46,7 @@ class MissionMap:
         )  # fmt: skip
         # Streaks drift at the true speed, up to a twentieth of their length a frame, which the eye can follow.
         self._streak_step = min(scenario.mission.step * play.pace, 0.05 * self.streaks.tail)
-        self._overlay = Overlay(*layout.map)
+        self._overlay, self._corner = Overlay(*layout.map), np.array(layout.map[:2])
         self._followed = follow.way(trace) if follow else None
         self._label = np.array([14, -12]) * layout.unit
         self._popups = Popups(play, layout.unit)
@@ -78,21 +76,26 @@ class MissionMap:
         self._overlay.clear()
         self.streaks.update(self._trace.vortex[step, 0], self._trace.stream_at(float(self._trace.time[step])))
         self.streaks.draw(self._overlay, t / self._play.pace * self._streak_step, self._layout.px(1.2))
-        auvs, boats, nodes = (view.pixel(places) for places in (play.auvs.at(t), play.boats.at(t), play.nodes.at(t)))
-        estimated = view.pixel(play.estimated.at(t))
+        auvs, boats, nodes, estimated = (
+            view.pixel(series.at(t)) for series in (play.auvs, play.boats, play.nodes, play.estimated)
+        )
         self._draw_field(step)
         self._draw_ellipses(t, estimated)
         self._draw_pings(t, auvs, boats)
         self._draw_trails(t)
         self._draw_links(t, auvs, nodes)
         self._overlay.blend(picture)
+        # Symbols end at the border of the map: they are drawn on that part of the picture alone, in its own pixels.
+        picture = self._layout.map.of(picture)
+        auvs, boats, nodes, estimated = (places - self._corner for places in (auvs, boats, nodes, estimated))
         self._draw_nodes(picture, t, nodes)
         for boat, place in enumerate(boats):
             self._draw_boat(picture, t, boat, place)
         for auv, place in enumerate(auvs):
             self._draw_auv(picture, t, auv, place, estimated[auv], nodes)
         if not self._wordless:
-            self._popups.draw(picture, self._layout.map, t, nodes, self._hover_radius, auvs + self._label)
+            places = view.pixel(play.auvs.values[self._popups.begin(t)]) - self._corner
+            self._popups.draw(picture, t, places, auvs + self._label)
 
     def _draw_trails(self, t: float) -> None:
         width, steps = self._layout.px(2), self._play.track(t, 120)
@@ -125,19 +128,21 @@ class MissionMap:
             if np.abs(axes).max() > 2 * self._layout.unit:
                 outline = shapes.ellipse_points(estimated[auv], axes)
                 line = np.concatenate([outline, outline[:1]])
-                self._overlay.strokes([line], style.auv_colour(auv), 0.8, self._layout.px(1))
+                self._overlay.strokes([line], style.auv_colour(auv), 0.45, self._layout.px(1.3))
 
     def _draw_tracks(self, picture: np.ndarray, t: float, nodes: np.ndarray) -> None:
         """The targets that move, with their letters, and where the AUVs take them to be."""
         unit, zoom = self._layout.unit, self._layout.zoom
-        tracked, axes = self.view.pixel(self._play.tracked.at(t)), error_axes(self._play.track_covariance.at(t))
+        tracked = self.view.pixel(self._play.tracked.at(t)) - self._corner
+        axes = error_axes(self._play.track_covariance.at(t))
         for place, each in zip(tracked, self.view.vector(axes), strict=True):
             outline = shapes.ellipse_points(place, each)
             shapes.stroke(picture, outline, style.TARGET, self._layout.px(1.3), closed=True)
             shapes.fix(picture, place, 3.5 * unit, style.TARGET, 1.4 * unit, zoom)
         for number, place in enumerate(nodes):
             shapes.target(picture, place, 6 * self._size, style.TARGET, zoom)
-            shapes.badge(picture, letter(number), place + self._label, 11 * unit, style.TARGET)
+            if within(picture, place):
+                shapes.badge(picture, letter(number), place + self._label, 11 * unit, style.TARGET)
 
     def _draw_pings(self, t: float, auvs: np.ndarray, boats: np.ndarray) -> None:
         """A ring from each boat that has interrogated, and lines from the boats to the AUVs that have replied."""
@@ -179,7 +184,7 @@ class MissionMap:
             self._gauges.draw(picture, centre, share, old, pulse)
 
     def _draw_boat(self, picture: np.ndarray, t: float, boat: int, position: np.ndarray) -> None:
-        layout, goal = self._layout, self.view.pixel(self._play.goals.at(t)[boat])
+        layout, goal = self._layout, self.view.pixel(self._play.goals.at(t)[boat]) - self._corner
         if np.hypot(*(goal - position)) > 20 * layout.unit:  # nearer goals are below the boat
             shapes.strokes(picture, shapes.dashes(position, goal, 3 * layout.unit), style.BOAT, layout.px(1))
             shapes.cross(picture, goal, 5 * layout.unit, style.BOAT, layout.px(2))
@@ -192,9 +197,8 @@ class MissionMap:
         if self._play.hovering[step, auv]:
             node = nodes[self._play.stops(step, auv)[0]]
             share = self._play.service_share[step, auv]
-            within, middle = layout.map.of(picture), node - (layout.map.left, layout.map.top)
-            shapes.progress_ring(within, middle, self._hover_radius, share, colour, 3.4 * layout.unit, layout.zoom)
-        foreseen = self.view.pixel(self._play.foreseen.at(t)[auv])
+            shapes.progress_ring(picture, node, self._hover_radius, share, colour, 3.4 * layout.unit, layout.zoom)
+        foreseen = self.view.pixel(self._play.foreseen.at(t)[auv]) - self._corner
         if np.hypot(*(foreseen - fix)) > 5 * layout.unit:
             way = shapes.dashes(foreseen, position, 3 * layout.unit)
             shapes.strokes(picture, way, style.mix(colour, style.OUTLINE, 0.5), layout.px(1))
@@ -202,7 +206,8 @@ class MissionMap:
         shapes.auv(picture, position, float(self._play.attitude.at(t)[auv, 0]), 29 * self._size, colour, layout.zoom)
         if np.hypot(*(fix - position)) > 5 * layout.unit:  # smaller errors are visible in the inset only
             shapes.fix(picture, fix, 4 * layout.unit, style.WHITE, 1.5 * layout.unit, layout.zoom)
-        shapes.badge(picture, str(auv + 1), position + self._label, 11 * layout.unit, colour)
+        if within(picture, position):
+            shapes.badge(picture, str(auv + 1), position + self._label, 11 * layout.unit, colour)
 
 
 def letter(target: int) -> str:
@@ -313,114 +318,53 @@ def _scales(picture: np.ndarray, layers: MapLayers, layout: Layout) -> float:
     return right - tail
 
 
-FRAMES = 45  # for which the data of a completed service is shown
+FRAMES = 60  # of the video, over which data of an AUV are added up and shown
 
 
 class Popups:
-    """Words over nodes, each with the data of a service so far; `unit` is a pixel of the design."""
+    """Words at AUVs with the data that each has collected in some seconds of video; `unit` is a pixel of the design.
+
+    They appear where an AUV delivers data, count what comes within `FRAMES`, and vanish then: words that went along
+    with it could hardly be read in fast motion.
+    """
 
     def __init__(self, play: Playback, unit: float) -> None:
         self._play, self._unit = play, unit
-        self._delivered = play.trace.delivered[:, 0].astype(float)
-        goes_on = (self._delivered[1:] > 0) & (play.trace.service_rate[:-1, 0] == 0)
-        for before, now, same in zip(self._delivered, self._delivered[1:], goes_on, strict=False):
-            now += before * same  # in passing data come in each step
-        self._steps = max(FRAMES * play.pace, 1.0)
+        delivered = play.trace.delivered[:, 0].astype(float)
+        self._steps = max(math.ceil(FRAMES * play.pace), 1)
+        self._begin = np.full(delivered.shape, -self._steps)  # step from which on data are added up, < 0 before
+        self._sum = np.zeros_like(delivered)
+        for t, now in enumerate(delivered):
+            before = self._begin[t - 1] if t else self._begin[0]
+            goes_on = t - before < self._steps
+            self._begin[t] = np.where(goes_on | (now < LEAST_DATA), before, t)
+            self._sum[t] = now + np.where(goes_on & (t > 0), self._sum[t - 1], 0.0)
 
-    def draw(
-        self, picture: np.ndarray, box: Rectangle, t: float, nodes: np.ndarray, above: float, badges: np.ndarray
-    ) -> None:
-        """Write them within a box, apart from each other and from the AUVs' numbers at `badges` (K, 2), each from
-        `above` pixels over its node (M, 2) on.
+    def begin(self, t: float) -> tuple[np.ndarray, np.ndarray]:
+        """Index of what the words of a moment stand at, in values (T, K, …): the step when they appeared, the AUV."""
+        begin = np.maximum(self._begin[step_of(t)], 0)
+        return begin, np.arange(len(begin))
+
+    def draw(self, picture: np.ndarray, t: float, places: np.ndarray, badges: np.ndarray) -> None:
+        """Write them within a picture above places (K, 2), apart from each other and from numbers at `badges`.
+
+        Those of places outside the picture are left out.
         """
-        unit, size = self._unit, 13 * self._unit
-        first, step = max(0, math.floor(t - self._steps + ROUNDING) + 1), step_of(t)
-        taken = [(x, y + 4 * unit, 10 * unit) for x, y in badges]  # middle, baseline and half the width
-        for auv in range(self._delivered.shape[1]):
-            recent = np.flatnonzero(self._delivered[first : step + 1, auv] > 0)
-            if not recent.size:
+        unit, size, step, width = self._unit, 13 * self._unit, step_of(t), picture.shape[1]
+        taken = [(x, y, 10 * unit) for x, y in badges]  # middle and half the width
+        for auv, ((x, y), inside) in enumerate(zip(places, within(picture, places), strict=True)):
+            if t - self._begin[step, auv] >= self._steps or not inside:
                 continue
-            done = first + int(recent[-1])
-            age = (t - done) / self._steps
-            text = f"+{self._delivered[done, auv]:.2f} Mbit"
-            half = text_width(text, size, bold=True) / 2
-            x, y = nodes[self._play.stops(done, auv)[0]]
-            if not (box.left <= x < box.right and box.top <= y < box.bottom):
-                continue  # of a node that a view which goes along does not show
-            x = np.clip(x, box.left + half, max(box.right - half, box.left + half))
-            y = max(y - above - (5 + 16 * age) * unit, box.top + 1.2 * size)
-            while any(abs(x - at) < half + other and abs(y - row) < 1.15 * size for at, row, other in taken):
-                y += -1.15 * size if y - 2.3 * size > box.top else 1.15 * size * (len(taken) + 1)
+            text = f"+{self._sum[step, auv]:.2f} Mbit"
+            half = text_width(text, size, bold=True) / 2 + 0.4 * size
+            x = np.clip(x, half, max(width - half, half))
+            y = max(y - 34 * unit, size)
+            while any(abs(x - at) < half + other and abs(y - row) < 1.5 * size for at, row, other in taken):
+                y += -1.5 * size if y > 2.5 * size else 1.5 * size * (len(taken) + 1)
             taken.append((x, y, half))
-            for shift, ink in ((unit, style.OUTLINE), (0, style.auv_colour(auv))):
-                write(picture, text, (x + shift, y + shift), size, ink, bold=True, anchor="centre", opacity=1 - age**3)
+            shapes.badge(picture, text, np.array([x, y]), size, style.auv_colour(auv))
 
 
-Entry = tuple[Callable[[LegendSymbol], None], str]
-AUV: Entry = LegendSymbol.auv, "underwater vehicle (AUV), last 2 min"
-BOAT: Entry = LegendSymbol.boat, "boat (USV): finds the AUVs by sound"
-PING: Entry = LegendSymbol.ping, "ring: the boat asks where they are"
-HEARD: Entry = LegendSymbol.heard, "line from the boat: an AUV it heard"
-GOAL: Entry = LegendSymbol.goal, "where the boat plans to go"
-FIX: Entry = LegendSymbol.fix, "true place of an AUV, and estimated"
-ELLIPSE: Entry = LegendSymbol.ellipse, "2-σ ellipse: 86 % of errors expected"
-CURRENT: Entry = LegendSymbol.current, "drifting streaks: water current"
-TO_NODE: Entry = LegendSymbol.target, "way to the sensor node it heads for"
-TO_TARGET: Entry = LegendSymbol.target, "way to the target it follows"
-MOVING: Entry = LegendSymbol.moving, "target that moves, and its way"
-TRACKED: Entry = LegendSymbol.tracked, "where the AUVs take it to be, 2 σ"
-TO_STATION: Entry = LegendSymbol.target, "way back to its station"
-NEXT: Entry = LegendSymbol.next, "its way to the next three nodes"
-NODE: Entry = LegendSymbol.node, "sensor nodes: how full with data"
-FULL: Entry = LegendSymbol.full, "full: new data is being lost"
-SERVICE: Entry = LegendSymbol.service, "AUV hovers and takes over data"
-IN_PASSING: Entry = LegendSymbol.service, "AUV in range takes over data"
-AGE: Entry = LegendSymbol.age, "white ring: last visited 5 min ago"
-STATION: Entry = LegendSymbol.station, "station that it holds"
-ENTRIES = AUV, BOAT, PING, HEARD, TO_NODE, GOAL, NEXT, FIX, NODE, ELLIPSE, FULL, SERVICE, AGE, CURRENT
-STATION_ENTRIES = AUV, BOAT, PING, HEARD, TO_STATION, GOAL, CURRENT, FIX, STATION, ELLIPSE
-TARGET_ENTRIES = AUV, BOAT, PING, HEARD, TO_TARGET, GOAL, MOVING, TRACKED, FIX, ELLIPSE, CURRENT
-FORESIGHT: tuple[Entry, ...] = (
-    (LegendSymbol.foreseen, "where the boat foresees an AUV"),
-    (LegendSymbol.field, "lines: what the boat would learn there"),
-)
-
-ON_MAP = replace(style.DARK, card=style.SEA[1])
-"""Colours of symbols: those of the map, on a stripe of water."""
-
-ABBREVIATIONS = "SDR: data rates of all services, added up · EC: an AUV's energy per second of travel"
-
-
-def draw_legend(
-    picture: np.ndarray, box: Rectangle, layout: Layout, scenario: Scenario, foresees: bool, from_above: bool = True
-) -> None:
-    """Symbols and words in one column or two, and what the abbreviations stand for.
-
-    Args:
-        foresees: the boat predicts AUVs. from_above: the picture is a map, which shows the current.
-    """
-    draw_card(picture, box, layout)
-    unit, size = layout.unit, 11 * layout.unit
-    task, passing = scenario.task, scenario.nodes.service == "passing"
-    kinds = {"nodes": ENTRIES, "auvs": STATION_ENTRIES, "moving": TARGET_ENTRIES}
-    entries = kinds[scenario.task_definition.targets] + FORESIGHT * foresees
-    entries = [entry for entry in entries if from_above or entry is not CURRENT]
-    entries = [IN_PASSING if passing and entry is SERVICE else entry for entry in entries]
-    widest = max(text_width(words, size) for _, words in entries)
-    columns = 2 if box.width >= 500 * unit else 1
-    rows = -(-len(entries) // columns)
-    size *= min(1.0, (box.width / columns - 48 * unit) / widest)
-    meaning = ABBREVIATIONS if task == "data-collection" else ABBREVIATIONS.split(" · ")[1]
-    if text_width(meaning, size) <= box.width - 16 * unit:
-        write(picture, meaning, (box.left + 8 * unit, box.bottom - 5 * unit), size, layout.theme.muted)
-        box = box._replace(height=box.height - round(16 * unit))
-    box = box._replace(top=box.top + round(3 * unit), height=box.height - round(6 * unit))
-    on_map = replace(layout, theme=ON_MAP)
-    for column in range(columns):
-        left = round(box.left + column * box.width / columns)
-        draw_card(picture, Rectangle(left, box.top, round(40 * unit), box.height), on_map)
-    for place, (symbol, words) in enumerate(entries):
-        left = box.left + (place % columns) * box.width / columns
-        middle = box.top + (place // columns + 0.5) * box.height / rows
-        symbol(LegendSymbol(picture, np.array([left + 20 * unit, middle]), on_map))
-        write(picture, words, (left + 45 * unit, middle + 0.36 * size), size, layout.theme.text)
+def within(picture: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Whether places (..., 2) lie in a picture."""
+    return np.all((places >= 0) & (places < picture.shape[1::-1]), axis=-1)

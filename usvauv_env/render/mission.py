@@ -110,17 +110,19 @@ class RecordedSea:
     whole surface is interpolated in this way.
 
     In fast motion the storm would be another one in each frame. There its waves go at their true speed: a second of the
-    video is one of theirs. All else goes faster.
+    video is one of theirs. All else goes faster, and what the waves move a boat to and fro is averaged.
 
     Attributes:
         surface: (T, Y, X) m, row 0 in the south; empty where it was not recorded.
         slow: how many times slower than all else the storm's waves go, at least 1.
+        period: of the storm's highest wave, s; 0 without a storm.
     """
 
     def __init__(self, trace: Trace, speed_up: float = 1.0) -> None:
         """`speed_up`: of the video, s of mission in a second."""
         self.surface, self._storm, self._time = trace.surface, trace.storm, trace.time
         self.slow = max(speed_up, 1.0) if len(trace.storm) else 1.0
+        self.period = 2 * math.pi / float(trace.storm[trace.storm[:, 0].argmax(), 3]) if len(trace.storm) else 0.0
         some = self.surface[:: max(1, len(self.surface) // LOOKS)]
         _, rows, columns = trace.surface.shape
         moves = (some != some[:1]).any(axis=0) if len(some) > 1 else np.ones((rows, columns))
@@ -144,26 +146,37 @@ class RecordedSea:
         """Elevation (len(y), len(x)) float32 at a moment on a finer grid of points x and y, m."""
         if not self.surface.size:
             return np.zeros((len(y), len(x)), np.float32)
+        long, water = self.beneath(t, *np.meshgrid(x, y))
+        return long + elevation(self._storm, x, y, self._time_of(t) / self.slow) * water
+
+    def beneath(self, t: float, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Long waves (m) at a moment, and 1 for water and 0 for land, at points x and y (m), beyond the area as at its
+        border; float32.
+        """
         columns, rows = (
             ((new - old[0]) / max(old[-1] - old[0], 1e-9) * (len(old) - 1)).astype(np.float32)
             for new, old in ((x, self._x), (y, self._y))
         )
-        across, up = np.meshgrid(columns, rows)
-        long = cv2.remap(self._long_waves(t), across, up, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
-        water = cv2.remap(self._water, across, up, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
-        return long + elevation(self._storm, x, y, self._time_of(t) / self.slow) * water
+        long = cv2.remap(self._long_waves(t), columns, rows, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        return long, cv2.remap(self._water, columns, rows, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
 
-    def under(self, place: np.ndarray, floating: np.ndarray) -> np.ndarray:
+    def storm(self, t: float) -> np.ndarray:
+        """The storm's waves as they are shown at a moment: a (m), kx, ky (rad/m) and phase (rad), (N, 4)."""
+        a, kx, ky, omega, phase = self._storm.T
+        return np.stack([a, kx, ky, phase - omega * self._time_of(t) / self.slow], axis=1)
+
+    def under(self, place: np.ndarray, floating: np.ndarray, at: np.ndarray) -> np.ndarray:
         """What is shown of elevation (m) and slopes to the east and north under a boat, (T, …, 3).
 
         Args:
             place: of the boat at each step, (T, …, 2) m. floating: elevation and slopes recorded there, (T, …, 3).
+            at: where the boat is drawn, (T, …, 2) m.
         """
         shown = floating.astype(float)
-        for time, sign in ((self._time / self.slow, 1.0), (self._time, -1.0)) if self.slow > 1.0 else ():
+        for there, time, sign in ((at, self._time / self.slow, 1.0), (place, self._time, -1.0)) * (self.slow > 1.0):
             for a, kx, ky, omega, phase in self._storm:
                 turned = (omega * time).reshape(-1, *[1] * (place.ndim - 2))
-                angle = kx * place[..., 0] + ky * place[..., 1] - turned + phase
+                angle = kx * there[..., 0] + ky * there[..., 1] - turned + phase
                 rise = -a * np.sin(angle)
                 shown += sign * np.stack([a * np.cos(angle), kx * rise, ky * rise], axis=-1)
         return shown
@@ -188,7 +201,8 @@ def error_axes(covariance: np.ndarray) -> np.ndarray:
     return SIGMAS * np.sqrt(np.maximum(variances, 0.0))[..., None] * np.swapaxes(directions, -1, -2)
 
 
-PING_STEPS = 12  # in which the ring of a ping runs from the boat to the farthest AUV; one begins after another
+PING_STEPS = 12  # in which the ring of a ping runs from the boat to the farthest AUV
+PINGS_APART = 3  # times as long from one ring to the next: fewer than there are pings
 HEARD_STEPS = 6.0  # in which the line to an AUV fades to 1/e after its reply
 NEXT = 3  # nodes of an AUV that are shown beyond the one it heads for
 
@@ -232,8 +246,10 @@ class Playback:
         self.duration = max(float(trace.time[-1]), scenario.mission.step)
         self.time, self.depths = Series(trace.time), Series(trace.depth[:, 0])
         moving = trace.boat_position, trace.auv_position
-        self.boats, self.auvs = (Series(values[:, 0], smooth=True) for values in moving)
-        self.floating = Series(self.sea.under(self.boats.values, trace.boat_surface[:, 0]), smooth=True)
+        place, auvs = (values[:, 0] for values in moving)
+        shown = running_mean(place, round(self.sea.period / scenario.mission.step)) if self.sea.slow > 1.0 else place
+        self.boats, self.auvs = Series(shown, smooth=True), Series(auvs, smooth=True)
+        self.floating = Series(self.sea.under(place, trace.boat_surface[:, 0], shown), smooth=True)
         linear = trace.boat_heading, trace.boat_goal, trace.estimate, trace.estimate_covariance, trace.foreseen_position
         self.boat_headings, self.goals, self.estimated, self.covariance, self.foreseen = (
             Series(values[:, 0]) for values in linear
@@ -257,7 +273,7 @@ class Playback:
         boats = np.arange(trace.boat_position.shape[2])
         asked = (((flags & usbl.SILENT) == 0)[..., None] & (self._by[..., None] == boats)).any(axis=1)
         self._ring_steps = PING_STEPS * math.sqrt(pace)  # in slow motion faster, but calm enough for the eye
-        self._pinged = np.stack([_pings(by_boat, self._ring_steps) for by_boat in asked.T], axis=1)
+        self._pinged = np.stack([_pings(by_boat, PINGS_APART * self._ring_steps) for by_boat in asked.T], axis=1)
 
     def of_nodes(self, values: np.ndarray) -> Series:
         """Series of values of nodes at each step, or of one that lasts."""
@@ -317,6 +333,16 @@ class Playback:
         shares = ((t - step) / self._ring_steps if step >= 0 else 1.0 for step in began)
         return [share if share < 1 else None for share in shares]
 
+    def pinged(self, steps: slice) -> np.ndarray:
+        """(T,) whether the ring of a boat's ping is drawn in each of some steps."""
+        since = np.arange(len(self._pinged))[steps, None] - self._pinged[steps]
+        return np.any((self._pinged[steps] >= 0) & (since < self._ring_steps), axis=1)
+
+    @property
+    def current(self) -> bool:
+        """Whether the water has a current."""
+        return bool(self.trace.vortex.size or self.trace.stream.size)
+
     def heard(self, t: float, auv: int) -> tuple[int, float]:
         """The boat with an AUV's last reply, and how recent it is at a moment: 1 in that step, 0 without one."""
         last = int(self._heard[step_of(t), auv])
@@ -344,6 +370,14 @@ def _smooth(series: np.ndarray, window: int) -> np.ndarray:
     late[window:] -= total[:-window]
     count = np.minimum(np.arange(1, len(series) + 1), window)
     return late / count.reshape(-1, *[1] * (series.ndim - 1))
+
+
+def running_mean(series: np.ndarray, window: int) -> np.ndarray:
+    """Mean (T, …) over `window` rows around each row, over fewer at both ends."""
+    total = np.concatenate([0 * series[:1], np.cumsum(series, axis=0)])
+    reach = np.minimum(np.minimum(np.arange(len(series)), np.arange(len(series))[::-1]), window // 2)
+    first, last = np.arange(len(series)) - reach, np.arange(len(series)) + reach + 1
+    return (total[last] - total[first]) / (last - first).reshape(-1, *[1] * (series.ndim - 1))
 
 
 def _service_share(hovering: np.ndarray, completed: np.ndarray) -> np.ndarray:

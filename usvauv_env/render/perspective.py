@@ -10,7 +10,7 @@ import numpy as np
 
 from usvauv.env.render import shapes, style
 from usvauv.env.render.layout import Layout, Rectangle, nice_above
-from usvauv.env.render.map import Popups, letter
+from usvauv.env.render.map import Popups, letter, within
 from usvauv.env.render.mission import Playback, Series, Vehicle, error_axes, step_of
 from usvauv.env.render.scene import (
     BOAT_BODY,
@@ -35,7 +35,7 @@ FAINTEST = 0.1  # share of its colour to which the line to an AUV fades after a 
 
 
 class PerspectiveView:
-    """Draws world 0 of a trace.
+    """Draws world 0 of a trace, with `follow` from nearer that AUV.
 
     Attributes:
         scene: where things are drawn and at which scales.
@@ -53,7 +53,7 @@ class PerspectiveView:
         self._followed = self._grid = None
         texels, self._enlarged = TEXELS, 1.0
         if follow:
-            up = -scene.depths * trace.depth[:, 0, follow.index] if follow.kind == "auv" else 0.0
+            up = -scene.depths * trace.depth[:, 0, follow.index]
             self._followed = Series(scene.place(follow.way(trace).values, up), smooth=True)
             self._grid = MapView(trace.scenario.area, box).grid(FINE)
             texels, self._enlarged = FINE, 1 / 2
@@ -62,9 +62,14 @@ class PerspectiveView:
         self._backdrop = _backdrop(box.width, box.height, layout.theme)
         self._write_still(limit)
         floating = play.floating.values * (scene.heights if trace.surface.size else 0.0)
-        self.boats = Series(scene.place(trace.boat_position[:, 0], floating[..., 0]), smooth=True)
+        self.boats = Series(scene.place(play.boats.values, floating[..., 0]), smooth=True)
         self._slopes = Series(floating[..., 1:], smooth=True)
         self._below = BelowSurface(play, scene, layout, self._middle, self._enlarged)
+
+    @property
+    def per_metre(self) -> float:
+        """Pixels a metre in the middle of the area."""
+        return self._middle.focal / self._middle.distance / self._enlarged
 
     def camera(self, t: float) -> PinholeCamera:
         """The camera of a moment; its pixels are those of the box."""
@@ -361,8 +366,9 @@ class BelowSurface:
         if self._play.moving:
             for number, (place, radius) in enumerate(zip(feet, self._radii[zoom], strict=True)):
                 shapes.target(canvas.picture, place, 0.7 * radius, style.TARGET, self._layout.zoom)
-                label = place + np.array([14, -13]) * self._layout.unit
-                shapes.badge(canvas.picture, letter(number), label, 11 * self._layout.unit, style.TARGET)
+                if within(canvas.picture, place):
+                    label = place + np.array([14, -13]) * self._layout.unit
+                    shapes.badge(canvas.picture, letter(number), label, 11 * self._layout.unit, style.TARGET)
             return
         heads = feet - self._radii[zoom][:, None] * (0.0, 1.5)
         shapes.strokes(canvas.picture, np.stack([feet, heads], 1), style.OUTLINE, self._layout.px(2))
@@ -376,15 +382,15 @@ class BelowSurface:
             gauges.draw(canvas.picture, heads[node], self._play.fill[step, node], self._play.age[step, node], pulse)
 
     def draw_words(self, canvas: Canvas, t: float) -> None:
-        """The AUVs' numbers beside them, and the data of their latest services, which a small view leaves out."""
-        (height, width), unit = canvas.picture.shape[:2], self._layout.unit
-        nodes, auvs = canvas.camera.pixel(self._nodes.at(t)), canvas.camera.pixel(self.auvs.at(t))
+        """The AUVs' numbers beside them, and their latest data, which a small view leaves out."""
+        height, unit = canvas.picture.shape[0], self._layout.unit
+        auvs = canvas.camera.pixel(self.auvs.at(t))
         labels = auvs + np.array([14, -13]) * unit
         if height > SMALL * unit:
-            box = Rectangle(0, 0, width, height)
-            self._popups.draw(canvas.picture, box, t, nodes, 3 * float(self._radii[-1]), labels)
-        for auv, label in enumerate(labels):
-            shapes.badge(canvas.picture, str(auv + 1), label, 11 * unit, style.auv_colour(auv))
+            places = canvas.camera.pixel(self.auvs.values[self._popups.begin(t)])
+            self._popups.draw(canvas.picture, t, places, labels)
+        for auv in np.flatnonzero(within(canvas.picture, auvs)).tolist():
+            shapes.badge(canvas.picture, str(auv + 1), labels[auv], 11 * unit, style.auv_colour(auv))
 
     def draw_auv(self, canvas: Canvas, t: float, auv: int) -> None:
         """Trail, line down to the bed, ways to its next nodes, error ellipse, estimate, and the body."""

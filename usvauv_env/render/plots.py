@@ -242,7 +242,9 @@ class FixInsets:
             shapes.plus(still, centre, 5 * unit, style.WHITE, layout.px(1))
 
     def draw(self, picture: np.ndarray, t: float) -> None:
-        """Draw the latest fixes, older ones fainter; the estimate as a diamond with its predicted ellipse."""
+        """Draw the latest fixes, older ones fainter; the estimate as a diamond, beyond the inset as an arrow
+        at its rim, with its predicted ellipse.
+        """
         layout, unit, step = self._layout, self._layout.unit, step_of(t)
         first, errors, axes_of = max(0, step - FIXES + 1), self._error.at(t), error_axes(self._play.covariance.at(t))
         for auv, centre in enumerate(self._centres):
@@ -259,6 +261,10 @@ class FixInsets:
             estimate = errors[auv] * (self._scale, -self._scale)
             if self._inside(estimate):
                 shapes.fix(picture, centre + estimate, 4.5 * unit, style.WHITE, 1.5 * unit, layout.zoom)
+            else:
+                heading = math.atan2(-estimate[1], estimate[0])
+                rim = centre + (self._radius - 5 * unit) * np.array([math.cos(heading), -math.sin(heading)])
+                shapes.arrow(picture, rim, heading, 14 * unit, style.WHITE, layout.zoom)
             self._caption(picture, step, auv)
 
     def _inside(self, offsets: np.ndarray) -> np.ndarray:

@@ -197,26 +197,36 @@ def look(camera: PinholeCamera, columns: Columns, sides: tuple[float, float], fi
     rows = (camera.height - heights) * (inverse * np.float32(camera.focal)) + np.float32(camera.centre[1])
     horizon = rows.min(axis=0)
     top, bottom = max(int(horizon.min()) - 2, 0), min(int(rows[0].max()) + 3, height - 2)
-    count, across = max((bottom - top) // 2 + 1, 1), len(near)
-
-    # Written far to near, so that the nearest remains.
-    place = np.clip(np.ceil((rows - (top + 0.5)) * 0.5), 0, count - 1).astype(np.intp)
-    place = place * across + np.arange(across)
-    first = np.full((count, across), SAMPLES, np.int16)
-    numbers = np.arange(SAMPLES - 1, -1, -1, dtype=np.int16)[:, None]
-    first.reshape(-1)[place[::-1]] = np.broadcast_to(numbers, place.shape)
-    first = np.minimum.accumulate(first, axis=0)
-    covered = cv2.inRange(first, 1, SAMPLES - 1)
-
-    # Between it and the one before, by the row of the pixel.
-    before = np.clip(first - 1, 0, SAMPLES - 2).astype(np.intp) * across + np.arange(across)
-    below, above = rows.take(before), rows.reshape(-1)[across:].take(before)
-    middle = (top + 0.5 + 2.0 * np.arange(count, dtype=np.float32))[:, None]
-    share = np.clip((below - middle) / np.maximum(below - above, np.float32(1e-6)), 0.0, 1.0)
-    sample = np.clip(first - 1, 0, SAMPLES - 2) + share
+    count = max((bottom - top) // 2 + 1, 1)
+    sample, covered = nearest(rows, top, count)
     distance = 1.0 / (near + sample * change)
     texel_x, texel_y = distance * ray[:, 0] + start[0], distance * ray[:, 1] + start[1]
     return Sheet(top, texel_x, texel_y, covered, horizon, rows[0])
+
+
+def nearest(rows: np.ndarray, top: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers (count, C) of the samples that pixels of a half-size picture see, with fractions, and 255 where any.
+
+    Args:
+        rows: of the picture at which S samples of C columns lie, the nearest first, (S, C) float32.
+        top: row of the picture at which the pixels begin.
+    """
+    samples, across = rows.shape
+    # Written far to near, so that the nearest remains.
+    place = np.clip(np.ceil((rows - (top + 0.5)) * 0.5), 0, count - 1).astype(np.intp)
+    place = place * across + np.arange(across)
+    first = np.full((count, across), samples, np.int16)
+    numbers = np.arange(samples - 1, -1, -1, dtype=np.int16)[:, None]
+    first.reshape(-1)[place[::-1]] = np.broadcast_to(numbers, place.shape)
+    first = np.minimum.accumulate(first, axis=0)
+    covered = cv2.inRange(first, 1, samples - 1)
+
+    # Between it and the one before, by the row of the pixel.
+    before = np.clip(first - 1, 0, samples - 2).astype(np.intp) * across + np.arange(across)
+    below, above = rows.take(before), rows.reshape(-1)[across:].take(before)
+    middle = (top + 0.5 + 2.0 * np.arange(count, dtype=np.float32))[:, None]
+    share = np.clip((below - middle) / np.maximum(below - above, np.float32(1e-6)), 0.0, 1.0)
+    return np.clip(first - 1, 0, samples - 2) + share, covered
 
 
 LEAST_HEIGHT = 0.012  # of the waves' scale over the area's longer side, below which heights are exaggerated
@@ -381,11 +391,14 @@ def _lid(ring: np.ndarray) -> list[np.ndarray]:
     return [ring[[i, i + 1, last - i - 1, last - i]] for i in range(len(ring) // 2 - 1)]
 
 
-def _boat() -> Body:
+def _boat(waterline: bool = False) -> Body:
+    """A boat; with `waterline` what of it is above the water, with a mast, to be seen from beside it."""
     keel = _deck(((-0.46, -0.12), (0.02, -0.14), (0.24, -0.08), (0.38, -0.005)), -0.08)
     line = _deck(((-0.48, -0.16), (0.03, -0.185), (0.29, -0.1), (0.46, -0.005)), 0.02)
     rail = _deck(((-0.5, -0.19), (0.04, -0.21), (0.32, -0.13), (0.56, -0.005)), 0.12)
-    faces, inks = tube([keel, line, rail], [style.colour("#c8402f"), style.BOAT])
+    red = style.colour("#c8402f")
+    below = [line + np.array([0.0, 0.0, up]) for up in (-0.02, 0.015)] if waterline else [keel, line]
+    faces, inks = tube([*below, rail], [red, style.BOAT])
     faces += _lid(rail)
     inks += [style.colour("#b9c4ce")] * 3
     room = [_deck(((-0.3, -0.13), (0.14, -0.13)), 0.12), _deck(((-0.29, -0.12), (0.09, -0.12)), 0.22)]
@@ -393,6 +406,10 @@ def _boat() -> Body:
     walls, shades = tube(room, [style.BOAT, style.BOAT_DECK])
     faces += [*walls, *_lid(room[-1])]
     inks += [*shades, style.BOAT]
+    if waterline:
+        mast = [_deck(((-0.17, -r), (-0.17 + 2 * r, -r)), up) for r, up in ((0.01, 0.34), (0.004, 0.6))]
+        poles, paints = tube(mast, [style.OUTLINE])
+        faces, inks = [*faces, *poles], [*inks, *paints]
     return Body.of(faces, inks)
 
 
@@ -411,4 +428,4 @@ def auv_body(colour: Colour) -> Body:
     return Body.of(faces, inks)
 
 
-BOAT_BODY = _boat()
+BOAT_BODY, BOAT_AFLOAT = _boat(), _boat(waterline=True)

@@ -156,15 +156,15 @@ COLOURS = np.stack(_CHANNELS, axis=1).astype(np.float32)
 class CurrentStreaks:
     """Particles that drift with the current, with tails as long as the way they drift in the time `tail`.
 
-    A particle starts at its seed point, at a time of its own, and lives for `LIVES` tail times. Its path is that in the
-    present field, so where the field changes the picture changes with it, without jumps.
+    A particle passes its seed point, at a time of its own, in the middle of a life of `LIVES` tail times. Its path is
+    that in the present field, so where the field changes the picture changes with it: little, since the path is short.
 
     Attributes:
         fastest: highest speed in the area at the start, m/s. tail: s, infinite without current.
     """
 
     TAIL_POINTS = 8
-    LIVES = 5
+    LIVES = 2
 
     def __init__(
         self,
@@ -211,7 +211,9 @@ class CurrentStreaks:
 
     def _paths(self) -> np.ndarray:
         """Paths (P, points, 2) over a whole life, m."""
-        return self._follow(self._step, self.LIVES * self.TAIL_POINTS).astype(float)
+        half = self.LIVES * self.TAIL_POINTS // 2
+        before, after = (self._follow(step, half) for step in (-self._step, self._step))
+        return np.concatenate([before[:, :0:-1], after], axis=1).astype(float)
 
     def update(self, vortex: np.ndarray, stream: np.ndarray) -> None:
         """Set the vortices (V, 4) and the real current (rows, columns, 2)."""

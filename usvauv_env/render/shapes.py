@@ -166,6 +166,7 @@ _BODY = np.concatenate(
     [_NOSE, [(-0.22, 0.12), (-0.36, 0.06), (-0.5, 0.035), (-0.5, -0.035), (-0.36, -0.06), (-0.22, -0.12)]]
 )
 _FINS = np.array([(-0.16, 0.1), (-0.36, 0.27), (-0.46, 0.27), (-0.4, 0), (-0.46, -0.27), (-0.36, -0.27), (-0.16, -0.1)])
+_HEAD = np.array([(0.5, 0), (-0.4, 0.45), (-0.15, 0), (-0.4, -0.45)])
 _BAND = np.array([(0.3, 0.11), (0.22, 0.11), (0.22, -0.11), (0.3, -0.11)])
 
 
@@ -186,6 +187,14 @@ def auv(image: np.ndarray, centre: np.ndarray, heading: float, length: float, co
         fill(fine, fins, style.mix(colour, style.OUTLINE, 0.3))
         fill(fine, body, colour)
         fill(fine, band, style.OUTLINE)
+
+
+def arrow(image: np.ndarray, centre: np.ndarray, heading: float, length: float, colour: Colour, factor: int) -> None:
+    """The head of an arrow, dark-edged."""
+    with smooth(image, centre, length, factor) as (fine, middle):
+        outline = _place(_HEAD, middle, heading, length * factor)
+        stroke(fine, outline, style.OUTLINE, max(1, round(0.25 * length * factor)), closed=True)
+        fill(fine, outline, colour)
 
 
 def boat(image: np.ndarray, centre: np.ndarray, heading: float, length: float, factor: int) -> None:

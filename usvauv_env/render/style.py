@@ -1,6 +1,6 @@
 """The style of pictures and figures: colours and marker shapes, text in pictures, and matplotlib for figures.
 
-Colours of categories (vehicles, policies, methods, strategies) were found by a search in CIELAB that maximises the
+Colours of categories (AUVs; policies, methods, strategies) were found by a search in CIELAB that maximises the
 least difference between two of them, and from the colours of the sea, for normal vision and for each of the three
 dichromacies (Machado, Oliveira & Fernandes 2009, doi 10.1109/TVCG.2009.113). Colour number i has a similar hue on both
 backgrounds. Colours are always accompanied by shapes or numbers. Those of pictures are in OpenCV's order BGR.
@@ -82,6 +82,9 @@ from matplotlib.ticker import MaxNLocator as MaxNLocator  # noqa: E402
 # Yellow, lavender, aqua, rose, violet, olive, pale green, lime.
 CATEGORICAL = ("#f6fe2e", "#c9a0ff", "#94fcf0", "#bf7282", "#a753f5", "#83832f", "#bedea6", "#aab80a")
 CATEGORICAL_ON_WHITE = ("#6d6500", "#c361fe", "#077374", "#9c034d", "#2b06d1", "#232603", "#7b9778", "#94980e")
+# Yellow, lavender, green, magenta, ice, rose, peach, olive: of AUVs, also for text on `OUTLINE` and on cards.
+VEHICLES = ("#f5ff1a", "#c3b4f6", "#34da73", "#ec02ff", "#b3f8ff", "#bf7379", "#ffd8c8", "#928b00")
+VEHICLES_ON_WHITE = ("#63800a", "#0d1f69", "#004336", "#a10ce6", "#347e92", "#c83262", "#3d0600", "#654506")
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*")  # matplotlib's
 
 
@@ -127,6 +130,7 @@ class Theme:
     Attributes:
         background, card, line, muted, text: of the frame, of panels, of thin lines, of notes, of text.
         vehicles: of the first AUVs on cards. brightness: of further ones, 0 to 1.
+        categories: web colours of a figure's curves.
         water: line of the sea's elevation on cards. glow: the lightest of the room around the sea in perspective.
         runs: of two missions that are compared.
     """
@@ -137,6 +141,7 @@ class Theme:
     muted: Colour
     text: Colour
     vehicles: tuple[Colour, ...]
+    categories: tuple[str, ...]
     brightness: float
     water: Colour
     glow: Colour
@@ -156,7 +161,8 @@ DARK = Theme(
     line=colour("#2b3f53"),
     muted=colour("#93a7b9"),
     text=colour("#eef3f7"),
-    vehicles=tuple(colour(code) for code in CATEGORICAL),
+    vehicles=tuple(map(colour, VEHICLES)),
+    categories=CATEGORICAL,
     brightness=1.0,
     water=SEA[4],
     glow=colour("#1d3346"),
@@ -168,7 +174,8 @@ LIGHT = Theme(
     line=colour("#cfd9e1"),
     muted=colour("#52677a"),
     text=colour("#12202c"),
-    vehicles=tuple(colour(code) for code in CATEGORICAL_ON_WHITE),
+    vehicles=tuple(map(colour, VEHICLES_ON_WHITE)),
+    categories=CATEGORICAL_ON_WHITE,
     brightness=0.6,
     water=SEA[2],
     glow=colour("#ffffff"),
@@ -206,7 +213,7 @@ class Ground(NamedTuple):
     @classmethod
     def of(cls, theme: Theme) -> Ground:
         others = theme.text, theme.muted, theme.card, theme.water, theme.background, theme.line
-        return cls(tuple(map(web, theme.vehicles)), *map(web, others))
+        return cls(theme.categories, *map(web, others))
 
 
 ON_DARK = Ground.of(DARK)

@@ -275,7 +275,8 @@ def write_video(
             None shows each mission step for one frame, or the sea in perspective at `SEA_SPEED` times real time, the
             first `SEA_LENGTH` s of video.
         at: moment of a picture, s of mission, None for its end; for a video the begin and end of the part shown.
-        follow: a vehicle that map and perspective follow at closer range: usv, usv:N or auv:N.
+        follow: a vehicle that map and perspective follow at closer range: usv, usv:N or auv:N. A boat is seen in
+            perspective from beside it, true to scale.
         progress: called with 1 after each frame.
 
     Raises:

@@ -53,17 +53,22 @@ def elevation(waves: np.ndarray, x: np.ndarray, y: np.ndarray, time: float) -> n
     """Elevation Σ a cos(kx x + ky y − ω t + φ) on the grid of the points x (X,) and y (Y,), (Y, X) float32, m.
 
     cos(α + β) = cos α cos β − sin α sin β: one product of real matrices, which libraries do far faster than one of
-    complex matrices.
+    complex matrices. Phases are reduced to one turn in double precision; all else is in single precision.
 
     Args:
         waves: a, kx, ky, ω and φ of N waves, (N, 5). time: t, s.
     """
     a, kx, ky, omega, phase = waves.T
-    along_x = np.outer(kx, x)
-    along_y = np.outer(y, ky) - omega * time + phase
-    left = np.concatenate([np.cos(along_y), -np.sin(along_y)], 1) * np.tile(a, 2)
-    right = np.concatenate([np.cos(along_x), np.sin(along_x)])
-    return left.astype(np.float32) @ right.astype(np.float32)
+    along_x = _reduced(np.outer(kx, x))
+    along_y = _reduced(np.outer(y, ky) + (phase - omega * time))
+    amplitude = a.astype(np.float32)
+    left = np.concatenate([amplitude * np.cos(along_y), -amplitude * np.sin(along_y)], 1)
+    return left @ np.concatenate([np.cos(along_x), np.sin(along_x)])
+
+
+def _reduced(phase: np.ndarray) -> np.ndarray:
+    """Phases less whole turns, float32, rad."""
+    return (phase - 2 * math.pi * np.rint(phase / (2 * math.pi))).astype(np.float32)
 
 
 def wave_systems(site: Site) -> tuple[System, ...]:

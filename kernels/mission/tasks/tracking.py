@@ -3,16 +3,14 @@
 **Targets** carry a transmitter. Each moves at a constant speed on a course that changes by a random walk and, at random
 times, by a turn. It may drift with the water at the AUVs' cruise depth, and turn away from an AUV that comes near.
 
-**Ranges.** Every `interval` seconds each AUV within `range_most` measures its slant range r to each target with a
-normal error of the deviation σ, unless the signal is lost. Depths are known: the horizontal range √(r² − h²) has the
-variance r² σ²/(r² − h² + r σ), which near r = h stays that of √(r σ). Each AUV sends its ranges and its own position,
-with the covariance of that, to the others within `message_range`; each of them receives the message or not.
+**Measurements** are those of `tracking_measurements`; AUVs send them to one another.
 
-**Estimates.** Each AUV has a filter of each target, `usvauv.kernels.tracking`, updated by the ranges it has, each from
-where the AUV that measured it takes itself to be. The uncertainty of that place counts as noise of the range; but
-errors of dead reckoning last from one range to the next. Where targets drift, the filter's velocity is that through
-the water, which is taken to flow as at the AUV, with a random walk for what differs. The team's estimate of a target is
-that of the AUV whose range, measured last, is the smallest.
+**Estimates.** Each AUV has a filter of each target, `usvauv.kernels.tracking`, updated by the measurements it has, each
+from where the AUV that made it takes itself to be. The uncertainty of that place counts as noise of the measurement, as
+that of depth does; but errors of dead reckoning and depth last from one measurement to the next. Where targets drift,
+the filter's velocity is that through the water, which is taken to flow as at the AUV, with a random walk for what
+differs. The team's estimate of a target is that of the AUV whose range, measured last, is the smallest; without ranges
+that of the AUV which heard it last and takes it to be nearest.
 
 **Assignment.** AUV by AUV, each follows the target with the fewest followers, and of those the nearest by its own
 estimate; it changes only for one nearer by `HYSTERESIS`.
@@ -36,16 +34,17 @@ from usvauv.kernels.mission.columns import (
     StateColumns,
     Turn,
 )
-from usvauv.kernels.mission.motion import own_covariance, own_position, target_of, travel
+from usvauv.kernels.mission.motion import target_of, travel
 from usvauv.kernels.mission.observation import ObservationTerm, observation_terms
 from usvauv.kernels.mission.tasks import rewards
 from usvauv.kernels.mission.tasks.task import RewardTerm, Task, tasks
+from usvauv.kernels.mission.tasks.tracking_measurements import believed_place, forget, measure, use_measurements
 from usvauv.kernels.mission.tasks.tracking_numbers import PARAMETERS, WEIGHTS
 from usvauv.kernels.mission.worlds import normals, uniforms
 from usvauv.kernels.tracking import range_filter
 from usvauv.kernels.tracking.hypotheses import BOUNDS, CAPACITY, FilterColumn, HypothesisColumn
-from usvauv.kernels.trigonometry import TWO_PI
-from usvauv.kernels.types import Level, vec2, vec3
+from usvauv.kernels.trigonometry import TWO_PI, wrapped
+from usvauv.kernels.types import Level, vec2
 
 HYSTERESIS = 30.0  # m
 COVERED = 150.0  # m, from an AUV to a target that is covered
@@ -78,12 +77,15 @@ HYPOTHESES = tuple(f"{name}_{h}" for name in HypothesisColumn.names for h in ran
 
 
 class PairColumn(StateColumns):
-    """An AUV's filter of a target, and the slant range measured in this step, 0 for none, m, (W, K, M, ·)."""
+    """An AUV's filter of a target, and what it measured in this step, (W, K, M, ·).
+
+    After the filter's columns: whether it heard the target, the slant range, 0 for none, m, and the bearing, rad.
+    """
 
     __annotations__ = {
         name: Annotated[int, Range(*bounds)]
         for name, bounds in zip((*FilterColumn.names, *HYPOTHESES), BOUNDS, strict=True)
-    } | {"measured": Amount}
+    } | {"heard": Binary, "measured": Amount, "bearing": Turn}
 
 
 @func
@@ -150,7 +152,7 @@ def assign(worlds: ti.template(), w, k):
     worlds.auv.target[w, k] = ti.cast(k % worlds.node.shape[1], ti.f32)
     for i in range(worlds.node.shape[1]):
         range_filter.begin(worlds.task_pair, w, k, i)
-        worlds.task_pair.measured[w, k, i] = 0.0
+        forget(worlds, w, k, i)
 
 
 @func
@@ -158,12 +160,6 @@ def move(worlds: ti.template(), w, k, a0, a1):
     """One step of AUV k."""
     travel(worlds, w, k, a0, a1)
     worlds.auv.closed[w, k] = 0.0
-
-
-@func
-def wrapped(angle):
-    """An angle within ±π."""
-    return angle - TWO_PI * ti.floor(angle / TWO_PI + 0.5)
 
 
 @func
@@ -196,79 +192,19 @@ def move_target(worlds: ti.template(), w, i):
 
 
 @func
-def believed_place(worlds: ti.template(), w, k) -> vec2:
-    """Where AUV k takes itself to be, m."""
-    here = own_position(worlds, w, k)
-    if worlds.task_parameters.places_known > 0.0:
-        here = vec2(worlds.auv.x[w, k], worlds.auv.y[w, k])
-    return here
-
-
-@func
-def place_covariance(worlds: ti.template(), w, k) -> vec3:
-    """Covariance (xx, xy, yy) of that, m²."""
-    found = own_covariance(worlds, w, k)
-    if worlds.task_parameters.places_known > 0.0:
-        found = vec3(0.0)
-    return found
-
-
-@func
-def height_over(worlds: ti.template(), w, k, i):
-    """Height of AUV k over target i, m."""
-    return worlds.task_node.depth[w, i] - worlds.p.cruise - worlds.auv.depth_error[w, k]
-
-
-@func
-def measure(worlds: ti.template(), w, k, i):
-    """The slant range from AUV k to target i, if it is measured in this step."""
-    given = ti.static(worlds.task_parameters)
-    away = vec2(worlds.node.x[w, i] - worlds.auv.x[w, k], worlds.node.y[w, i] - worlds.auv.y[w, k])
-    slant = vec2(away.norm(), height_over(worlds, w, k, i)).norm()
-    index = k * worlds.node.shape[1] + i
-    u = uniforms(worlds, w, Draw.range_loss, index)
-    measured = 0.0
-    if slant <= given.range_most and u[0] >= given.range_loss:
-        measured = ti.max(slant + given.range_noise * normals(worlds, w, Draw.range, index)[0], 1e-3)
-    worlds.task_pair.measured[w, k, i] = measured
-
-
-@func
-def receives(worlds: ti.template(), w, k, j) -> bool:
-    """Whether AUV k has the ranges that AUV j has measured in this step."""
-    given = ti.static(worlds.task_parameters)
-    away = vec2(worlds.auv.x[w, j] - worlds.auv.x[w, k], worlds.auv.y[w, j] - worlds.auv.y[w, k])
-    u = uniforms(worlds, w, Draw.message, k * worlds.auv.shape[1] + j)
-    return k == j or (away.norm() <= given.message_range and u[0] >= given.message_loss)
-
-
-@func
-def use_ranges(worlds: ti.template(), w, k):
-    """Update the filters of AUV k by its own ranges and those it has received."""
-    sigma = worlds.task_parameters.range_noise
-    for j in range(worlds.auv.shape[1]):
-        if receives(worlds, w, k, j):
-            here, covariance = believed_place(worlds, w, j), place_covariance(worlds, w, j)
-            for i in range(worlds.node.shape[1]):
-                r = worlds.task_pair.measured[w, j, i]
-                if r > 0.0:
-                    h = height_over(worlds, w, j, i)
-                    square = ti.max(r * r - h * h, 0.0)
-                    variance = r * r * sigma * sigma / (square + r * sigma)
-                    range_filter.observe_range(worlds.task_pair, w, k, i, here, covariance, ti.sqrt(square), variance)
-
-
-@func
 def share_estimate(worlds: ti.template(), w, i):
-    """The team's estimate of target i: of the AUV with the smallest range in this step, else of the last one."""
+    """The team's estimate of target i: of the AUV nearest to it of those that heard it, else of the last one."""
     target, pair = ti.static(worlds.task_node, worlds.task_pair)
     least = 1e9
     for k in range(worlds.auv.shape[1]):
-        r = pair.measured[w, k, i]
-        if r > 0.0 and r < least:
-            least = r
-            target.by[w, i] = ti.cast(k, ti.f32)
-            target.known[w, i] = 1.0
+        if pair.heard[w, k, i] > 0.0:
+            distance = pair.measured[w, k, i]
+            if worlds.task_parameters.ranges == 0.0:
+                distance = (vec2(pair.x[w, k, i], pair.y[w, k, i]) - believed_place(worlds, w, k)).norm()
+            if distance < least:
+                least = distance
+                target.by[w, i] = ti.cast(k, ti.f32)
+                target.known[w, i] = 1.0
     k = ti.max(ti.cast(target.by[w, i], ti.i32), 0)
     x, y = pair.x[w, k, i], pair.y[w, k, i]
     if target.known[w, i] == 0.0:
@@ -315,7 +251,7 @@ def update(worlds: ti.template(), w):
         move_target(worlds, w, i)
     for k in range(worlds.auv.shape[1]):
         for i in range(num_targets):
-            worlds.task_pair.measured[w, k, i] = 0.0
+            forget(worlds, w, k, i)
             if due:
                 measure(worlds, w, k, i)
     motion = assumed(worlds)
@@ -326,7 +262,7 @@ def update(worlds: ti.template(), w):
             if given.drifts > 0.0:
                 range_filter.carry(worlds.task_pair, w, k, i, water)
         if due:
-            use_ranges(worlds, w, k)
+            use_measurements(worlds, w, k)
         for i in range(num_targets):
             range_filter.finish(worlds.task_pair, w, k, i)
     for i in range(num_targets):

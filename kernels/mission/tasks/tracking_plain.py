@@ -15,9 +15,9 @@ from usvauv.kernels.mission.columns import Draw, Range, StateColumns, Turn
 from usvauv.kernels.mission.motion import move_to, travelling_power
 from usvauv.kernels.mission.tasks import tracking
 from usvauv.kernels.mission.tasks.task import tasks
-from usvauv.kernels.mission.tasks.tracking import TRACKING, wrapped
+from usvauv.kernels.mission.tasks.tracking import TRACKING
 from usvauv.kernels.mission.worlds import normals, uniforms
-from usvauv.kernels.trigonometry import TWO_PI
+from usvauv.kernels.trigonometry import TWO_PI, wrapped
 from usvauv.kernels.types import vec2
 
 MOST = 2  # rudders to either side

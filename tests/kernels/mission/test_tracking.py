@@ -109,6 +109,68 @@ def test_ranges_have_the_noise_the_losses_and_the_limit_that_are_set():
     assert not torch.cat(out).any()
 
 
+def test_bearings_have_the_noise_that_is_set_and_no_range():
+    world = made("task_parameters.ranges=0", "task_parameters.bearing_noise=0.05", worlds=200)
+    errors = []
+    for _ in range(20):
+        stepped(world)
+        away = world.node[:, None, :, XY] - world.auv[:, :, None, AuvColumn.span("x", "y")]
+        pair = world.task_pair
+        heard, bearing = pair[..., PairColumn.heard] > 0, pair[..., PairColumn.bearing]
+        assert not pair[..., PairColumn.measured].any()
+        error = bearing - torch.atan2(away[..., 1], away[..., 0])
+        errors.append(((error + math.pi) % (2 * math.pi) - math.pi)[heard])
+    error = torch.cat(errors)
+    assert len(error) > 20000
+    assert error.mean().abs() < 4 * 0.05 / math.sqrt(len(error))
+    assert error.std() == pytest.approx(0.05, rel=0.03)
+
+
+def test_a_fading_signal_is_heard_as_often_as_the_sonar_equation_says():
+    world = made("task_parameters.signal_excess=55", "task_parameters.absorption=30", worlds=500)
+    heard, expected = [], []
+    for _ in range(20):
+        stepped(world)
+        away = world.node[:, None, :, XY] - world.auv[:, :, None, AuvColumn.span("x", "y")]
+        depth = world.task_node[:, None, :, TargetColumn.depth] - 1.0
+        slant = (away.square().sum(-1) + depth**2).sqrt().double()
+        excess = 55 - 20 * torch.log10(slant) - 0.03 * slant
+        heard.append(world.task_pair[..., PairColumn.heard][slant < 449])
+        expected.append((0.9 * torch.exp(-(10 ** (-excess / 10))))[slant < 449])
+    happened, chance = torch.cat(heard).double(), torch.cat(expected)
+    for least in (0.0, 0.4, 0.6, 0.8):
+        some = (chance >= least) & (chance < least + 0.2)
+        assert some.sum() > 500
+        assert happened[some].mean() == pytest.approx(float(chance[some].mean()), abs=4 * 0.5 / math.sqrt(some.sum()))
+
+
+@pytest.mark.parametrize(
+    "measured",
+    [
+        ("ranges=0", "bearing_noise=0.05"),
+        ("ranges=1", "bearing_noise=0.05"),
+        ("depths_known=0", "bearing_noise=0"),
+    ],
+    ids="-".join,
+)
+def test_what_is_measured_in_missions_locates_targets_consistently(measured):
+    """Squared errors are as large as the covariances say, where AUVs know their place."""
+    world = made(*(f"task_parameters.{one}" for one in measured))
+    policy, observation, squared = load("circle", world), world.observation, []
+    for step in range(80):
+        observation = world.step(policy.act(observation)).observation
+        target = world.task_node.double()
+        error = target[..., TargetColumn.span("estimate_x", "estimate_y")] - world.node[..., XY]
+        xx, xy, yy = target[..., TargetColumn.span("covariance_xx", "covariance_yy")].unbind(-1)
+        x, y = error.unbind(-1)
+        if step >= 30:
+            squared.append(0.5 * (yy * x * x - 2 * xy * x * y + xx * y * y) / (xx * yy - xy * xy))
+    found = torch.stack(squared)
+    lost = found > 20  # unawares, which is rare
+    assert lost.double().mean() < 0.02
+    assert found[~lost].mean() == pytest.approx(1, abs=0.25)
+
+
 def test_every_target_has_a_follower():
     world = made("auv.count=4", "nodes.count=3")
     stepped(world, 30)

@@ -1,7 +1,7 @@
 """Rules of the published environment UTracking (arXiv 2505.08222) in NumPy, batched over runs, and a particle filter.
 
 AUVs circle targets that keep their speed and turn at random, and measure ranges. A filter has the methods `predict()`,
-`observe(place, distance, received)` and `finish()` for F = runs × AUVs × targets rows, and then `mean` (F, 4), m and
+`observe(place, measured, received)` and `finish()` for F = runs × AUVs × targets rows, and then `mean` (F, 4), m and
 m/s, and `covariance` (F, 2, 2), m².
 """
 
@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from usvauv.kernels.functions import kernel
-from usvauv.kernels.tracking import range_filter
+from usvauv.kernels.tracking import bearings, range_filter
 from usvauv.kernels.tracking.hypotheses import COLUMNS, FilterColumn
 from usvauv.kernels.types import array1, array2, array4, mask1, vec2, vec3
 
@@ -76,6 +76,17 @@ def observe_all(
 
 
 @kernel
+def observe_bearings_all(
+    filters: array4, place: array2, covariance: array2, bearing: array1, variance: array1, received: mask1
+):
+    for w in range(filters.shape[0]):
+        if received[w] != 0:
+            uncertainty = vec3(covariance[w, 0], covariance[w, 1], covariance[w, 2])
+            observer = vec2(place[w, 0], place[w, 1])
+            bearings.observe_bearing(filters, w, 0, 0, observer, uncertainty, bearing[w], variance[w], REACH)
+
+
+@kernel
 def finish_all(filters: array4):
     for w in range(filters.shape[0]):
         range_filter.finish(filters, w, 0, 0)
@@ -97,12 +108,21 @@ class Filters:
     def predict(self) -> None:
         self.call(predict_all, len(self.rows), self.numbers)
 
-    def observe(self, place: Any, distance: Any, received: Any, covariance: Any = None, variance: Any = None) -> None:
+    def observe(
+        self,
+        place: Any,
+        measured: Any,
+        received: Any,
+        covariance: Any = None,
+        variance: Any = None,
+        kernel: Callable[..., None] = observe_all,
+    ) -> None:
+        """Ranges, m, or with `observe_bearings_all` bearings, rad."""
         count = len(self.rows)
         variance = np.full(count, self.variance) if variance is None else variance
         covariance = np.zeros((count, 3)) if covariance is None else covariance
-        arrays = [self.tensor(array) for array in (place, covariance, distance, variance)]
-        self.call(observe_all, int(received.sum()), *arrays, self.tensor(received, np.uint8))
+        arrays = [self.tensor(array) for array in (place, covariance, measured, variance)]
+        self.call(kernel, int(received.sum()), *arrays, self.tensor(received, np.uint8))
 
     def finish(self) -> None:
         self.call(finish_all, len(self.rows))
@@ -220,8 +240,13 @@ def circle(place: np.ndarray, heading: np.ndarray, last: np.ndarray, target: np.
     return chosen
 
 
-def simulate(make: Make, level: Level, *, runs: int, pairs: int, seed: int, steps: int = 128) -> Outcome:
-    """As many AUVs as targets, AUV k circling target k; of each target counts the filter of the least range."""
+def simulate(
+    make: Make, level: Level, *, runs: int, pairs: int, seed: int, steps: int = 128, guide: Make | None = None
+) -> Outcome:
+    """As many AUVs as targets, AUV k circling target k; of each target counts the filter of the least range.
+
+    AUVs steer by the filters' own estimates, or by those of `guide`; both have the same measurements then.
+    """
     random, shape = np.random.default_rng(seed), (runs, pairs)
     places = together(random, runs, 2 * pairs)
     auv, target = places[:, :pairs], places[:, pairs:]
@@ -231,6 +256,8 @@ def simulate(make: Make, level: Level, *, runs: int, pairs: int, seed: int, step
     left = random.integers(*interval, shape)
     rudder = np.full(shape, 2)
     filters = make(runs * pairs * pairs, level)
+    guides = guide(runs * pairs * pairs, level) if guide else filters
+    both = (filters, guides) if guide else (filters,)
     each = np.arange(pairs)
     errors, squares = [], []
     for step in range(steps):
@@ -246,13 +273,16 @@ def simulate(make: Make, level: Level, *, runs: int, pairs: int, seed: int, step
         received = (random.random(true.shape) >= LOST) & (true <= REACH)
         heard = random.random((runs, pairs, pairs)) >= LOST
         heard[:, each, each] = True
-        filters.predict()
+        for each_filter in both:
+            each_filter.predict()
         for offset in range(pairs):
             sender = (each + offset) % pairs
             place = np.broadcast_to(auv[:, sender, None], (runs, pairs, pairs, 2)).reshape(-1, 2)
             known = received[:, sender] & heard[:, each, sender, None]
-            filters.observe(place, distance[:, sender].reshape(-1), known.reshape(-1))
-        filters.finish()
+            for each_filter in both:
+                each_filter.observe(place, distance[:, sender].reshape(-1), known.reshape(-1))
+        for each_filter in both:
+            each_filter.finish()
         mean = filters.mean.reshape(runs, pairs, pairs, 4)
         error = mean[..., :2] - target[:, None]
         P = filters.covariance.reshape(runs, pairs, pairs, 2, 2)
@@ -266,6 +296,6 @@ def simulate(make: Make, level: Level, *, runs: int, pairs: int, seed: int, step
                 np.where(counted, np.take_along_axis(np.linalg.norm(error, axis=-1), nearest, 1)[:, 0], np.nan)
             )
             squares.append(np.where(counted, np.take_along_axis(squared, nearest, 1)[:, 0], np.nan))
-        own = mean[:, each, each]
+        own = guides.mean.reshape(runs, pairs, pairs, 4)[:, each, each]
         rudder = circle(auv, heading, rudder, own[..., :2], STEP * own[..., 2:])
     return Outcome(np.array(errors), np.array(squares))

@@ -1,6 +1,7 @@
 """The commands through their entry point: what they write, what they refuse, how they end."""
 
 import csv
+import itertools
 import os
 import shutil
 import signal
@@ -33,8 +34,12 @@ def test_help_names_every_command(run_usvauv):
     assert all(command in text for command in ("simulate", "sea", "train", "eval", "reproduce", "plan", "scenarios"))
     assert subprocess.check_output([*COMMAND, "--version"], text=True) == f"usvauv {metadata.version('usvauv')}\n"
     for command in ("simulate", "sea", "train", "eval", "reproduce", "plan"):
-        assert "Example" in run_usvauv(command, "--help")[1]
-    assert run_usvauv("help", "plan") == run_usvauv("plan", "--help")
+        told = run_usvauv(command, "--help")[1]
+        assert "Example" in told
+        assert "<" not in told  # no types of a programming language
+        assert "--out" in told
+        assert "-o " in told
+    assert run_usvauv("help", "plan") == run_usvauv("plan", "--help") == run_usvauv("plan", "-h")
 
 
 class TestPlugin:
@@ -229,7 +234,7 @@ def test_a_run_that_ends_before_it_learns_says_so(tmp_path, run_usvauv, monkeypa
     assert stage == "evaluating clear …"
     words = " ".join(" ".join(rest).split())
     assert begun.startswith("training sac in extreme: an untrained network steers much like clear:80; ")
-    assert "; at 4 ARPS " in words
+    assert "; at 8 ARPS " in words
     assert words.count(", margin over clear ") > 1
     assert "best policy, the untrained one: ARPS " in words
     assert " in run/best.safetensors " in words
@@ -361,12 +366,20 @@ class TestResultsThatAreThere:
         assert run_usvauv(*self.PLAN)[0] == 0
         before = [path.read_bytes() for path in files]
         assert run_usvauv(*self.PLAN, "--json", "a.json", "--arch", "auto")[0] == 0  # the same in other words
-        said = refused(*self.PLAN, "--slope", "0.1,0")
+        said = refused(*self.PLAN, "--slope", "0.1,0", "--out", "plan.png")
         assert said.startswith('--out plan.png: exists, made with --slope = "0,0", here "0.1,0"; --force')
         assert [path.read_bytes() for path in files] == before
         assert 'made with command = "plan", here "sea"' in refused("sea", "--out", "plan.png")
         assert run_usvauv(*self.PLAN, "--slope", "0.1,0", "--force")[0] == 0
         assert run_usvauv(*self.PLAN, "--slope", "0.1,0")[0] == 0
+
+    def test_a_name_that_nobody_gave_is_numbered(self, tmp_path, run_usvauv):
+        """The same arguments replace their own result, others make one beside it."""
+        for slope, _ in itertools.product(("0,0", "0.1,0", "0.2,0"), range(2)):
+            code, said, _ = run_usvauv(*self.PLAN[:3], "--slope", slope)
+            assert code == 0
+        assert "plan-3.png" in said
+        assert sorted(path.name for path in tmp_path.iterdir()) == ["plan-2.png", "plan-3.png", "plan.png"]
 
     def test_a_file_that_was_changed_is_another_argument(self, tmp_path, run_usvauv, refused):
         scenario, log = tmp_path / "base.toml", tmp_path / "a.csv"
@@ -409,7 +422,7 @@ class TestResultsThatAreThere:
         ("sweep mine.toml", "is a scenario, not a study; usvauv simulate mine.toml runs it"),
         ("replay mine.toml", "is a scenario, not a trace; usvauv simulate mine.toml runs it"),
         ("plan --log mission.nc", "is a NetCDF file, not a log of fixes; usvauv replay mission.nc draws a trace"),
-        ("plan fixes.csv", "plan takes no argument 'fixes.csv'; --log fixes.csv does"),
+        ("plan fixes.csv", "is a CSV file, not a scenario; usvauv plan --log fixes.csv reads a log of fixes"),
         ("mine.toml", "command 'mine.toml': usvauv simulate mine.toml runs it"),
     ],
 )
@@ -541,7 +554,7 @@ def test_a_folder_with_the_name_of_a_scenario_hides_nothing(tmp_path, run_usvauv
         (["sim"], ["command 'sim'", "did you mean 'simulate'?"]),
         (["eval", "--until", "2"], ["eval has no option --until", "did you mean '--until-halfwidth'?"]),
         (["simulate", "extreme", "straight"], ["simulate takes no argument 'straight'"]),
-        (["plan", "extreme"], ["plan takes no argument 'extreme'; --scenario extreme does"]),
+        (["plan", "extreme"], ["--auv: give each AUV as X,Y,Z in metres"]),
         (["simulate", "--size", "³²⁰x³²⁰"], ["--size", "expected WIDTHxHEIGHT"]),
         (["simulate", "--out", "missing/a.mp4"], ["missing/a.mp4", "does not exist"]),
         (["simulate", "--at", "3"], ["--at 3", "usvauv-extreme.mp4", "BEGIN:END"]),

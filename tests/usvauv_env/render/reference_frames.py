@@ -74,6 +74,7 @@ def cases() -> dict[str, Case]:
         "sea-station": Case((station,), "sea"),
         "sea-upright": Case((mission,), "sea", size=(360, 640)),
         "sea-dives": Case((dives,), "sea", "light", t=100, follow="auv:1"),
+        "sea-beside": Case((mission,), "sea", follow="usv"),
         "both": Case((missed,), "both", "light"),
         "both-square": Case((mission,), "both", size=(480, 480)),
         "compared": Case((mission, other)),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import combinations
 
+import cv2
 import numpy as np
 import pytest
 
@@ -12,9 +13,11 @@ from tests.usvauv_env.record.made_traces import keeping_station, paint, syntheti
 from tests.usvauv_env.render.reference_frames import LIMITS, cases, differences, drawn
 from usvauv.env import Scenario
 from usvauv.env.record.metrics import episode_metrics
-from usvauv.env.render import style
+from usvauv.env.render import legend, shapes, style
 from usvauv.env.render.frames import frames_of
 from usvauv.env.render.layout import Arrangement
+from usvauv.env.render.legend import ENTRIES, InPicture
+from usvauv.env.render.map import Popups
 from usvauv.env.render.mission import Playback, error_axes
 from usvauv.env.render.sea_surface import elevation_limit
 from usvauv.env.render.style import CATEGORICAL, CATEGORICAL_ON_WHITE, web
@@ -102,8 +105,75 @@ class TestMap:
         inside = (np.linalg.solve(error_axes(np.array([4.0, -1.9, 1.0])).T, errors.T) ** 2).sum(0) < 1
         assert inside.mean() == pytest.approx(1 - np.exp(-2), abs=0.01)
 
+    def test_symbols_end_at_its_border(self):
+        """An AUV in the corner, in a service with data, and its estimate beyond: nothing of them is beside the map."""
+        made = synthetic_trace(steps=3, auvs=1)
+        corner = np.full_like(made.auv_position, 0.0)
+        at = replace(made, auv_position=corner, heard_position=corner, delivered=np.ones_like(made.delivered))
+        outside = np.ones((360, 640), bool)
+        frames = frames_of([at], (640, 360))
+        frames.layout.map.of(outside)[:] = False
+        others = [frames.layout.boxes[name].of(outside) for name in frames.layout.boxes if name != "map"]
+        for other in others:
+            other[:] = False
+        shown = frames.frame(2).copy()
+        away = replace(at, auv_position=corner + 100.0, heard_position=corner + 100.0)
+        np.testing.assert_array_equal(frames_of([away], (640, 360)).frame(2)[outside], shown[outside])
+
+    def test_data_of_some_seconds_of_video_are_one_sum(self):
+        """An AUV that takes 0.06 Mbit in each step has one text for two seconds, which counts."""
+        made = synthetic_trace(steps=130, auvs=1)
+        popups = Popups(Playback(replace(made, delivered=np.full_like(made.delivered, 0.06))), 1.0)
+        said = []
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(shapes, "badge", lambda image, text, *others: said.append(text))
+            for t in range(130):
+                popups.draw(np.zeros((200, 200, 3), np.uint8), t, np.full((1, 2), 100.0), np.zeros((1, 2)))
+        sums = [float(text.split()[0]) for text in said]
+        np.testing.assert_allclose(sums, 0.06 * (np.arange(130) % 60 + 1), atol=0.006)
+
+
+class TestLegend:
+    def test_it_names_what_is_in_the_picture(self):
+        calm, rough = synthetic_trace(steps=90, vortices=0), synthetic_trace(steps=90)
+        calm = replace(calm, backlog=np.zeros_like(calm.backlog))
+        full = replace(rough, backlog=np.full_like(rough.backlog, 1e6), hovering=np.ones_like(rough.hovering))
+        for trace, current, filled in ((calm, False, False), (full, True, True)):
+            now = InPicture(Playback(trace), 1.0, frames_of([trace], (640, 360)).layout, True, False)
+            now.look(80.0)
+            words = {entry.words for entry in ENTRIES if entry.shown(now)}
+            assert ("water current" in words) == current
+            assert ("full: new data is lost" in words) == filled
+            assert "target that moves" not in words
+            assert "station of an AUV" not in words
+            assert {"AUV, underwater robot", "node: how full of data"} < words
+
+    def test_its_letters_are_legible_on_a_phone(self):
+        """A frame of 1280 pixels is reduced there to about 480, in which letters of less than 6 pixels blur."""
+        trace, sizes = synthetic_trace(steps=60), []
+        frames = frames_of([trace], (1280, 720))
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(legend, "write", lambda card, text, at, size, *others: sizes.append((text, size)))
+            frames.frame(50)
+        assert min(size for text, size in sizes if not text.startswith("SDR")) * 480 / 1280 >= 6
+
 
 class TestPanel:
+    def test_an_estimate_beyond_its_inset_is_an_arrow_on_that_side(self):
+        made = synthetic_trace(steps=30, auvs=1)
+
+        def middle(east: float, north: float) -> np.ndarray:
+            """Mean pixel of what is white in the inset, of an estimate so many metres off."""
+            off = made.auv_position + np.array([east, north])
+            frames = frames_of([replace(made, estimate=off, foreseen_position=off)], (1280, 720))
+            white = (frames.layout.boxes["fixes"].of(frames.frame(20)) > 248).all(axis=-1)
+            return np.mean(np.nonzero(white)[::-1], axis=1)
+
+        level = middle(0.0, 0.0)
+        for east, north in ((30.0, 0.0), (0.0, -30.0), (-30.0, 30.0)):
+            moved = middle(east, north) - level
+            np.testing.assert_allclose(np.sign(np.round(moved / 5)), np.sign([east, -north]))
+
     def test_figures_equal_the_metrics(self):
         trace = synthetic_trace(steps=90, worlds=2)
         play = Playback(trace)
@@ -119,6 +189,12 @@ class TestPanel:
 
 
 GROUNDS = {"#0b131c": CATEGORICAL, "#142130": CATEGORICAL, "#ffffff": CATEGORICAL_ON_WHITE}
+VISIONS = {  # of linear RGB, by Machado, Oliveira & Fernandes 2009 for complete dichromacy
+    "normal": np.eye(3),
+    "protanopia": [(0.152286, 1.052583, -0.204868), (0.114503, 0.786281, 0.099216), (-0.003882, -0.048116, 1.051998)],
+    "deuteranopia": [(0.367322, 0.860646, -0.227968), (0.280085, 0.672501, 0.047413), (-0.011820, 0.042940, 0.968881)],
+    "tritanopia": [(1.255528, -0.076749, -0.178779), (-0.078411, 0.930809, 0.147602), (0.004733, 0.691367, 0.303900)],
+}
 
 
 def linear(code):
@@ -136,6 +212,21 @@ def contrast(code, ground):
 @pytest.mark.parametrize("ground", GROUNDS)
 def test_colours_stand_out_from_their_ground(ground):
     assert all(contrast(code, ground) >= 3 for code in GROUNDS[ground])
+
+
+@pytest.mark.parametrize("theme", style.THEMES.values(), ids=style.THEMES)
+def test_auvs_are_told_apart_and_their_text_is_legible(theme):
+    """By CIE 1976: 2.3 is just noticeable; a yellow and two olives were 29.6 apart with normal vision."""
+    codes, least = [web(theme.auv(auv)) for auv in range(8)], {"normal": 32.0}
+    colours = np.array([linear(code) for code in codes])
+    for vision, matrix in VISIONS.items():
+        seen = np.clip(colours @ np.transpose(matrix), 0, 1).astype(np.float32)
+        encoded = np.where(seen <= 0.0031308, 12.92 * seen, 1.055 * seen ** (1 / 2.4) - 0.055).astype(np.float32)
+        lab = cv2.cvtColor(encoded[None], cv2.COLOR_RGB2Lab)[0]
+        apart = [float(np.linalg.norm(one - other)) for one, other in combinations(lab, 2)]
+        assert min(apart) > least.get(vision, 15.0), vision
+    grounds = [web(theme.card)] + [web(style.OUTLINE)] * (theme is style.DARK)  # of captions; of words on the sea
+    assert all(contrast(code, ground) >= 4.5 for code in codes for ground in grounds)
 
 
 @pytest.mark.parametrize("theme", style.THEMES.values(), ids=style.THEMES)

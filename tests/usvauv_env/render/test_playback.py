@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import torch
 from tests.usvauv_env.record.made_traces import synthetic_trace
 from usvauv.env import Scenario, Trace, World
 from usvauv.env.record.recorder import record
+from usvauv.env.render.boat_view import BoatView
 from usvauv.env.render.frames import frames_of
 from usvauv.env.render.layout import Layout, Rectangle
 from usvauv.env.render.mission import Playback, RecordedSea, Series, Vehicle
@@ -92,13 +94,35 @@ class TestSea:
             assert fast > 0.99 > 0.9 > true
             assert both[0].std() > 0.5 * both[1].std()
         place, floating = trace.boat_position[:, 0], trace.boat_surface[:, 0]
-        shown = sea.under(place, floating)
+        shown = sea.under(place, floating, place)
         for t in (0, 7, STEPS - 1):
             x, y = place[t, 0]
             around = sea.on(t, np.array([x - 1, x, x + 1]), np.array([y - 1, y, y + 1]))
             slopes = (around[1, 2] - around[1, 0]) / 2, (around[2, 1] - around[0, 1]) / 2
             np.testing.assert_allclose(shown[t, 0], (around[1, 1], *slopes), atol=0.03)
-        np.testing.assert_array_equal(plain.under(place, floating), floating)
+        np.testing.assert_array_equal(plain.under(place, floating, place), floating)
+
+    def test_in_fast_motion_waves_do_not_move_a_boat_to_and_fro(self, trace):
+        """A circle of 2 m in the storm's period, on a straight way: the way remains, but for the ends."""
+        t = np.arange(120)
+        way = np.stack([20 + 0.8 * t, 60 + 0.3 * t], 1)
+        turn = 2 * np.pi * t / RecordedSea(trace).period
+        circling = way + 2 * np.stack([np.cos(turn), np.sin(turn)], 1)
+        made = synthetic_trace(steps=120)
+        boat = replace(made, boat_position=circling[:, None, None], storm=trace.storm)
+        inner = slice(20, 100)
+        np.testing.assert_allclose(Playback(boat, speed_up=30.0).boats.values[inner, 0], way[inner], atol=0.15)
+        np.testing.assert_array_equal(Playback(boat).boats.values[:, 0], circling)
+
+    def test_in_fast_motion_a_map_is_like_the_one_before(self, trace):
+        """Vehicles, which move by their own lengths, are held: sea, current and pings move."""
+        moving = "boat_position", "boat_heading", "boat_goal", "auv_position", "auv_velocity", "estimate"
+        moving += "foreseen_position", "estimate_covariance"
+        held = {name: np.repeat(getattr(trace, name)[:1], STEPS, axis=0) for name in moving}
+        frames, shown = frames_of([replace(trace, **held)], (640, 360), speed_up=30.0), []
+        for t in range(STEPS):
+            shown.append(frames.layout.map.of(frames.frame(t)).mean(axis=-1).ravel())
+        assert min(np.corrcoef(one, other)[0, 1] for one, other in pairwise(shown)) > 0.985
 
 
 class TestSeries:
@@ -126,12 +150,46 @@ class TestFollowing:
 
     def test_the_vehicle_is_in_the_middle_of_the_view(self, trace):
         play, layout = Playback(trace), Layout(640, 360, 0.8, {})
-        for name, depth in (("usv", 0.0), ("auv:2", -trace.scenario.auv.depth)):
-            vehicle = Vehicle.parse(name, trace.scenario)
-            view = PerspectiveView(play, self.BOX, layout, vehicle)
-            for t in (0.0, 4.3):
-                place = np.append(vehicle.way(trace).at(t) - 100.0, depth * view.scene.depths)
-                np.testing.assert_allclose(view.camera(t).pixel(place), (300, 150), atol=1e-9)
+        vehicle = Vehicle.parse("auv:2", trace.scenario)
+        view = PerspectiveView(play, self.BOX, layout, vehicle)
+        for t in (0.0, 4.3):
+            place = np.append(vehicle.way(trace).at(t) - 100.0, -trace.scenario.auv.depth * view.scene.depths)
+            np.testing.assert_allclose(view.camera(t).pixel(place), (300, 150), atol=1e-9)
+
+    def test_beside_a_boat_the_sea_is_the_storm_and_goes_on_beyond_the_area(self, trace):
+        """Its elevation and slopes near the boat; the area ends 100 m from it at most."""
+        play = Playback(trace)
+        view = BoatView(play, self.BOX, Layout(640, 360, 0.8, {}), 0)
+        camera, t = view.camera(4.3), 4.3
+        shown = view.surface(t, camera)
+        a, kx, ky, phase = play.sea.storm(t).T[:, :, None]
+        seen = np.flatnonzero(np.abs(view.ahead - view.ahead.mean()) < 200)[[40, 60]]
+        for row in seen:
+            for column in (80, 96, 120):
+                x, y = camera.eye + view.ahead[row] * camera.forward + view.across[column] * camera.right
+                turn = kx * x + ky * y + phase
+                east, north = ((-a * k * np.sin(turn)).sum() for k in (kx, ky))
+                slopes = np.stack([camera.right, camera.forward]) @ (east, north)
+                found = shown[row, column]
+                assert found[0] == pytest.approx((a * np.cos(turn)).sum(), abs=0.1)
+                np.testing.assert_allclose(found[1:3], slopes, atol=0.04)
+        far = view.ahead > 1000.0
+        assert far.any()
+
+    def test_beside_a_boat_it_is_in_view_under_a_level_horizon(self, trace):
+        view = BoatView(Playback(trace), self.BOX, Layout(640, 360, 0.8, {}), 0)
+        for t in (0.0, 4.3, 9.9):
+            place = np.append(trace.boat_position[0, 0, 0], 0.0)
+            x, y = view.camera(t).pixel(place)
+            assert 100 < x < 500
+            assert 100 < y < 300
+        made = synthetic_trace(steps=3, sea=False)
+        calm = replace(made, boat_position=np.full_like(made.boat_position, 100.0))
+        picture = frames_of([calm], (640, 360), "sea", follow="usv").frame(1)
+        box = frames_of([calm], (640, 360), "sea", follow="usv").layout.boxes["perspective"]
+        red = box.of(picture)[:, :40, 2]  # left of the boat
+        rows = red[: round(0.3 * box.height)], red[round(0.7 * box.height) : round(0.85 * box.height)]
+        assert rows[0].mean() > rows[1].mean() + 20, "sky above, sea below"
 
     def test_a_map_shows_a_third_around_it_and_ends_at_the_border(self):
         made = synthetic_trace(steps=8)

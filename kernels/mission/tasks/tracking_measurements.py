@@ -1,0 +1,118 @@
+"""What AUVs measure of targets in the task of tracking, and how their filters use it.
+
+Every `interval` seconds each AUV within `range_most` hears each target, unless the signal is lost. With a
+`signal_excess` SE at 1 m it is also lost where it fades below the threshold: by Rayleigh fading it is heard with the
+probability exp(−10^(−E/10)), E = SE − 20 log10 r − α r/1000 (Urick, "Principles of Underwater Sound" (1983), §2).
+
+The AUV then measures its slant range r, its bearing or both, with normal errors. With h the difference of depth, of the
+variance σ_h² where only the limits of depths are known, the horizontal range √(r² − h² − σ_h²) has the variance
+(r² σ² + h² σ_h²)/(r² − h² − σ_h² + r σ), which near r = h stays that of √(r σ). Each AUV sends what it measured and its
+own position, with the covariance of that, to the others within `message_range`; each receives the message or not.
+"""
+
+import taichi as ti
+
+from usvauv.kernels.functions import func
+from usvauv.kernels.mission.columns import Draw
+from usvauv.kernels.mission.motion import own_covariance, own_position
+from usvauv.kernels.mission.worlds import normals, uniforms
+from usvauv.kernels.positioning.sonar import path_loss, power_of_10
+from usvauv.kernels.tracking import bearings, range_filter
+from usvauv.kernels.trigonometry import wrapped
+from usvauv.kernels.types import vec2, vec3
+
+
+@func
+def believed_place(worlds: ti.template(), w, k) -> vec2:
+    """Where AUV k takes itself to be, m."""
+    here = own_position(worlds, w, k)
+    if worlds.task_parameters.places_known > 0.0:
+        here = vec2(worlds.auv.x[w, k], worlds.auv.y[w, k])
+    return here
+
+
+@func
+def place_covariance(worlds: ti.template(), w, k) -> vec3:
+    """Covariance (xx, xy, yy) of that, m²."""
+    found = own_covariance(worlds, w, k)
+    if worlds.task_parameters.places_known > 0.0:
+        found = vec3(0.0)
+    return found
+
+
+@func
+def height_over(worlds: ti.template(), w, k, i):
+    """Height of AUV k over target i, m."""
+    return worlds.task_node.depth[w, i] - worlds.p.cruise - worlds.auv.depth_error[w, k]
+
+
+@func
+def assumed_height(worlds: ti.template(), w, k, i) -> vec2:
+    """Height of AUV k over target i as far as it is known, and the variance of that, m and m²."""
+    given = ti.static(worlds.task_parameters)
+    found = vec2(height_over(worlds, w, k, i), 0.0)
+    if given.depths_known == 0.0:
+        middle, width = 0.5 * (given.depth_least + given.depth_most), given.depth_most - given.depth_least
+        found[0] += middle - worlds.task_node.depth[w, i]
+        found[1] = width * width / 12.0
+    return found
+
+
+@func
+def forget(worlds: ti.template(), w, k, i):
+    """AUV k has no measurement of target i."""
+    pair = ti.static(worlds.task_pair)
+    pair.heard[w, k, i] = 0.0
+    pair.measured[w, k, i] = 0.0
+    pair.bearing[w, k, i] = 0.0
+
+
+@func
+def measure(worlds: ti.template(), w, k, i):
+    """What AUV k measures of target i, if it hears it in this step."""
+    given, pair = ti.static(worlds.task_parameters, worlds.task_pair)
+    away = vec2(worlds.node.x[w, i] - worlds.auv.x[w, k], worlds.node.y[w, i] - worlds.auv.y[w, k])
+    slant = vec2(away.norm(), height_over(worlds, w, k, i)).norm()
+    index = k * worlds.node.shape[1] + i
+    u = uniforms(worlds, w, Draw.range_loss, index)
+    lost = given.range_loss
+    if given.signal_excess > 0.0:
+        excess = given.signal_excess - path_loss(slant, 20.0, given.absorption)
+        lost = 1.0 - (1.0 - lost) * ti.exp(0.0 - power_of_10(-0.1 * excess))
+    if slant <= given.range_most and u[0] >= lost:
+        pair.heard[w, k, i] = 1.0
+        noise = normals(worlds, w, Draw.range, index)
+        if given.ranges > 0.0:
+            pair.measured[w, k, i] = ti.max(slant + given.range_noise * noise[0], 1e-3)
+        if given.bearing_noise > 0.0:
+            pair.bearing[w, k, i] = wrapped(ti.atan2(away[1], away[0]) + given.bearing_noise * noise[1])
+
+
+@func
+def receives(worlds: ti.template(), w, k, j) -> bool:
+    """Whether AUV k has what AUV j has measured in this step."""
+    given = ti.static(worlds.task_parameters)
+    away = vec2(worlds.auv.x[w, j] - worlds.auv.x[w, k], worlds.auv.y[w, j] - worlds.auv.y[w, k])
+    u = uniforms(worlds, w, Draw.message, k * worlds.auv.shape[1] + j)
+    return k == j or (away.norm() <= given.message_range and u[0] >= given.message_loss)
+
+
+@func
+def use_measurements(worlds: ti.template(), w, k):
+    """Update the filters of AUV k by its own measurements and those it has received."""
+    given, pair = ti.static(worlds.task_parameters, worlds.task_pair)
+    for j in range(worlds.auv.shape[1]):
+        if receives(worlds, w, k, j):
+            here, covariance = believed_place(worlds, w, j), place_covariance(worlds, w, j)
+            for i in range(worlds.node.shape[1]):
+                if pair.heard[w, j, i] > 0.0:
+                    if given.ranges > 0.0:
+                        r, sigma = pair.measured[w, j, i], given.range_noise
+                        height = assumed_height(worlds, w, j, i)
+                        h, unknown = height[0], height[1]
+                        square = ti.max(r * r - h * h - unknown, 0.0)
+                        variance = (r * r * sigma * sigma + h * h * unknown) / (square + r * sigma)
+                        range_filter.observe_range(pair, w, k, i, here, covariance, ti.sqrt(square), variance)
+                    if given.bearing_noise > 0.0:
+                        bearing, variance = pair.bearing[w, j, i], given.bearing_noise * given.bearing_noise
+                        bearings.observe_bearing(pair, w, k, i, here, covariance, bearing, variance, given.range_most)
