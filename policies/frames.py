@@ -21,6 +21,7 @@ from usvauv.env.scenario import Scenario
 from usvauv.env.world.observation_layout import ObservationLayout
 from usvauv.kernels import runtime
 from usvauv.kernels.guidance import FIRST, TINY, Acting
+from usvauv.kernels.mission.tasks.tracking import SPREAD
 from usvauv.kernels.registry import Registry
 from usvauv.policies.guidance import (
     REACH,
@@ -44,6 +45,7 @@ from usvauv.policies.policy import PolicyError
 
 PASSING_TERMS = ("current", "service", "next", "attitude", "motion")  # which `PassingFrame` needs
 TURN = 0.5 * math.pi  # rad, largest offset of a heading
+LEAST_SPREAD = 1e-3  # of a target's place, over the radius of `circle`
 BORDER_MARGIN = 4.0  # m, more than a step at full speed
 PRICE, PRICE_GAIN = 80.0, 4.0  # W and 1: prices from 1.5 W to some kilowatts, for all speeds in any current
 TERMS = ("target", "others", "position", "current")  # that frames read
@@ -159,7 +161,10 @@ class TargetFrame(Frame):
 
     def encode(self, observation: Tensor) -> Tensor:
         bearing, distance = polar(self.term(observation, "target"))
-        distance = distance[..., None]
+        return joined(self._describe(observation, bearing, distance[..., None]))
+
+    def _describe(self, observation: Tensor, bearing: Tensor, distance: Tensor) -> list[Tensor]:
+        """The features in parts, (..., n)."""
         closeness = torch.exp(-distance / self.reach)
         parts = [distance, closeness, bearing, *self._others(observation, bearing)]
         for name in self.layout.terms:
@@ -174,7 +179,7 @@ class TargetFrame(Frame):
                 parts.append(turned.reshape(vectors.shape))
                 value = value[..., vectors.shape[-1] :]
             parts.append(value)
-        return joined(parts)
+        return parts
 
     def _others(self, observation: Tensor, bearing: Tensor) -> list[Tensor]:
         """Nearest other AUV and sum of closeness, (..., 2), and largest closeness, (..., 1); zeros for a single AUV."""
@@ -306,7 +311,8 @@ class OffsetFrame(TargetFrame):
     from it.
 
     a_0 turns the heading by up to `TURN` to the left, a_1 adds to the speed, 1 being the span from the lowest to the
-    highest; the sum is kept within these. Action 0 is the heuristic at the scenario's own price or radius.
+    highest; the sum is kept within these. Where they are equal, there is no a_1. Action 0 is the heuristic at the
+    scenario's own price or radius.
 
     Attributes:
         heuristic: has `steer`, which gives heading and speed.
@@ -317,6 +323,7 @@ class OffsetFrame(TargetFrame):
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
         self.features += 2
+        self.actions = 1 if scenario.auv.speed_min == scenario.auv.speed_max else 2
         self.seen = Observed(self)
 
     def shared(self, observation: Tensor) -> tuple[Tensor, ...]:
@@ -333,7 +340,8 @@ class OffsetFrame(TargetFrame):
     def decode(self, observation: Tensor, action: Tensor, *shared: Tensor) -> Tensor:
         auv = self.scenario.auv
         heading, speed = shared or self.shared(observation)
-        speed = speed + action[..., 1] * (auv.speed_max - auv.speed_min)
+        if self.actions == 2:
+            speed = speed + action[..., 1] * (auv.speed_max - auv.speed_min)
         angle = TURN * action[..., 0]
         heading = turn(heading, torch.cos(angle), torch.sin(angle))
         return command(heading, speed.clamp(auv.speed_min, auv.speed_max), self.scenario)
@@ -358,7 +366,12 @@ class PassingFrame(OffsetFrame):
 
 
 class CirclingFrame(OffsetFrame):
-    """`OffsetFrame` from `circle`.
+    """Features of an AUV's target and of its own motion; actions as `OffsetFrame`, from `circle`.
+
+    Features, vectors along and left of the target's bearing and over the top speed: d/(d + R), d the distance to the
+    target and R the radius of `circle`; velocities of the target and of the AUV through the water; logarithms of the
+    standard deviations of the target's place along the bearing and across, over R, and their correlation; the velocity
+    by `circle`.
 
     Raises:
         PolicyError: there are no tracks of targets.
@@ -368,9 +381,16 @@ class CirclingFrame(OffsetFrame):
         super().__init__(scenario)
         if "track" not in self.layout:
             raise PolicyError(f"training: frame = 'circling': scenario {scenario.name!r} does not observe track")
-        radius = scenario.reference.circle_radius
-        self.start = f"circle:{radius:g}"
-        self.heuristic = Circle(self.start, self.seen, radius)
+        self.features = 10
+        self.radius = scenario.reference.circle_radius
+        self.start = f"circle:{self.radius:g}"
+        self.heuristic = Circle(self.start, self.seen, self.radius)
+
+    def _describe(self, observation: Tensor, bearing: Tensor, distance: Tensor) -> list[Tensor]:
+        track, away = self.term(observation, "track"), distance * self.scenario.area.diagonal
+        velocities = unrotate(in_pairs(track[..., :4]), bearing[..., None, :]) / self.scenario.auv.speed_max
+        deviations = (track[..., 4:6] * (SPREAD / self.radius)).clamp_min(LEAST_SPREAD).log()
+        return [away / (away + self.radius), velocities.flatten(-2), deviations, track[..., 6:]]
 
 
 class FinsFrame(TargetFrame):

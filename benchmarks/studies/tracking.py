@@ -2,6 +2,7 @@
 
     python -m benchmarks.studies.tracking
     python -m benchmarks.studies.tracking --part measurements
+    python -m benchmarks.studies.tracking --runs runs/tracking-plain --out docs/circling.png
 
 First `tracking-plain`, by team and setting of the published environment: the error of the estimates of the AUV with the
 smallest range, after the first 20 steps, its median and its mean over worlds, targets and steps, the latter with the
@@ -12,14 +13,21 @@ Then what is measured, three on three at hard: ranges of 10 m, bearings of 3°, 
 known; ranges of signals that fade.
 
 Then `tracking`: the same by the boat's strategy, and with places known exactly; differences from `belief` are paired.
+
+With `--runs`, a folder of training runs that differ only in the seed, instead: their curves, and the errors of their
+last policies beside those of `circle` in the same worlds, with the 95 % interval over seeds and worlds together.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from benchmarks.machine import command_line, describe, parse, show
 from usvauv import policies
@@ -28,6 +36,8 @@ from usvauv.env.record.metrics import own_error
 from usvauv.env.record.recorder import record
 from usvauv.env.record.trace import Trace
 from usvauv.env.record.tracking_metrics import nees, settled, track_error
+from usvauv.env.render.style import Ground, write_pair
+from usvauv.policies.checkpoint import ENDING, LAST, path_of, read_history
 
 SETTINGS = {  # share of the AUVs' speed, and time between turns, s: 5 to 14 steps, or 2 to 9
     "easy": ((0.0, 0.35), (120.0, 420.0)),
@@ -54,6 +64,7 @@ PLACES = {
     "hold": ("hold:1200,1200", ()),  # the middle
     "places known": ("belief", ("task_parameters.places_known=1",)),
 }
+CELLS = ((1, "hard"), (3, "easy"), (3, "medium"), (3, "hard"), (3, "expert"), (5, "hard"))  # for learned policies
 MEASUREMENTS = {
     "ranges": (),
     "ranges, depths of 5 to 20 m not known": ("depths_known=0",),
@@ -160,13 +171,79 @@ def rates(teams: Sequence[int], worlds: int) -> list[dict[str, object]]:
     return rows
 
 
+def learned(runs: Sequence[Path], worlds: int, seed: int) -> list[dict[str, object]]:
+    """Rows of the last policies of training runs beside `circle`."""
+    rows = []
+    for team, name in CELLS:
+        scenario = setting(name, team)
+        circle, *others = (
+            track_error(trace)[settled(trace)]
+            for trace in (
+                run(scenario, str(rule), worlds, seed) for rule in ("circle", *(path_of(p, LAST) for p in runs))
+            )
+        )
+        gain = np.array([by_world(other) - by_world(circle) for other in others])  # (seeds, W)
+        seeds = gain.mean(axis=1)
+        variance = gain.mean(axis=0).var(ddof=1) / worlds + (seeds.var(ddof=1) / len(seeds) if len(seeds) > 1 else 0.0)
+        rows.append(
+            {
+                "team": f"{team} on {team}",
+                "setting": name,
+                "median by circle, m": float(f"{np.median(circle):.1f}"),
+                "median, m": float(f"{np.median(others):.1f}"),
+                "mean by circle, m": interval(by_world(circle)),
+                "mean, m": float(f"{np.mean(others):.1f}"),
+                "from circle, m": f"{gain.mean():.2f} ± {NORMAL * np.sqrt(variance):.2f}",
+                "seeds, m": f"{seeds.min():.2f} to {seeds.max():.2f}",
+            }
+        )
+    return rows
+
+
+def curves(runs: Sequence[Path]) -> list[dict[str, float]]:
+    """Margins of the team's ARPS over that of `circle` in the evaluations of training runs."""
+    histories = [read_history(path) for path in runs]
+    rows = [(int(each[0]["steps"]), [own["margin"] for own in each]) for each in zip(*histories, strict=True)]
+    return [
+        {"steps": steps, "mean": float(np.mean(margins))}
+        | {path.name: margin for path, margin in zip(runs, margins, strict=True)}
+        for steps, margins in rows
+    ]
+
+
+def draw(rows: Sequence[dict[str, float]], ground: Ground) -> Figure:
+    """The curves of each run and their mean."""
+    figure = Figure(figsize=(7.2, 3.6), layout="constrained")
+    axes = figure.subplots()
+    steps, mean, *each = np.array([[*row.values()] for row in rows]).T
+    for margins in each:
+        axes.plot(steps / 1000, margins, color=ground.muted, lw=0.8)
+    axes.plot(steps / 1000, mean, "o-", color=ground.colours[0], ms=4, label="mean of the seeds")
+    axes.axhline(0.0, ls="--", lw=1.2, color=ground.text, label="circle")
+    axes.set(xlabel="thousands of world-steps", ylabel="ARPS of the team, over circle's")
+    axes.legend(loc="upper left")
+    return figure
+
+
 def main() -> None:
     parser = command_line(__doc__)
     parser.add_argument("--episodes", type=int, default=200, help="worlds of each row")
     parser.add_argument("--seed", type=int, default=2026)
     parser.add_argument("--part", choices=("rules", "measurements", "places", "rates"), help="one table; default all")
+    parser.add_argument("--runs", type=Path, help="folder of training runs, one for each seed")
+    parser.add_argument("--out", type=Path, help="X.png: figures X-light.png and X-dark.png of their curves to write")
     arguments = parse(parser)
     worlds, seed = arguments.episodes, arguments.seed
+    result: dict[str, Any] = {"machine": describe(), "episodes": worlds, "seed": seed}
+    if arguments.runs:
+        runs = sorted(path.parent for path in arguments.runs.glob(f"*/{LAST}{ENDING}"))
+        if not runs:
+            parser.error(f"--runs {arguments.runs}: has no training runs")
+        result |= {"curves": curves(runs), "learned": learned(runs, worlds, seed)}
+        if arguments.out:
+            write_pair(arguments.out, partial(draw, result["curves"]))
+        show(result, arguments.json)
+        return
     parts = {
         "rules": ("tracking-plain", lambda: plain(worlds, seed)),
         "measurements": (
@@ -177,7 +254,6 @@ def main() -> None:
         "rates": ("steps of all worlds in a second of a processor, hard", lambda: rates(TEAMS, max(64, 4 * worlds))),
     }
     chosen = [arguments.part] if arguments.part else parts
-    result = {"machine": describe(), "episodes": worlds, "seed": seed}
     show(result | {title: make() for title, make in (parts[name] for name in chosen)}, arguments.json)
 
 

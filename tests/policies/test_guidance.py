@@ -16,6 +16,7 @@ from usvauv.policies.frames import (
     BORDER_MARGIN,
     PRICE,
     TURN,
+    CirclingFrame,
     GuidedFrame,
     PassingFrame,
     TargetFrame,
@@ -240,6 +241,38 @@ class TestPassingFrame:
     def test_it_says_what_a_scenario_does_not_observe(self):
         with pytest.raises(PolicyError, match=r"'passing': scenario 'wide' does not observe service, next, attitude"):
             PassingFrame(Scenario.load("wide"))
+
+
+class TestCirclingFrame:
+    def observed(self, count, **terms):
+        """The frame of a team in `tracking-plain`, and an observation of it with these terms, the others 0."""
+        frame = CirclingFrame(Scenario.load("tracking-plain", [f"auv.count={count}", "auv.safe_distance=0"]))
+        observation = torch.zeros(1, count, frame.layout.size)
+        for name, numbers in terms.items():
+            observation[..., frame.layout.slice(name)] = torch.tensor(numbers)
+        return frame, observation
+
+    @pytest.mark.parametrize("count", [1, 4])
+    def test_features_are_those_of_the_target_and_of_the_circle(self, count):
+        """A target 60 m north that goes north, an AUV that goes east; deviations of 60 m along and 15 m across."""
+        track = [0.0, 0.493, 0.986, 0.0, 0.6, 0.15, 0.3]
+        diagonal = math.hypot(10_000, 10_000)
+        frame, observation = self.observed(count, target=[0.0, 60 / diagonal], track=track)
+        features = frame.encode(observation)
+        expected = torch.tensor([0.5, 0.5, 0.0, 0.0, -1.0, 0.0, math.log(0.25), 0.3]).expand(1, count, 8)
+        torch.testing.assert_close(features[..., :8], expected, atol=1e-5, rtol=0)
+        torch.testing.assert_close(features[..., 8:].norm(dim=-1), torch.ones(1, count))
+        assert frame.features == features.shape[-1]
+
+    def test_an_offset_turns_the_course_of_the_circle(self):
+        frame, observation = self.observed(2, target=[0.003, 0.001], track=[0.1, 0.4, 0.9, 0.3, 0.2, 0.3, 0.1])
+        plain, offset = (frame.decode(observation, torch.full((1, 2, 1), a)) for a in (0.0, 0.5))
+        turned = angle(unrotate(offset, unit(plain)))
+        torch.testing.assert_close(turned, torch.full_like(turned, 0.5 * TURN), atol=1e-4, rtol=0)
+
+    def test_a_speed_is_an_action_where_there_is_a_choice(self):
+        assert CirclingFrame(Scenario.load("tracking-plain")).actions == 1
+        assert CirclingFrame(Scenario.load("tracking")).actions == 2
 
 
 class TestFrames:
