@@ -56,7 +56,7 @@ UNBOUNDED = 1e9  # m, length of a step
 STEP = 0.5  # of the least slant range, longest step: longer ones skip from one maximum to another
 RING_STARTS = 8
 ANYWHERE = 1e9  # m, unlimited reach
-STARTS = 4  # of the AUVs above which the objective is highest
+STARTS = 6  # of the AUVs above which the objective is highest
 TRIED = -1e30  # in place of the height above an AUV
 COARSE, FINE = 5, 10  # places tried along each side of the AUVs' box, where all fixes are good and where some may fail
 CLOSE_BY = 0.5  # of the least depth: AUVs so near to one another share a maximum
@@ -259,11 +259,22 @@ def most_auvs(code: int) -> int:
 
 
 @func
-def heights_above(team: ti.template(), code: ti.template(), region: ti.template()) -> each_auv:
-    """ln of the objective above each AUV; 0 where all of them are tried anyway."""
+def heights_above(team: ti.template(), code: ti.template(), nearest, region: ti.template()) -> each_auv:
+    """ln of the objective above each AUV, 0 where all of them are tried anyway; TRIED for one close to an earlier one.
+
+    Args:
+        nearest: least squared depth, m².
+    """
     heights = each_auv(0.0)
-    if team.count > ti.static(most_auvs(code)):
-        for k in range(team.count):
+    for k in range(team.count):
+        if ti.static(objective_of(code) != PAPER):
+            for j in range(k):
+                if (
+                    heights[j] > TRIED
+                    and (position(team, k) - position(team, j)).norm_sqr() < CLOSE_BY * CLOSE_BY * nearest
+                ):
+                    heights[k] = TRIED
+        if heights[k] > TRIED and team.count > ti.static(most_auvs(code)):
             heights[k] = log_objective(team, code, clip(position(team, k), region))[0]
     return heights
 
@@ -276,26 +287,6 @@ def highest(heights: ti.template(), count):
         if heights[k] > heights[top]:
             top = k
     return top
-
-
-@func
-def next_auv(team: ti.template(), code: ti.template(), heights: ti.template(), nearest) -> ti.i32:
-    """The AUV that is to be tried next, −1 for none; those that share its maximum count as tried like itself.
-
-    Args:
-        heights: of `heights_above`, TRIED for those that have been tried.
-        nearest: least squared depth, m².
-    """
-    k = highest(heights, team.count)
-    if heights[k] > TRIED:
-        heights[k] = TRIED
-        if ti.static(objective_of(code) != PAPER):
-            for j in range(team.count):
-                if (position(team, j) - position(team, k)).norm_sqr() < CLOSE_BY * CLOSE_BY * nearest:
-                    heights[j] = TRIED
-    else:
-        k = -1
-    return k
 
 
 @func
@@ -371,7 +362,7 @@ def multistart(team: ti.template(), code: ti.template(), start: vec2, everywhere
     hill = 0.0  # square of a radius, m²
     if everywhere:
         starts = 2 + at_auvs
-        heights = heights_above(team, code, region)
+        heights = heights_above(team, code, nearest, region)
         if may_miss(team):
             lattice = best_on_lattice(team, code, FINE, region)
             starts += 2
@@ -397,9 +388,10 @@ def multistart(team: ti.template(), code: ti.template(), start: vec2, everywhere
             new = lattice[row, 2] > TRIED
         elif i > 1:
             if (i - 2) % starts_per_auv == 0:
-                above = next_auv(team, code, heights, nearest)
-            new = above >= 0
-            point = place_above(team, code, ti.max(above, 0), i % RING_STARTS)
+                above = highest(heights, team.count)
+                new = heights[above] > TRIED
+                heights[above] = TRIED
+            point = place_above(team, code, above, i % RING_STARTS)
         point = clip(point, region)
         if new and (i == 0 or (point - best.xy).norm_sqr() >= hill):
             top = ascend(team, code, point, best, near, small, True, region)
