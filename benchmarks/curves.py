@@ -5,12 +5,14 @@
 Two limits stand beside each rate, neither of which a program on this machine could pass. Memory: all tensors that a
 world has of its own are read and written once a step, at the measured bandwidth. Operations: the vortices alone, at one
 pass of `PLACES` places for each AUV, at the measured rate of matrix products, in which every operation is half of a
-fused one. What a batch holds in caches may pass the first.
+fused one. What a batch holds in caches may pass the first. Processor time, that of all threads, is the same with other
+programs beside this one, the rates are not.
 """
 
 from __future__ import annotations
 
 import json
+import time
 from functools import partial
 from pathlib import Path
 from types import FunctionType, SimpleNamespace
@@ -21,7 +23,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter
 
 from benchmarks.machine import best_time, command_line, describe, parse
-from benchmarks.worlds import measure_memory, rates
+from benchmarks.worlds import CYCLE, LEAD, measure_memory, rates, stepper
 from usvauv.env import Scenario, World
 from usvauv.env.render.style import Ground, write_pair
 from usvauv.kernels import runtime
@@ -30,11 +32,12 @@ from usvauv.kernels.flow import vortex
 WORLDS = 1024
 CURVES: dict[str, tuple[str, str, tuple[int, ...]]] = {
     "worlds": ("extreme", "", tuple(4**power for power in range(10))),
-    "AUVs": ("extreme", "auv.count", (2, 4, 8, 16)),
-    "nodes": ("extreme", "nodes.count", (30, 100, 250, 500)),
-    "vortices": ("extreme", "current.count", (1, 4, 9, 16, 36, 64)),
-    "boats": ("wide", "boat.count", (1, 2, 4)),
+    "AUVs": ("extreme", "auv.count", (2, 4, 8, 16, 32, 64)),
+    "nodes": ("extreme", "nodes.count", (30, 100, 250, 500, 1000, 2000)),
+    "vortices": ("extreme", "current.count", (1, 4, 9, 16, 36, 64, 144, 256)),
+    "boats": ("wide", "boat.count", (1, 2, 4, 8)),
 }
+CLOSE = "auv.start_separation=10"  # with which 64 AUVs have room
 SIZE = 2048  # of the square matrices whose product is timed
 TRIAD = 1 << 26  # numbers of each array whose triad is timed, far more than any cache holds
 LINES = {"rate": ("measured", "-o"), "memory": ("limit of memory", "--"), "operations": ("limit of operations", ":")}
@@ -81,10 +84,23 @@ def limits_of_machine() -> dict[str, float]:
     return found
 
 
+def processor_time(world: World) -> float:
+    """Seconds of an agent-step, of all threads together."""
+    step = stepper(world, None)
+    for _ in range(LEAD):
+        step()
+    runtime.synchronize()
+    begin = time.process_time()
+    for _ in range(4 * CYCLE):
+        step()
+    runtime.synchronize()
+    return (time.process_time() - begin) / (4 * CYCLE * world.num_worlds * world.num_auvs)
+
+
 def measure(name: str, count: int, worlds: int, machine: dict[str, float], seconds: float) -> dict[str, float]:
-    """Agent-steps a second of one point of a curve, and those that the machine's limits allow."""
+    """Rate and processor time of one point of a curve, and the rates that the machine's limits allow."""
     scenario_name, field, _ = CURVES[name]
-    scenario = Scenario.load(scenario_name, [f"{field}={count}"] if field else [])
+    scenario = Scenario.load(scenario_name, [CLOSE, f"{field}={count}"] if field else [])
     world = World(scenario, worlds if field else count)
     vortices = scenario.current.count * vortex.PLACES * operations(scenario.current.period)
     moved = 2 * measure_memory(world)["bytes_per_world"] / world.num_auvs
@@ -92,6 +108,7 @@ def measure(name: str, count: int, worlds: int, machine: dict[str, float], secon
         "count": count,
         "worlds": world.num_worlds,
         "rate": rates(world, None, seconds)["agent_steps_per_second"],
+        "processor_time": processor_time(world),
         "memory": machine["bytes"] / moved,
         "operations": machine["operations"] / max(vortices, 1),
     }
@@ -127,7 +144,7 @@ def main() -> None:
     print(json.dumps(describe()))
     machine = limits_of_machine()
     print(f"{machine['bytes'] / 1e9:.1f} GB/s, {machine['operations'] / 1e9:.0f} G operations/s")
-    print("| item | number | worlds | M agent-steps/s | limit of memory | limit of operations | share of the nearer |")
+    print("| item | number | worlds | M agent-steps/s | processor µs | limit of memory | limit of operations | share |")
     found: dict[str, list[dict[str, float]]] = {}
     for name, (_, field, counts) in CURVES.items():
         for count in counts:
@@ -136,9 +153,10 @@ def main() -> None:
             row = measure(name, count, arguments.worlds, machine, arguments.seconds)
             found.setdefault(name, []).append(row)
             rate, memory, operated = (row[key] / 1e6 for key in ("rate", "memory", "operations"))
-            share = rate / min(memory, operated)
+            share, processor = rate / min(memory, operated), 1e6 * row["processor_time"]
             print(
-                f"| {name} | {count} | {row['worlds']} | {rate:.3f} | {memory:.1f} | {operated:.1f} | {share:.1%} |",
+                f"| {name} | {count} | {row['worlds']} | {rate:.3f} | {processor:.2f} | {memory:.1f} |"
+                f" {operated:.1f} | {share:.1%} |",
                 flush=True,
             )
     if arguments.json:

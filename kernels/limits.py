@@ -5,7 +5,10 @@ from typing import Literal, NamedTuple
 ARCHITECTURES = ("auto", "cpu", "cuda", "vulkan")
 Side = Literal["west", "east", "south", "north"]  # of an area
 
-MAX_AUVS = 16  # of a team
+MAX_AUVS = 64  # of a team
+MAX_BOATS = 8
+MAX_NODES = 2000
+MAX_VORTICES = 256
 FASTEST = 2.5  # m/s, up to which the fitted efficiency of an AUV is meant; near 3.25 m/s it falls through zero
 LEAST_HEIGHT = 1.0  # m over the mean bed, below which a sheared current is constant
 MOST_EFFICIENT = 2.0  # bit/s/Hz, of the modem's ways to send

@@ -30,9 +30,10 @@ import torch
 
 from usvauv.kernels import kernel_cache
 from usvauv.kernels.errors import UserError, choices
-from usvauv.kernels.limits import ARCHITECTURES
+from usvauv.kernels.limits import ARCHITECTURES, MAX_AUVS
 from usvauv.kernels.taichi_internals import core, impl
 
+UNROLLED = MAX_AUVS  # iterations of a loop that Taichi unrolls without a warning
 CACHED = 1 << 30  # bytes of compiled kernels kept on disk, of all scenarios and versions together
 DEBUG = "USVAUV_DEBUG"  # environment variable: kernels check every index, see `start`
 SOFTWARE_VULKAN = "USVAUV_TEST_SOFTWARE_VULKAN"  # environment variable: tests of the GPU path on a machine without one
@@ -220,6 +221,7 @@ def _start_program(arch: str, threads: int) -> None:
                 offline_cache_file_path=folder,
                 offline_cache_max_size_of_files=CACHED,
                 log_level=ti.ERROR,
+                unrolling_limit=UNROLLED,
                 **_settings(),
             )
     except Exception as error:
@@ -281,7 +283,7 @@ def _find_changes(config: Any, threads: int) -> None:
     wanted = {name: getattr(default, name) for name in dir(default) if not name.startswith(PROGRAM_SETTING_PREFIXES)}
     wanted |= _settings() | {"cpu_max_num_threads": threads, "check_out_of_bound": bool(os.environ.get(DEBUG))}
     python = {"default_fp": ti.f32, "default_ip": ti.i32, "default_up": ti.u32}
-    python |= {"short_circuit_operators": True, "unrolling_limit": 32}
+    python |= {"short_circuit_operators": True, "unrolling_limit": UNROLLED}
     both = ((config, wanted), (impl.pytaichi, python))
     _changes = [
         (owner, name, ours, copy.deepcopy(getattr(owner, name)))

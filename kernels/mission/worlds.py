@@ -84,7 +84,7 @@ class Program(NamedTuple):
         repeats: the pattern of vortices has a period.
         passing: nodes are served in passing, not hovering.
         battery: the AUVs' batteries end.
-        abreast: AUVs side by side in a boat's rollouts, at least all.
+        abreast: AUVs side by side in a boat's rollouts, at least all; 0 if there are none.
         division: of `Division`.
         vortices_move: here, not in a launch of their own.
         checks: on a CPU the kernel looks for faults, with vectors in registers.

@@ -7,15 +7,16 @@ stops. Near a maximum the values of neighbouring places differ by less than the 
 the Newton step is accepted without a comparison of values. Starts of ascents:
 
 - D, SUM, PAPER can have several local maxima, above AUVs that are far apart for their depth and between them. So there
-  is an ascent from a given place, from the AUVs' mean, and from each AUV that is not close to one tried before; and no
-  step is longer than half the slant range of the nearest AUV, the width of a maximum there. Where the attitude error
-  makes an AUV's variance constant over a plateau, D can have maxima at the plateaus' edges: then the two best of
-  several places between each two AUVs are starts too. By noise alone the logarithm of an AUV's variance is convex
-  where it is deeper than far, so D has one maximum where all are: it needs no start close to the best maximum so far,
-  unless errors that grow with distance make it peaked above an AUV. `benchmarks.plan` looks for a higher place in
-  thousands of layouts. PAPER dips straight above an AUV, where its sines vanish, and peaks on a ring of radius about
-  √|z| round it, so there ascents start on the ring of every AUV. Within a reach the ascents start at the point of it
-  nearest to each of these places.
+  is an ascent from a given place, from the AUVs' mean, and from the STARTS AUVs above which the objective is highest,
+  except those close to a better one; and no step is longer than half the slant range of the nearest AUV, the width of a
+  maximum there. Where the attitude error makes an AUV's variance constant over a plateau, D can have maxima at the
+  plateaus' edges: then the two best places of a lattice are starts too. The number of starts and of places is bounded,
+  so that the time of a search grows little faster than the number of AUVs. By noise alone the logarithm of an AUV's
+  variance is convex where it is deeper than far, so D has one maximum where all are: it needs no start close to the
+  best maximum so far, unless errors that grow with distance make it peaked above an AUV. `benchmarks.plan` looks for a
+  higher place in thousands of layouts. PAPER dips straight above an AUV, where its sines vanish, and peaks on a ring of
+  radius about √|z| round it, so there ascents start on the ring of every AUV. Within a reach the ascents start at
+  the point of it nearest to each of these places.
 - A has one maximum, and one ascent.
 
 All of them assume a level array at its present elevation.
@@ -27,6 +28,7 @@ import taichi as ti
 import torch
 
 from usvauv.kernels.functions import func, kernel
+from usvauv.kernels.limits import MAX_AUVS
 from usvauv.kernels.planning.information import (
     Team,
     check_team,
@@ -54,9 +56,9 @@ UNBOUNDED = 1e9  # m, length of a step
 STEP = 0.5  # of the least slant range, longest step: longer ones skip from one maximum to another
 RING_STARTS = 8
 ANYWHERE = 1e9  # m, unlimited reach
-LATTICE = 10  # places tried along each side of the AUVs' box
-BETWEEN = 5  # places tried between two AUVs
-PLATEAU = 10.0  # variance by the attitude error over that by noise, straight above
+STARTS = 6  # of the AUVs above which the objective is highest
+TRIED = -1e30  # in place of the height above an AUV
+COARSE, FINE = 5, 10  # places tried along each side of the AUVs' box, where all fixes are good and where some may fail
 CLOSE_BY = 0.5  # of the least depth: AUVs so near to one another share a maximum
 SAME_HILL = 0.7  # likewise: ascents from places so near to a maximum of D lead to it
 PEAKED = 10.0  # variance by errors that grow with distance over that by the others, as far from an AUV as it is deep
@@ -242,29 +244,49 @@ def ascend(
 
 
 @func
-def place_on_ring(team: ti.template(), k, spoke) -> vec2:
-    """One of RING_STARTS places on the ring round AUV k on which PAPER peaks."""
-    angle = TWO_PI / RING_STARTS * spoke
-    radius = ti.sqrt(ti.sqrt(squared_separation(team, k)))
-    return position(team, k) + radius * vec2(ti.cos(angle), ti.sin(angle))
+def place_above(team: ti.template(), code: ti.template(), k, spoke) -> vec2:
+    """AUV k's place; for PAPER one of RING_STARTS places on the ring round it on which PAPER peaks."""
+    place = position(team, k)
+    if ti.static(objective_of(code) == PAPER):
+        angle = TWO_PI / RING_STARTS * spoke
+        place += ti.sqrt(ti.sqrt(squared_separation(team, k))) * vec2(ti.cos(angle), ti.sin(angle))
+    return place
+
+
+def most_auvs(code: int) -> int:
+    """At how many AUVs a search starts; PAPER, whose maxima are narrow, has no limit."""
+    return MAX_AUVS if objective_of(code) == PAPER else STARTS
 
 
 @func
-def is_close_by(team: ti.template(), k, tried: ti.template(), nearest) -> bool:
-    """Whether AUV k shares its maximum with an earlier one marked in `tried`; `nearest` is the least squared depth."""
-    close = False
-    for j in range(k):
-        apart = position(team, k) - position(team, j)
-        if tried[j] > 0.0 and apart.norm_sqr() < CLOSE_BY * CLOSE_BY * nearest:
-            close = True
-    return close
+def heights_above(team: ti.template(), code: ti.template(), nearest, region: ti.template()) -> each_auv:
+    """ln of the objective above each AUV, 0 where all of them are tried anyway; TRIED for one close to an earlier one.
+
+    Args:
+        nearest: least squared depth, m².
+    """
+    heights = each_auv(0.0)
+    for k in range(team.count):
+        if ti.static(objective_of(code) != PAPER):
+            for j in range(k):
+                if (
+                    heights[j] > TRIED
+                    and (position(team, k) - position(team, j)).norm_sqr() < CLOSE_BY * CLOSE_BY * nearest
+                ):
+                    heights[k] = TRIED
+        if heights[k] > TRIED and team.count > ti.static(most_auvs(code)):
+            heights[k] = log_objective(team, code, clip(position(team, k), region))[0]
+    return heights
 
 
 @func
-def has_plateau(team: ti.template(), k) -> bool:
-    """Whether the attitude error outweighs the noise far round AUV k, where its variance is therefore constant."""
-    z2 = squared_separation(team, k)
-    return team.link[member(team, k), ATTITUDE] * z2 * ti.exp(log_T(team.link, member(team, k), z2)) > PLATEAU
+def highest(heights: ti.template(), count):
+    """Index of the highest of the first `count` numbers."""
+    top = 0
+    for k in range(1, count):
+        if heights[k] > heights[top]:
+            top = k
+    return top
 
 
 @func
@@ -303,44 +325,27 @@ def may_miss(team: ti.template()) -> bool:
 
 
 @func
-def best_on_lattice(team: ti.template(), code: ti.template(), region: ti.template()) -> mat2x3:
-    """The best of LATTICE² places over the AUVs' box and the best one away from that, as of `best_between_auvs`."""
-    box = box_of(team)
-    best = mat2x3([[0.0, 0.0, -1e30], [0.0, 0.0, -1e30]])
-    for turn in ti.static(range(2)):
-        for n in range(LATTICE * LATTICE):
-            cell = vec2(box[2], box[3]) / LATTICE
-            point = clip(vec2(box[0] + (n // LATTICE + 0.5) * cell[0], box[1] + (n % LATTICE + 0.5) * cell[1]), region)
-            away = point - vec2(best[0, 0], best[0, 1])
-            if turn == 0 or ti.abs(away[0]) > 1.5 * cell[0] or ti.abs(away[1]) > 1.5 * cell[1]:
-                value = log_objective(team, code, point)[0]
-                if value > best[turn, 2]:
-                    best[turn, 0], best[turn, 1], best[turn, 2] = point[0], point[1], value
-    return best
+def place_on_lattice(n, size: ti.template(), box: vec4, region: ti.template()) -> vec2:
+    """Place n of size² in the middles of the cells of a box, m."""
+    return clip(vec2(box[0] + (n // size + 0.5) * box[2] / size, box[1] + (n % size + 0.5) * box[3] / size), region)
 
 
 @func
-def best_between_auvs(team: ti.template(), code: ti.template(), region: ti.template()) -> mat2x3:
-    """The two best of five places between each two AUVs, as rows (x, y, ln of the objective); −1e30 for none.
-
-    Only between AUVs of which at least one has a plateau: where plateaus end D can have maxima above no AUV.
-    """
-    first = vec3(0.0, 0.0, -1e30)
-    second = first
-    for j in range(team.count):
-        limited = has_plateau(team, j)
-        for k in range(team.count):
-            if k != j and limited and (k > j or not has_plateau(team, k)):
-                for i in range(BETWEEN):
-                    share = (i + 0.5) / BETWEEN
-                    point = clip(position(team, j) + share * (position(team, k) - position(team, j)), region)
-                    value = log_objective(team, code, point)[0]
-                    if value > first[2]:
-                        second = first
-                        first = vec3(point[0], point[1], value)
-                    elif value > second[2]:
-                        second = vec3(point[0], point[1], value)
-    return mat2x3([[first[0], first[1], first[2]], [second[0], second[1], second[2]]])
+def best_on_lattice(team: ti.template(), code: ti.template(), size: ti.template(), region: ti.template()) -> mat2x3:
+    """The best of size² places over the AUVs' box and the best that is no neighbour of it: x, y, ln objective."""
+    box = box_of(team)
+    heights = ti.Vector.zero(ti.f32, size * size)
+    for n in range(size * size):
+        heights[n] = log_objective(team, code, place_on_lattice(n, size, box, region))[0]
+    best = mat2x3(0.0)
+    for row in ti.static(range(2)):
+        top = highest(heights, size * size)
+        place = place_on_lattice(top, size, box, region)
+        best[row, 0], best[row, 1], best[row, 2] = place[0], place[1], heights[top]
+        for n in range(size * size):
+            if ti.abs(n // size - top // size) <= 1 and ti.abs(n % size - top % size) <= 1:
+                heights[n] = TRIED
+    return best
 
 
 @func
@@ -350,25 +355,26 @@ def multistart(team: ti.template(), code: ti.template(), start: vec2, everywhere
     nearest = 1e30
     for k in range(team.count):
         nearest = ti.min(nearest, squared_separation(team, k))
-    at_auvs = team.count * starts_per_auv
-    between = mat2x3(0.0)
+    at_auvs = ti.min(team.count, ti.static(most_auvs(code))) * starts_per_auv
+    heights = each_auv(TRIED)
+    lattice = mat2x3(0.0)
     starts = 1
+    hill = 0.0  # square of a radius, m²
     if everywhere:
         starts = 2 + at_auvs
-    hill = 0.0  # square of a radius, m²
-    if everywhere and may_miss(team):
-        between = best_on_lattice(team, code, region)
-        starts += 2
-    elif ti.static(objective_of(code) == D):
-        if everywhere:
+        heights = heights_above(team, code, nearest, region)
+        if may_miss(team):
+            lattice = best_on_lattice(team, code, FINE, region)
+            starts += 2
+        elif ti.static(objective_of(code) == D):
             hill = SAME_HILL * SAME_HILL * nearest
             for k in range(team.count):
                 if is_peaked(team, k):
                     hill = 0.0
-        if everywhere and team.count > 2:
-            between = best_between_auvs(team, code, region)
-            starts += 2
-    tried = each_auv(0.0)
+            if team.count > 2:
+                lattice = best_on_lattice(team, code, COARSE, region)
+                starts += 2
+    above = 0
     near = 0.0
     best = vec3(start[0], start[1], -1e30)
     for i in range(starts):
@@ -378,16 +384,14 @@ def multistart(team: ti.template(), code: ti.template(), start: vec2, everywhere
             point = mean_position(team)
         elif i >= 2 + at_auvs:
             row = i - 2 - at_auvs
-            point = vec2(between[row, 0], between[row, 1])
-            new = between[row, 2] > -1e30
+            point = vec2(lattice[row, 0], lattice[row, 1])
+            new = lattice[row, 2] > TRIED
         elif i > 1:
-            k = (i - 2) // starts_per_auv
-            if ti.static(objective_of(code) == PAPER):
-                point = place_on_ring(team, k, i % RING_STARTS)
-            else:
-                point = position(team, k)
-                new = not is_close_by(team, k, tried, nearest)
-                tried[k] = ti.cast(new, ti.f32)
+            if (i - 2) % starts_per_auv == 0:
+                above = highest(heights, team.count)
+                new = heights[above] > TRIED
+                heights[above] = TRIED
+            point = place_above(team, code, above, i % RING_STARTS)
         point = clip(point, region)
         if new and (i == 0 or (point - best.xy).norm_sqr() >= hill):
             top = ascend(team, code, point, best, near, small, True, region)

@@ -82,41 +82,42 @@ class Loiter(Clear):
             raise ValueError(f"needs nodes.service = passing, which scenario {scenario.name!r} does not have")
         return super().parse(text, scenario)
 
-    def course(self, like: Tensor) -> Tensor:
-        """Present direction over ground, unit vectors (W, K, 2)."""
-        return unit((self.world.water_velocity() + self.world.current()).to(like))
-
-    def circling(self, offset: Tensor, observation: Tensor) -> Tensor:
+    def circling(self, offset: Tensor, observation: Tensor, course: Tensor) -> Tensor:
         """Direction over ground on a tangent to the circle about a node at an offset (m), or round it, (W, K, 2)."""
         area = self.scenario.area
         here = self.position(observation) * area.diagonal
         least = self.radius + BORDER
         sides = offset.new_tensor((area.width, area.length))
         offset = torch.minimum((here + offset).clamp_min(least), (sides - least).clamp_min(0.0)) - here
-        left = unrotate(offset, self.course(offset))[..., 1] > 0.0
+        left = unrotate(offset, course)[..., 1] > 0.0
         return follow_circle(offset, self.radius, LOOKAHEAD * self.radius, torch.where(left, 1.0, -1.0))
 
-    def reachable(self, aim: Tensor) -> Tensor:
+    def reachable(self, aim: Tensor, course: Tensor) -> Tensor:
         """Direction to a place at an offset (m), or straight on while it lies inside the vehicle's turning circles.
 
         A vehicle that turns towards such a place circles it for ever (Dubins 1957, doi 10.2307/2372560).
         """
-        course = self.course(aim)
         along, left = unrotate(aim, course).unbind(-1)
         within = along.square() + (left.abs() - self.turn).square() < self.turn**2
         return torch.where(within.unsqueeze(-1), course, unit(aim))
 
-    def plan(self, offset: Tensor, observation: Tensor) -> tuple[Tensor, Tensor]:
-        """Direction over ground (W, K, 2) and highest speed over ground (W, K) with a node at an offset, m and m/s."""
+    def plan(self, offset: Tensor, observation: Tensor, course: Tensor) -> tuple[Tensor, Tensor]:
+        """Direction over ground (W, K, 2) and highest speed over ground (W, K) with a node at an offset, m and m/s.
+
+        Args:
+            course: present direction over ground, unit vectors (W, K, 2).
+        """
         within = (observation[..., self._service][..., 0] > 0.5) | (offset.norm(dim=-1) < self.inside)
-        return self.circling(offset, observation), torch.where(within, 0.0, math.inf).to(offset)
+        return self.circling(offset, observation, course), torch.where(within, 0.0, math.inf).to(offset)
 
     def steer(self, observation: Tensor) -> tuple[Tensor, Tensor]:
         """Heading (unit vectors, (W, K, 2)) and speed through the water (W, K), m/s."""
-        track, most = self.plan(self.target(observation) * self.scenario.area.diagonal, observation)
+        current = self.world.current().to(observation)
+        course = unit(self.world.water_velocity().to(observation) + current)
+        track, most = self.plan(self.target(observation) * self.scenario.area.diagonal, observation, course)
         track = self.clear(track, observation)
-        current = self.world.current().to(track)
-        fast, slow = (self.speed_to_fly(track, torch.full_like(most, price), current) for price in (self.argument, 0.0))
+        prices = torch.stack((torch.full_like(most, self.argument), torch.zeros_like(most)))
+        fast, slow = self.speed_to_fly(track[None], prices, current[None]).unbind()
         along = (current * track).sum(-1)
         speed = torch.maximum(torch.minimum(fast, most - along), slow)
         return crab(track, speed, current), speed
@@ -136,11 +137,11 @@ class Pass(Loiter):
 
     reference = "pass_price"
 
-    def plan(self, offset: Tensor, observation: Tensor) -> tuple[Tensor, Tensor]:
+    def plan(self, offset: Tensor, observation: Tensor, course: Tensor) -> tuple[Tensor, Tensor]:
         serving, left = observation[..., self._service].unbind(-1)
         time = left * self.buffer_time + self.scenario.mission.step * (2.0 - serving)
         within = offset.norm(dim=-1) < self.inside
-        after = self.following(offset, observation, within)
+        after = self.following(offset, observation, torch.where(within.unsqueeze(-1), course, unit(offset)))
         slowest = self.scenario.auv.speed_min
         share = ((offset * after).sum(-1) / after.square().sum(-1).clamp_min(1e-6)).clamp(0.0, 1.0).unsqueeze(-1)
         aside = share * after - offset
@@ -151,14 +152,13 @@ class Pass(Loiter):
         via = torch.where(passed.unsqueeze(-1), 0.0, via)
         chord = via.norm(dim=-1) + exit_distance(via, unit(after - via), offset, self.inside)
         aim = torch.where(passed.unsqueeze(-1), after, via)
-        direction = self.reachable(aim)
+        direction = self.reachable(aim, course)
         drift = (self.world.current().to(direction) * direction).sum(-1)
         short = within & (chord < (slowest + drift).clamp_min(LEAST_GROUND) * time)
         most = torch.where(within, torch.where(short, 0.0, chord / time), math.inf)
-        return torch.where(short.unsqueeze(-1), self.circling(offset, observation), direction), most
+        return torch.where(short.unsqueeze(-1), self.circling(offset, observation, course), direction), most
 
-    def following(self, offset: Tensor, observation: Tensor, within: Tensor) -> Tensor:
-        """Offset of the node after the target, m; if unknown, straight on through the target."""
+    def following(self, offset: Tensor, observation: Tensor, on: Tensor) -> Tensor:
+        """Offset of the node after the target, m; if unknown, through the target in the direction `on`."""
         step = observation[..., self._next] * self.scenario.area.diagonal
-        on = torch.where(within.unsqueeze(-1), self.course(offset), unit(offset))
         return torch.where(step.norm(dim=-1, keepdim=True) > 0.0, offset + step, offset + FAR * on)

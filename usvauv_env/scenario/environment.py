@@ -12,12 +12,11 @@ from numpy.typing import ArrayLike
 from pydantic import Discriminator, Field, Tag, field_validator
 
 from usvauv.env.scenario.fields import Bandwidth, Carrier, FileName, Number, Place, Section, one_of
-from usvauv.kernels.limits import LEAST_HEIGHT, MAX_AUVS, Side
+from usvauv.kernels.limits import LEAST_HEIGHT, MAX_AUVS, MAX_VORTICES, Side
 from usvauv.kernels.mission.choices import schedules
 from usvauv.kernels.positioning.laws import absorption_laws, ambient_noise_laws
 
 MOST_STEPS = 10_000_000  # of a mission, sixteen weeks at one second each
-MAX_VORTICES = 64
 SMALLEST_PERIOD = 7.5  # core radii δ; the images' cores, left out, are then e^{−(L/2)²/(2δ²)} < 1e-3 of a velocity
 TOGETHER = 16  # vortices; at most so many are assumed to lie at one place
 VORTEX_PEAK = 0.6382 / (2 * math.pi)  # largest speed of a Lamb–Oseen vortex over Γ/δ

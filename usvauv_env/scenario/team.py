@@ -21,13 +21,12 @@ from usvauv.env.scenario.fields import (
     classes_of,
     one_of,
 )
-from usvauv.kernels.limits import FASTEST, MAX_AUVS
+from usvauv.kernels.limits import FASTEST, MAX_AUVS, MAX_BOATS, MAX_NODES
 from usvauv.kernels.mission.choices import rule_and_numbers
 from usvauv.kernels.positioning.laws import rate_laws
 from usvauv.kernels.vehicles import otter_numbers, stability
 from usvauv.kernels.vehicles.definition import vehicles
 
-MAX_NODES = 500
 CLEAREST = 0.05  # 1/m, beam attenuation of the clearest ocean water in blue light
 MOST_PACKETS = 1e7  # single precision counts one by one up to 1.6e7
 
@@ -53,7 +52,7 @@ class Navigation(Section):
 
 
 class Boat(Section):
-    count: int = Field(1, ge=1, le=4, description="number of boats; each serves the AUVs nearest to it")
+    count: int = Field(1, ge=1, le=MAX_BOATS, description="number of boats; each serves the AUVs nearest to it")
     noise_level: float = Field(
         0.0,
         ge=0,

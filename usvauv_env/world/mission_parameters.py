@@ -24,10 +24,9 @@ from usvauv.env.world.current_statistics import FOREVER, current_model
 from usvauv.env.world.message_parameters import data_ratio, message_parameters
 from usvauv.env.world.observation_layout import ObservationLayout
 from usvauv.env.world.strategy_choice import StrategyChoice
-from usvauv.kernels import runtime
+from usvauv.kernels import random, runtime
 from usvauv.kernels.flow.vortex_motion import steps_of_renewal
 from usvauv.kernels.functions import LANES
-from usvauv.kernels.limits import MAX_AUVS
 from usvauv.kernels.mission import target_rules
 from usvauv.kernels.mission.boats.boat_motion import DRIFT_TIME
 from usvauv.kernels.mission.boats.boat_strategies import BoatStrategy
@@ -196,7 +195,7 @@ def program(site: Site, strategy: BoatStrategy, link: np.ndarray) -> Program:
         repeats=site.eddies.pattern.repeats,
         passing=s.nodes.service == "passing",
         battery=s.auv.battery > 0,
-        abreast=8 if s.auv.count <= 8 else MAX_AUVS,
+        abreast=random.LANES * math.ceil(s.auv.count / random.LANES) if strategy.functions.weigh else 0,
     )
 
 

@@ -132,9 +132,9 @@ def test_layouts_that_are_refused(device):
     def search_from(link, points, start, code):
         return search.plan_batch(link, points, code=code, start=start)
 
-    points, code = torch.zeros(1, 17, 3, device=device), CODES["a fix"]
+    points, code = torch.zeros(1, 65, 3, device=device), CODES["a fix"]
     for compute in (objectives.log_objective_batch, search_from):
-        with pytest.raises(ValueError, match="17 AUVs, at most 16"):
-            compute(table(device, 17), points, points[:, 0, :2].contiguous(), code=code)
+        with pytest.raises(ValueError, match="65 AUVs, at most 64"):
+            compute(table(device, 65), points, points[:, 0, :2].contiguous(), code=code)
         with pytest.raises(ValueError, match=r"places: \(3, 2\) must be \(4, 2\)"):
             compute(table(device, 2), points.new_zeros(4, 2, 3), points.new_zeros(3, 2), code=code)

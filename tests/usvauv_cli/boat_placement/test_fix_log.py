@@ -362,8 +362,8 @@ class TestBeacons:
         assert log.left_out == {"'comes up', at the surface, depth 0.0 m": 12}
 
     def test_beacons_are_picked(self, read):
-        rows = ["time,auv,x,y,depth", *(f"{i},M{k:02d},{50 + k},60,{k}" for k in range(20) for i in range(3))]
-        with pytest.raises(UserError, match=r"19 beacons, at most 16 .* --beacon NAME.*'M00' \(3\), 'M01' \(3\)"):
+        rows = ["time,auv,x,y,depth", *(f"{i},M{k:02d},{50 + k},60,{k}" for k in range(66) for i in range(3))]
+        with pytest.raises(UserError, match=r"65 beacons, at most 64 .* --beacon NAME.*'M00' \(3\), 'M01' \(3\)"):
             read(rows)
         with pytest.raises(UserError, match="no fix of --beacon 'M3'; beacons and their fixes: 'M00'"):
             read(rows, "M03", "M3")

@@ -218,7 +218,7 @@ class TestOutput:
         ([], ["--auv", "X,Y,Z"]),
         (["--auv", "60,80,nan"], ["nan", "depth"]),
         (["--auv", "60,80,121"], ["--auv '60,80,121'", "120 m", "area.depth"]),
-        (["--auv", "9,9,9"] * 17, ["17", "at most 16"]),
+        (["--auv", "9,9,9"] * 65, ["65", "at most 64"]),
         ([*TEAM, "--slope", "0.1,2"], ["--slope '0.1,2'", "between -1 and 1"]),
         ([*TEAM, "--json", "missing/plan.json"], ["missing", "does not exist"]),
     ],

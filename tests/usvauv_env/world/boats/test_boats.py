@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 
+from tests.kernels.planning.reference import best_by_dense_search, log_objective
 from tests.links import CODED, EVERY_STEP
 from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.world.mission_parameters import link_table
@@ -219,6 +220,22 @@ class TestPlans:
             east.append(float(goal[..., 0].mean()))
         assert east[0] > 300
         assert east[-1] < 100
+
+    def test_fim_finds_the_best_place_for_64_auvs(self):
+        """It leaves the smaller of two groups; no place of a dense grid, polished, is better by 1e-5 in ln."""
+        world = world_of([*TWO, "boat.count=1", "auv.count=64", "auv.depth=30", "auv.start_separation=10"], "fim")
+        code = objectives.objective_code(world.scenario.planner.measurement, world.scenario.planner.objective)
+        groups = torch.tensor([[60.0, 200.0]] * 24 + [[340.0, 200.0]] * 40)
+        auvs = groups + 20 * torch.rand(64, 2, generator=torch.Generator().manual_seed(0))
+        step(world, auvs)
+        goal = world.boat[:, 0, BoatColumn.span("goal_x", "goal_y")]
+        goal[...] = auvs[0].to(world.device)
+        while int(world.state()["clock"][0, 1]) < 4:
+            known = world.estimate[..., :3].clone().cpu()
+            step(world, auvs)
+        link = torch.from_numpy(link_table(world.site))
+        reached = log_objective(goal.double().cpu(), known.double(), link.double(), code)
+        assert (best_by_dense_search(known, link, code, 400.0) - reached).max() < 1e-5
 
     def test_belief_visits_its_own_auvs(self):
         """And a state that is brought back has the same future."""
