@@ -114,7 +114,7 @@ class TestTraining:
         seen = []
         run = TrainingRun(ToyWorld(toy, 32, seed=1), dataclasses.replace(LEARNING, warmup=10_000))
         Trainer(run).train(3200, lambda figures: seen.extend(figures))
-        assert [figures["steps"] for figures in seen] == [320 * i for i in range(1, 11)]
+        assert [figures["steps"] for figures in seen] == [640 * i for i in range(1, 6)]
         last = seen[-1]
         assert last["steps"] == last["total"] == 3200
         assert last["updates"] == 0
