@@ -12,7 +12,6 @@ from usvauv.env import Scenario
 
 SHORT = "mission.duration=4"
 SMALLEST: dict[str, tuple[str, dict[str, object]]] = {  # options, and constants of the module
-    "benchmarks.plan": ("--trials 40 --tables 1 --seconds 0", {"TEAMS": (2,), "STEPS": 2}),
     "benchmarks.sea": ("--largest 64", {}),
     "benchmarks.studies.buoy": ("", {}),
     "benchmarks.studies.eddies": ("--draws 1 --points 16", {"TIMES": (1,)}),
@@ -24,6 +23,7 @@ SMALLEST: dict[str, tuple[str, dict[str, object]]] = {  # options, and constants
     "benchmarks.stream": ("--episodes 2", {}),
     "benchmarks.studies.front": ("--episodes 2", {}),
     "benchmarks.film": ("--fps 1 --size 320x240", {"DURATION": 4.0, "STORM": 1.0, "RACE": 2.0}),
+    "benchmarks.plan": ("--trials 40 --tables 1 --seconds 0", {"TEAMS": (2,), "STEPS": 2}),
     "benchmarks.learning": ("--updates 50 --largest 128", {}),
     "benchmarks.scale": ("--jobs 1", {"TASKS": 4}),
     "benchmarks.seeds": ("--seeds 2 --pairs 1 --updates 200 --learn batch=8 --learn hidden=8", {}),
