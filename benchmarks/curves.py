@@ -33,7 +33,7 @@ WORLDS = 1024
 CURVES: dict[str, tuple[str, str, tuple[int, ...]]] = {
     "worlds": ("extreme", "", tuple(4**power for power in range(10))),
     "AUVs": ("extreme", "auv.count", (2, 4, 8, 16, 32, 64)),
-    "nodes": ("extreme", "nodes.count", (30, 100, 250, 500, 1000, 2000)),
+    "nodes": ("extreme", "nodes.count", (30, 100, 250, 500, 1000)),
     "vortices": ("extreme", "current.count", (1, 4, 9, 16, 36, 64, 144, 256)),
     "boats": ("wide", "boat.count", (1, 2, 4, 8)),
 }
