@@ -4,10 +4,10 @@ A bearing is the angle of the line of sight, anticlockwise from east, with a nor
 each hypothesis by an extended Kalman filter of second order. With d the distance of the mean, and P_∥, P_⊥ and P_× the
 variances along and across the line of sight and the covariance of both,
 
-    β̂ = β(mean) − P_× g²,   S = g² P_⊥ + σ² + g² O_⊥ + g⁴ (P_∥ P_⊥ + P_×²),   g = d/(d² + P_∥ + P_⊥),
+    β̂ = β(mean) − P_×/d²,   S = (P_⊥ + O_⊥)/d² + σ² + (P_∥ P_⊥ + P_×²)/d⁴,
 
-where O_⊥ is the variance of the observer's place across the line. Far from the target g is 1/d; near a target whose
-place is not known, where the direction of the line of sight is not either, it falls to 0.
+where O_⊥ is the variance of the observer's place across the line. The last term makes a bearing worth little near a
+target whose place is not known, where the direction of the line of sight is not either.
 
 The first measurement of a filter may be a bearing: then the hypotheses lie along the ray, each with an interval of the
 distance, `RATIO` times the one before, and a weight in proportion to it.
@@ -71,7 +71,7 @@ def updated(one: Hypothesis, place: vec2, covariance: vec3, bearing, variance) -
     sideways = one.A @ e
     across, both = e.dot(sideways), u.dot(sideways)
     along = ti.max(one.A[0, 0] + one.A[1, 1] - across, 0.0)
-    g = away / (squared + along + across)
+    g = 1.0 / away
     own = e[0] * e[0] * covariance[0] + 2.0 * e[0] * e[1] * covariance[1] + e[1] * e[1] * covariance[2]
     S = g * g * (across + own + g * g * (along * across + both * both)) + variance
     innovation = wrapped(bearing - ti.atan2(line[1], line[0]) + both * g * g)

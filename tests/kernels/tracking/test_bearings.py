@@ -8,6 +8,7 @@ import pytest
 from tests.kernels.tracking.rules import REACH, STEP, Filters, along, observe_bearings_all
 from tests.kernels.tracking.test_range_filter import nees, set_one, straight
 from usvauv.env.accuracy.tracking_bound import bearing_information, rms, tracking_bound
+from usvauv.kernels.tracking.bearings import SPAN
 
 DEVIATION = 0.03  # rad
 
@@ -25,14 +26,33 @@ def observe(filters: Filters, place: np.ndarray, measured: np.ndarray, **more: n
 
 
 def test_the_first_bearing_tells_of_a_ray(device):
-    """Across it σ r, along it anything up to the farthest distance: a uniform density has its mean and variance."""
+    """Across it σ r, along it a uniform density of the distance from the nearest to the farthest."""
     filters = Filters(1, straight(0, 1), device)
     filters.predict()
     observe(filters, np.array([[100.0, 50.0]]), np.array([math.pi / 2]))
     filters.finish()
-    assert filters.mean[0, :2] == pytest.approx([100, 50 + REACH / 2], rel=0.03)
-    assert filters.covariance[0, 1, 1] == pytest.approx(REACH**2 / 12, rel=0.06)
-    assert filters.covariance[0, 0, 0] == pytest.approx(DEVIATION**2 * REACH**2 / 3, rel=0.06)
+    nearest = REACH / SPAN
+    assert filters.mean[0, :2] == pytest.approx([100, 50 + (nearest + REACH) / 2], rel=1e-3)
+    assert filters.covariance[0, 1, 1] == pytest.approx((REACH - nearest) ** 2 / 12, rel=5e-3)
+    square = (REACH**3 - nearest**3) / (3 * (REACH - nearest))
+    assert filters.covariance[0, 0, 0] == pytest.approx(DEVIATION**2 * square, rel=0.01)
+
+
+def test_the_line_of_sight_bends(device):
+    """One bearing at 100 m of a target known to 20 m, its errors along and across correlated: errors without a mean,
+    and as large as their covariance says."""
+    random, runs = np.random.default_rng(6), 40000
+    P = np.diag([400.0, 400.0, 1e-4, 1e-4])
+    P[0, 1] = P[1, 0] = 200.0
+    truth, here = random.multivariate_normal([100, 0], P[:2, :2], runs), np.zeros((runs, 2))
+    filters = Filters(runs, straight(0, 1), device)
+    set_one(filters, np.tile([100.0, 0.0, 0.0, 0.0], (runs, 1)), P)
+    observe(filters, here, bearing(here, truth, random.normal(0, DEVIATION, runs)))
+    filters.finish()
+    error = filters.mean[:, :2] - truth
+    assert error.mean(0) == pytest.approx([0, 0], abs=0.4)
+    assert (error**2).mean(0) == pytest.approx(filters.covariance[:, [0, 1], [0, 1]].mean(0), rel=0.05)
+    assert nees(filters, truth).mean() == pytest.approx(1, abs=0.04)
 
 
 def test_a_target_at_rest_seen_from_a_circle(device):
