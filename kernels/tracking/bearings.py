@@ -20,10 +20,10 @@ Sources: Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracki
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.tracking.hypotheses import KEPT, FilterColumn, Hypothesis, count_of, load, store
+from usvauv.kernels.tracking.hypotheses import KEPT, FilterColumn, Hypothesis, corrected, count_of, load, seen_at, store
 from usvauv.kernels.tracking.range_filter import USUAL
 from usvauv.kernels.trigonometry import circle, wrapped
-from usvauv.kernels.types import mat2, vec2, vec3
+from usvauv.kernels.types import vec2, vec3
 
 SPAN = 40.0  # farthest distance over the nearest at which a first bearing begins hypotheses
 RATIO = SPAN ** (1.0 / KEPT)
@@ -41,21 +41,8 @@ def begin_ray(filters: ti.template(), w, k, i, place: vec2, covariance: vec3, be
         first = last / RATIO
         distance, width = 0.5 * (first + last), last - first
         along, across = width * width / 12.0, distance * distance * variance
-        off = c * s * (along - across)
-        one = Hypothesis(
-            weight=ti.log(width / farthest),
-            age=0.0,
-            position=place + distance * vec2(c, s),
-            velocity=vec2(0.0),
-            A=mat2(
-                [
-                    [covariance[0] + c * c * along + s * s * across, covariance[1] + off],
-                    [covariance[1] + off, covariance[2] + s * s * along + c * c * across],
-                ]
-            ),
-            B=mat2(0.0),
-            C=mat2(0.0),
-        )
+        weight = ti.log(width / farthest)
+        one = seen_at(weight, place, covariance, vec2(c, s), distance, along, across)
         store(filters, w, k, i, h, one)
         last = first
 
@@ -75,19 +62,7 @@ def updated(one: Hypothesis, place: vec2, covariance: vec3, bearing, variance) -
     own = e[0] * e[0] * covariance[0] + 2.0 * e[0] * e[1] * covariance[1] + e[1] * e[1] * covariance[2]
     S = g * g * (across + own + g * g * (along * across + both * both)) + variance
     innovation = wrapped(bearing - ti.atan2(line[1], line[0]) + both * g * g)
-    cross = g * sideways
-    turning = g * (one.B.transpose() @ e)
-    weighted = innovation / S
-    precision = 1.0 / S
-    return Hypothesis(
-        weight=one.weight - 0.5 * (weighted * innovation + ti.log(S / variance)),
-        age=one.age,
-        position=one.position + weighted * cross,
-        velocity=one.velocity + weighted * turning,
-        A=one.A - precision * cross.outer_product(cross),
-        B=one.B - precision * cross.outer_product(turning),
-        C=one.C - precision * turning.outer_product(turning),
-    )
+    return corrected(one, g * sideways, g * (one.B.transpose() @ e), innovation, S, variance)
 
 
 @func

@@ -7,7 +7,7 @@ one after another, each with the columns `HypothesisColumn`.
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.types import Columns, mat2, vec2
+from usvauv.kernels.types import Columns, mat2, vec2, vec3
 
 KEPT = 24  # hypotheses from one step to the next
 CAPACITY = 96  # and within a step, in which some turn
@@ -77,6 +77,54 @@ class Hypothesis:
     A: mat2
     B: mat2
     C: mat2
+
+
+@func
+def seen_at(weight, place: vec2, covariance: vec3, direction: vec2, distance, along, across) -> Hypothesis:
+    """A hypothesis by a first measurement from a place; its velocity is unknown, and 0 until it is set.
+
+    Args:
+        place, covariance: of the observer, m, and (xx, xy, yy), m².
+        direction: of the line of sight, a unit vector. distance: m.
+        along, across: variances of the measurement along and across the line of sight, m².
+    """
+    c, s = direction[0], direction[1]
+    off = c * s * (along - across)
+    return Hypothesis(
+        weight=weight,
+        age=0.0,
+        position=place + distance * direction,
+        velocity=vec2(0.0),
+        A=mat2(
+            [
+                [covariance[0] + c * c * along + s * s * across, covariance[1] + off],
+                [covariance[1] + off, covariance[2] + s * s * along + c * c * across],
+            ]
+        ),
+        B=mat2(0.0),
+        C=mat2(0.0),
+    )
+
+
+@func
+def corrected(one: Hypothesis, of_position: vec2, of_velocity: vec2, innovation, S, variance) -> Hypothesis:
+    """A hypothesis after a measurement of one number, by the Kalman filter.
+
+    Args:
+        of_position, of_velocity: covariances of the number with position and velocity.
+        innovation: the number less what was expected. S: variance of that. variance: of the measurement alone.
+    """
+    precision = 1.0 / S
+    weighted = precision * innovation
+    return Hypothesis(
+        weight=one.weight - 0.5 * (weighted * innovation + ti.log(S / variance)),
+        age=one.age,
+        position=one.position + weighted * of_position,
+        velocity=one.velocity + weighted * of_velocity,
+        A=one.A - precision * of_position.outer_product(of_position),
+        B=one.B - precision * of_position.outer_product(of_velocity),
+        C=one.C - precision * of_velocity.outer_product(of_velocity),
+    )
 
 
 @func

@@ -48,9 +48,11 @@ from usvauv.kernels.tracking.hypotheses import (
     FilterColumn,
     Hypothesis,
     HypothesisColumn,
+    corrected,
     count_of,
     load,
     place_of,
+    seen_at,
     store,
 )
 from usvauv.kernels.trigonometry import circle
@@ -233,21 +235,7 @@ def begin_ring(filters: ti.template(), w, k, i, place: vec2, covariance: vec3, d
     across = ti.max(half * half, variance)
     for h in range(KEPT):
         c, s = circle(2.0 * math.pi / KEPT * ti.cast(h, ti.f32))
-        off = c * s * (variance - across)
-        one = Hypothesis(
-            weight=FIRST_WEIGHT,
-            age=0.0,
-            position=place + radius * vec2(c, s),
-            velocity=vec2(0.0),
-            A=mat2(
-                [
-                    [covariance[0] + c * c * variance + s * s * across, covariance[1] + off],
-                    [covariance[1] + off, covariance[2] + s * s * variance + c * c * across],
-                ]
-            ),
-            B=mat2(0.0),
-            C=mat2(0.0),
-        )
+        one = seen_at(FIRST_WEIGHT, place, covariance, vec2(c, s), radius, variance, across)
         store(filters, w, k, i, h, one)
 
 
@@ -268,18 +256,7 @@ def updated(one: Hypothesis, place: vec2, covariance: vec3, distance, variance) 
     S = share * share * along + variance + own + 0.5 * bend * bend
     cross = share * toward
     turning = share * (one.B.transpose() @ u)
-    precision = 1.0 / S
-    innovation = distance - expected
-    weighted = precision * innovation
-    return Hypothesis(
-        weight=one.weight - 0.5 * (weighted * innovation + ti.log(S / variance)),
-        age=one.age,
-        position=one.position + weighted * cross,
-        velocity=one.velocity + weighted * turning,
-        A=one.A - precision * cross.outer_product(cross),
-        B=one.B - precision * cross.outer_product(turning),
-        C=one.C - precision * turning.outer_product(turning),
-    )
+    return corrected(one, cross, turning, distance - expected, S, variance)
 
 
 @func
