@@ -102,19 +102,27 @@ SHORT = {"--out": "-o"}
 HELP = {"help_option_names": ["--help", "-h"]}
 
 
-class Commands(TyperGroup):
-    """All commands."""
+class Helpful:
+    """Of commands, whose option `--help` takes nothing and stands in a group where there are groups."""
+
+    help_group: str | None = None
 
     def get_help_option(self, ctx: Any) -> Any:
         """The option `--help`."""
-        option = super().get_help_option(ctx)
+        option = super().get_help_option(ctx)  # type: ignore[misc]
         if option is not None:
-            option.metavar = ""
+            option.metavar, option.rich_help_panel = "", self.help_group
         return option
 
 
-class Command(TyperCommand):
+class Commands(Helpful, TyperGroup):
+    """All commands."""
+
+
+class Command(Helpful, TyperCommand):
     """A command whose help has groups, and that says what is likely meant by an option or argument it does not have."""
+
+    help_group = GROUP["--help"]
 
     def __init__(self, *arguments: Any, **more: Any) -> None:
         super().__init__(*arguments, **more)
@@ -127,13 +135,6 @@ class Command(TyperCommand):
                 each.metavar = TAKEN.get(name, TAKEN.get(each.bare_type())) if each.metavar is None else each.metavar
                 each.rich_help_panel = GROUP.get(name)
                 each.opts += [SHORT[name]] if name in SHORT else []
-
-    def get_help_option(self, ctx: Any) -> Any:
-        """The option `--help`."""
-        option = super().get_help_option(ctx)
-        if option is not None:
-            option.metavar, option.rich_help_panel = "", GROUP["--help"]
-        return option
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Process the arguments of the command line.
