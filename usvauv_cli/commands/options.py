@@ -247,12 +247,16 @@ def writable(context: typer.Context, path: Path, option: str, endings: Sequence[
 
 
 def _numbered(context: typer.Context, path: Path) -> Path:
-    """A path, or the first of PATH-2, PATH-3 and so on that the command may write; with --resume one that is begun."""
-    arguments, number, found = _decisive(context), 1, path
-    if context.params.get("resume"):
-        begun = sorted(path.parent.glob(f"{path.stem}*{path.suffix}.partial"))
-        return begun[0].with_suffix("") if begun else path
-    while not context.params["force"] and _occupied(found) and _made_by(found) != arguments:
+    """The first of a path, PATH-2, PATH-3 and so on that the command may write; with --resume that is begun."""
+    from usvauv.env.storage.result_tables import begun
+
+    arguments, resume, found = _decisive(context), context.params.get("resume"), path
+    number = 1
+    while _occupied(found) or resume:
+        if begun(found).exists() if resume else context.params["force"] or _made_by(found) == arguments:
+            return found
+        if not _occupied(found):
+            return path  # nothing is begun
         number += 1
         found = path.with_stem(f"{path.stem}-{number}")
     return found

@@ -117,6 +117,11 @@ def _remove(path: Path) -> None:
             file.unlink()
 
 
+def begun(out: Path) -> Path:
+    """The folder of the growing table of a CSV."""
+    return out.with_name(f"{out.name}.partial")
+
+
 @contextmanager
 def growing_table(out: Path, resume: bool, force: bool = False) -> Iterator[GrowingTable]:
     """The growing table of a CSV, which this process has for itself; nothing is left of one without batches.
@@ -130,7 +135,7 @@ def growing_table(out: Path, resume: bool, force: bool = False) -> Iterator[Grow
         UserError: there is none to `resume`, or one that is neither to be resumed nor removed.
         OutputError: its folder cannot be written, another process has it, or what it says of itself is damaged.
     """
-    path = out.with_name(f"{out.name}.partial")
+    path = begun(out)
     inside(out.parent, path)
     if resume and not path.exists():
         raise UserError(f"{path}: does not exist, so there is nothing to resume")

@@ -381,6 +381,14 @@ class TestResultsThatAreThere:
         assert "plan-3.png" in said
         assert sorted(path.name for path in tmp_path.iterdir()) == ["plan-2.png", "plan-3.png", "plan.png"]
 
+    def test_resume_goes_on_with_the_number_that_is_begun(self, tmp_path, refused):
+        """Not with a result of a similar name, which somebody else has begun."""
+        (tmp_path / "metrics.csv").touch()
+        for name in ("metrics-2.csv.partial", "metrics-1st.csv.partial"):
+            (tmp_path / name).mkdir()
+            (tmp_path / name / "evaluation.json").write_text("{")
+        assert refused("eval", "--resume", *SHORT).startswith("metrics-2.csv.partial")
+
     def test_a_file_that_was_changed_is_another_argument(self, tmp_path, run_usvauv, refused):
         scenario, log = tmp_path / "base.toml", tmp_path / "a.csv"
         shutil.copy(EXTREME, scenario)
