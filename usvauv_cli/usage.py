@@ -103,7 +103,7 @@ HELP = {"help_option_names": ["--help", "-h"]}
 
 
 class Helpful:
-    """Of commands, whose option `--help` takes nothing and stands in a group where there are groups."""
+    """A command whose option `--help` takes nothing, and stands in a group where there are groups."""
 
     help_group: str | None = None
 
