@@ -1,16 +1,14 @@
-"""Where the time of a mission step goes, by leaving parts out: a scenario with everything on, and without each part.
+"""Where the time of a mission step goes: each stage of the step in a launch of its own.
 
     python -m benchmarks.step_profile --out docs/step-profile.png
     python -m benchmarks.step_profile wide --out docs/step-profile-wide.png
 
-A part's time is the difference between a step with it and the step without it, so parts that share work are each
-counted with it, and what no part claims is the rest: fixes, motion, targets, observation, reward. Dead reckoning cannot
-be left out under plans that need it, nor exchanges under dead reckoning: they are timed in steps without these. The
-long waves are timed by themselves: all worlds share them. Versions take turns, and of each the best round counts,
-because other programs can only make a round longer.
+The stages of a step come one after another as in a step of the world, each timed, with the sea, which all worlds share,
+and the vehicles before them. A launch without work is measured too, and subtracted. A round has as many steps as it
+takes for all that does not come in each; of each stage the best round counts, because other programs can only make one
+longer. "rest" is the whole step, timed in the same rounds, less the parts: actions copied, calls, random numbers and
+checks of all numbers.
 """
-
-from __future__ import annotations
 
 import json
 import time
@@ -18,6 +16,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+import taichi as ti
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
@@ -26,12 +25,25 @@ from benchmarks.worlds import CYCLE, LEAD, stepper
 from usvauv.env import Scenario, World
 from usvauv.env.render.style import Ground, write_pair
 from usvauv.kernels import runtime
+from usvauv.kernels.functions import func
+from usvauv.kernels.mission.run import STEP
 
-BATCHES = (1, 64, 4096)
-UNAIDED = "navigation.sensor=none"
-PLAN, RECKONING = "the boat's plan", "dead reckoning and its filters"
-BASE = {RECKONING: PLAN, "exchanges": RECKONING}  # of what a version leaves a part out, if not of the whole
+BATCHES = (64, 4096)
 ROUNDS = 15
+PARTS = {
+    "vehicles": ("_sail", "move_auvs"),
+    "currents": ("_renew_vortices", "move_vortices", "add_storm_currents", "add_currents"),
+    "long waves": ("sea",),
+    "boats and their plans": ("prepare", "plan", "move_boats", "ride"),
+    "exchanges and fixes": ("hear", "fix", "estimate", "add_common_errors"),
+    "targets, data, reward": ("begin_step", "end_step"),
+    "observation": ("prepare_next_step", "observe"),
+}
+
+
+@func
+def nothing(worlds: ti.template(), w):
+    """A stage without work."""
 
 
 def seconds(work: Callable[[], None], repeats: int) -> float:
@@ -43,43 +55,32 @@ def seconds(work: Callable[[], None], repeats: int) -> float:
     return (time.perf_counter() - begin) / repeats
 
 
-def variants(name: str) -> dict[str, tuple[str | None, tuple[str, ...]]]:
-    """What is left out → strategy of the boat, None the scenario's, and changes of the scenario."""
-    scenario = Scenario.load(name)
-    count, centre = scenario.auv.count, f"hold:{scenario.area.width / 2:g},{scenario.area.length / 2:g}"
-    return {
-        "whole": (None, ()),
-        PLAN: (centre, ()),
-        RECKONING: (centre, (UNAIDED,)),
-        "exchanges": (centre, (UNAIDED, "channel.schedule=every-step")),
-        "vortices": (None, ("current.count=0", "current.mutual=false", "current.viscosity=0")),
-        "storm waves": (None, ("storm.spectrum=none",)),
-        f"{scenario.nodes.count - count} of {scenario.nodes.count} nodes": (None, (f"nodes.count={count}",)),
-    }
-
-
 def measure(scenario: str, worlds: int) -> dict[str, float]:
-    """Seconds of a step of all worlds, whole and by part."""
-    versions = {
-        name: World(Scenario.load(scenario, settings), worlds, usv=usv)
-        for name, (usv, settings) in variants(scenario).items()
-    }
-    works = {name: stepper(world, None) for name, world in versions.items()}
-    for work in works.values():
-        for _ in range(LEAD):
-            work()
-    works["long waves"] = versions["whole"].sea.advance
-    repeats = max(CYCLE, 3000 // worlds)
-    best = dict.fromkeys(works, float("inf"))
+    """Seconds of a step of all worlds, whole, by part, and the rest."""
+    world, other = (World(Scenario.load(scenario), worlds) for _ in range(2))
+    step, whole = stepper(world, None), stepper(other, None)
+    for _ in range(LEAD):
+        step()
+        whole()
+    kernels = world._kernels
+    before = {part.__name__ if part == kernels._renew_vortices else "_sail": part for part in kernels.before_stages}
+    stages = {stage.__name__: kernels.launch_of(stage) for stage in (nothing, *STEP)}
+    calls = {"sea": world.sea.advance, **before, **stages, "step": whole}
+    for call in calls.values():
+        call()
+    best = dict.fromkeys(calls, float("inf"))
     for _ in range(ROUNDS):
-        for name, work in works.items():
-            best[name] = min(best[name], seconds(work, repeats))
-    whole, waves = best["whole"], best.pop("long waves")
-    parts = {"long waves": waves} | {
-        part: max(best[BASE.get(part, "whole")] - without, 0.0) for part, without in best.items() if part != "whole"
+        spent = dict.fromkeys(calls, 0.0)
+        for _ in range(CYCLE):
+            for name, call in calls.items():
+                spent[name] += seconds(call, 1) / CYCLE
+        best = {name: min(least, spent[name]) for name, least in best.items()}
+    empty = best["nothing"]
+    parts = {
+        part: sum(best[name] if name == "sea" else max(best[name] - empty, 0.0) for name in names if name in best)
+        for part, names in PARTS.items()
     }
-    parts["rest: motion, fixes, targets, observation, reward"] = max(whole - sum(parts.values()), 0.0)
-    return {"whole": whole, **parts}
+    return {"whole": best["step"], **parts, "rest": max(best["step"] - sum(parts.values()), 0.0)}
 
 
 def readable_on(colour: str) -> str:
@@ -107,7 +108,7 @@ def draw(result: dict, ground: Ground) -> Figure:
         axes.text(101, row, f"{step} a step", va="center", fontsize=9)
     axes.set(yticks=range(len(BATCHES)), yticklabels=[f"{w:,} world{'s' * (w > 1)}" for w in BATCHES], xlim=(0, 117))
     axes.set(xlabel="share of a mission step, %")
-    figure.legend(loc="outside upper center", ncols=3)
+    figure.legend(loc="outside upper center", ncols=4)
     return figure
 
 

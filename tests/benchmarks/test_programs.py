@@ -57,7 +57,7 @@ SMALLEST: dict[str, tuple[str, dict[str, object]]] = {  # options, and constants
 SLOW = list(SMALLEST).index("benchmarks.curves")
 # They install packages, need a graphics card or a browser, write into the repository, or have tests of their own.
 OTHERS = {f"tests.{name}" for name in ("golden", "trials.conventions", "trials.versions")}
-OTHERS |= {f"benchmarks.{name}" for name in ("gpu", "live", "ranks", "studies.pendulum")}
+OTHERS |= {f"benchmarks.{name}" for name in ("gpu", "learning_beside", "live", "ranks", "studies.pendulum")}
 OTHERS.add("tests.usvauv_env.render.reference_frames")
 
 

@@ -26,7 +26,7 @@ from usvauv.kernels.mission.boats.boat_strategies import boat_strategies
 from usvauv.kernels.mission.boats.rollouts import STEPS, WAY
 from usvauv.kernels.mission.columns import Division, ReceptionColumn
 from usvauv.kernels.mission.observation import observation_terms
-from usvauv.kernels.mission.run import Part, launches, reset_launches, run
+from usvauv.kernels.mission.run import Part, Stage, launches, reset_launches, run
 from usvauv.kernels.mission.target_rules import target_rules
 from usvauv.kernels.mission.tasks.task import tasks
 from usvauv.kernels.mission.vehicles import ROWS, move
@@ -36,6 +36,7 @@ from usvauv.kernels.registry import Registry
 from usvauv.kernels.vehicles.definition import vehicles
 
 AUV_STEP = 5  # µs, about, of an AUV's step in few worlds, one after the other
+LEAST_AUVS = 64  # of all worlds, for whose step waking another thread takes no time that matters
 
 
 def workspace_numbers(scenario: Scenario) -> int:
@@ -59,6 +60,7 @@ class MissionKernels:
         action: (W, K, A) float32, what `advance` takes.
         horizon_ended, truncated: (W, K) bool, written by `advance`.
         tables: constant arguments of the mission's kernel, and its workspaces, by name.
+        before_stages: what comes in a step before the mission's kernel.
     """
 
     def __init__(
@@ -104,7 +106,8 @@ class MissionKernels:
         program = mission_parameters.program(site, self._strategy.strategy, uploaded["link"])
         worlds, auvs = self.action.shape[:2]
         few = runtime.too_few_for_threads(AUV_STEP * worlds * auvs)
-        division = Division.one_block if worlds <= WORLDS_PER_BLOCK else Division.lanes
+        one_block = worlds <= WORLDS_PER_BLOCK and worlds * auvs < LEAST_AUVS
+        division = Division.one_block if one_block else Division.lanes
         if few:
             division = Division.calling_thread
         elif not self._on_cpu:
@@ -175,6 +178,7 @@ class MissionKernels:
             **dict(zip(("horizon_ended", "truncated"), self._ends, strict=True)),
             **self._memory.arrays,
         }
+        self._arguments = arguments
         self._due.fill_(1)
         self._bound_in = runtime.start()
         self._copy = None
@@ -194,6 +198,7 @@ class MissionKernels:
                 self._moving(deploys, arguments) if self._site.scenario.auv.dynamic else None
                 for deploys in (True, False)
             )
+        self.before_stages = [self._renew_vortices, *([self._sail] if self._sail else [])]
 
     def _bind_mission(self, arguments: Mapping[str, Any], plugins: Set[str]) -> None:
         """Make the launches of a reset and a step, with plugins of some kinds."""
@@ -255,13 +260,20 @@ class MissionKernels:
 
     def advance(self) -> None:
         """Advance all worlds by a mission step under `action`; their water has been before."""
+        for part in self.before_stages:
+            part()
+        for part in self._step:
+            part()
+
+    def _renew_vortices(self) -> None:
+        """Find out how the vortices move, on a CPU only where that is due."""
         if self._evolve_vortices and (self._seen_due[0] or not self._on_cpu):
             self._seen_due[0] = 0
             self._evolve_vortices()
-        if self._sail:
-            self._sail()
-        for part in self._step:
-            part()
+
+    def launch_of(self, stage: Stage) -> Launch:
+        """A launch of one stage of a step, for measurements; a step is all of `STEP` one after another."""
+        return self._mission(self._arguments, Part((stage,), False))
 
     def found_fault(self) -> bool:
         """Whether a number of the worlds is not finite or out of range; with CUDA whether it was a step ago."""
