@@ -2,6 +2,7 @@
 
     python -m benchmarks.studies.tracking
     python -m benchmarks.studies.tracking --part measurements
+    python -m benchmarks.studies.tracking --part few
     python -m benchmarks.studies.tracking --runs runs/tracking-plain --out docs/circling.png
 
 First `tracking-plain`, by team and setting of the published environment: the error of the estimates of the AUV with the
@@ -11,6 +12,9 @@ environment's particle filter with its AUVs on a circle of 60 m, measured in it.
 
 Then what is measured, three on three at hard: ranges of 10 m, bearings of 3°, both; ranges with depths that are not
 known; ranges of signals that fade.
+
+Then fewer AUVs than targets: with AUVs that keep to a target, and that go to those of which they know least; the
+difference is paired.
 
 Then `tracking`: the same by the boat's strategy, and with places known exactly; differences from `belief` are paired.
 
@@ -64,6 +68,7 @@ PLACES = {
     "hold": ("hold:1200,1200", ()),  # the middle
     "places known": ("belief", ("task_parameters.places_known=1",)),
 }
+FEW = ((1, 2), (2, 4), (2, 8))  # AUVs and targets
 CELLS = ((1, "hard"), (3, "easy"), (3, "medium"), (3, "hard"), (3, "expert"), (5, "hard"))  # for learned policies
 MEASUREMENTS = {
     "ranges": (),
@@ -76,8 +81,8 @@ MEASUREMENTS = {
 NORMAL = 1.96
 
 
-def setting(name: str, team: int, *more: str) -> Scenario:
-    """`tracking-plain` with a team of AUVs, as many targets, the targets of a setting, and more task parameters."""
+def setting(name: str, team: int, *more: str, targets: int = 0) -> Scenario:
+    """`tracking-plain` with a team of AUVs, as many targets or `targets` of a setting, and more task parameters."""
     (slowest, fastest), (soonest, latest) = SETTINGS[name]
     numbers = {
         "target_speed_least": slowest * SPEED,
@@ -87,7 +92,7 @@ def setting(name: str, team: int, *more: str) -> Scenario:
     }
     given = [*(f"{key}={value:.4g}" for key, value in numbers.items()), *more]
     changes = [f"task_parameters.{each}" for each in given]
-    return Scenario.load("tracking-plain", [f"auv.count={team}", f"nodes.count={team}", *changes])
+    return Scenario.load("tracking-plain", [f"auv.count={team}", f"nodes.count={targets or team}", *changes])
 
 
 def run(scenario: Scenario, rule: str, worlds: int, seed: int, usv: str | None = None) -> Trace:
@@ -136,6 +141,29 @@ def measurements(worlds: int, seed: int) -> list[dict[str, object]]:
         {"measured": row} | figures(run(setting("hard", 3, *changes), "circle", worlds, seed))
         for row, changes in MEASUREMENTS.items()
     ]
+
+
+def few(worlds: int, seed: int) -> list[dict[str, object]]:
+    """Rows of teams of fewer AUVs than targets."""
+    rows = []
+    for team, targets in FEW:
+        for name in ("easy", "medium", "hard"):
+            kept, chosen = (
+                run(setting(name, team, *more, targets=targets), "circle", worlds, seed)
+                for more in (("uncertainty_weight=0",), ())
+            )
+            before, after = (by_world(track_error(trace)[settled(trace)]) for trace in (kept, chosen))
+            own, other = figures(chosen), figures(kept)
+            rows.append(
+                {
+                    "team": f"{team} on {targets}",
+                    "setting": name,
+                    **{f"{figure} kept": other[figure] for figure in ("median, m", "mean, m", "95 %, m")},
+                    **own,
+                    "from kept, m": interval(after - before),
+                }
+            )
+    return rows
 
 
 def places(worlds: int, seed: int) -> list[dict[str, object]]:
@@ -229,7 +257,9 @@ def main() -> None:
     parser = command_line(__doc__)
     parser.add_argument("--episodes", type=int, default=200, help="worlds of each row")
     parser.add_argument("--seed", type=int, default=2026)
-    parser.add_argument("--part", choices=("rules", "measurements", "places", "rates"), help="one table; default all")
+    parser.add_argument(
+        "--part", choices=("rules", "measurements", "few", "places", "rates"), help="one table; default all"
+    )
     parser.add_argument("--runs", type=Path, help="folder of training runs, one for each seed")
     parser.add_argument("--out", type=Path, help="X.png: figures X-light.png and X-dark.png of their curves to write")
     arguments = parse(parser)
@@ -250,6 +280,7 @@ def main() -> None:
             "tracking-plain, three on three, hard, by what is measured",
             lambda: measurements(worlds, seed),
         ),
+        "few": ("tracking-plain, fewer AUVs than targets", lambda: few(max(2, worlds // 2), seed)),
         "places": ("tracking", lambda: places(max(2, worlds // 4), seed)),
         "rates": ("steps of all worlds in a second of a processor, hard", lambda: rates(TEAMS, max(64, 4 * worlds))),
     }

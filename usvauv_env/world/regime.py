@@ -71,7 +71,7 @@ def check(scenario: Scenario) -> list[Finding]:
     """
     site = Site(scenario)
     found = [*_long_waves(site), *_short_waves(site), *_boat(site), *_currents(site), _replies(site)]
-    found += [*_channel(site), *_depth(site), *_endurance(scenario), *_classes(scenario)]
+    found += [*_channel(site), *_messages(scenario), *_depth(site), *_endurance(scenario), *_classes(scenario)]
     return [*found, _data_link(site)] if scenario.task_definition.targets == "nodes" else found
 
 
@@ -248,6 +248,16 @@ def _channel(site: Site) -> Iterator[Finding]:
         check = f"replies overlap, and against {count - 1} from {nearest:g} m away one from {overlapping:.4g} m has"
         limit = f"must be at least {needed:.2g} dB; slots and turns keep replies apart"
         yield Finding(check, f"{weakest:.2g} dB", limit, _judge(weakest < needed), "channel.schedule")
+
+
+def _messages(scenario: Scenario) -> Iterator[Finding]:
+    """The share of the channel that messages between AUVs take."""
+    numbers = {name: quantity.default for name, quantity in scenario.task_definition.parameters}
+    numbers |= scenario.task_parameters.numbers
+    if numbers.get("message_time", 0.0) > 0.0 and scenario.channel.schedule != "every-step":
+        share = scenario.auv.count * numbers["message_time"] / numbers["interval"]
+        check, limit = "messages between AUVs take of the channel", "below 1, or the boat locates nobody"
+        yield Finding(check, f"{share:.3g}", limit, _judge(share >= 1.0, "error"), "task_parameters.message_time")
 
 
 def _data_link(site: Site) -> Finding:

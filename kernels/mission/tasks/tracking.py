@@ -13,7 +13,8 @@ differs. The team's estimate of a target is that of the AUV whose range, measure
 that of the AUV which heard it last and takes it to be nearest.
 
 **Assignment.** AUV by AUV, each follows the target with the fewest followers, and of those the nearest by its own
-estimate; it changes only for one nearer by `HYSTERESIS`.
+estimate; it changes only for one nearer by `HYSTERESIS`. With fewer AUVs than targets a metre of the deviation of its
+estimate of a target outweighs `uncertainty_weight` metres of way, so that it goes from one target to another.
 """
 
 from typing import Annotated
@@ -38,7 +39,13 @@ from usvauv.kernels.mission.motion import target_of, travel
 from usvauv.kernels.mission.observation import ObservationTerm, observation_terms
 from usvauv.kernels.mission.tasks import rewards
 from usvauv.kernels.mission.tasks.task import RewardTerm, Task, tasks
-from usvauv.kernels.mission.tasks.tracking_measurements import believed_place, forget, measure, use_measurements
+from usvauv.kernels.mission.tasks.tracking_measurements import (
+    believed_place,
+    forget,
+    measure,
+    take_channel,
+    use_measurements,
+)
 from usvauv.kernels.mission.tasks.tracking_numbers import PARAMETERS, WEIGHTS
 from usvauv.kernels.mission.worlds import normals, uniforms
 from usvauv.kernels.tracking import range_filter
@@ -254,6 +261,8 @@ def update(worlds: ti.template(), w):
             forget(worlds, w, k, i)
             if due:
                 measure(worlds, w, k, i)
+    if due:
+        take_channel(worlds, w)
     motion = assumed(worlds)
     for k in range(worlds.auv.shape[1]):
         water = p.step * vec2(worlds.auv.current_x[w, k], worlds.auv.current_y[w, k])
@@ -279,6 +288,9 @@ def finish(worlds: ti.template(), w):
             cost = 0.0
             if pair.known[w, k, i] > 0.0:
                 cost = (vec2(pair.x[w, k, i], pair.y[w, k, i]) - here).norm()
+                if worlds.node.shape[1] > worlds.auv.shape[1]:
+                    deviation = ti.sqrt(pair.xx[w, k, i] + pair.yy[w, k, i])
+                    cost -= worlds.task_parameters.uncertainty_weight * deviation
             if i != target_of(worlds, w, k):
                 cost += HYSTERESIS
             for j in range(k):

@@ -7,13 +7,15 @@ probability exp(−10^(−E/10)), E = SE − 20 log10 r − α r/1000 (Urick, "P
 The AUV then measures its slant range r, its bearing or both, with normal errors. With h the difference of depth, of the
 variance σ_h² where only the limits of depths are known, the horizontal range √(r² − h² − σ_h²) has the variance
 (r² σ² + h² σ_h²)/(r² − h² − σ_h² + r σ), which near r = h stays that of √(r σ). Each AUV sends what it measured and its
-own position, with the covariance of that, to the others within `message_range`; each receives the message or not.
+own position, with the covariance of that, to the others within `message_range`; each receives the message or not. The
+messages take the acoustic channel one after another, each for `message_time`, when the exchange under way is over, and
+the boats wait with the next one. What is in them counts at once.
 """
 
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission.columns import Draw
+from usvauv.kernels.mission.columns import Draw, Schedule
 from usvauv.kernels.mission.motion import own_covariance, own_position
 from usvauv.kernels.mission.worlds import normals, uniforms
 from usvauv.kernels.positioning.sonar import path_loss, power_of_10
@@ -86,6 +88,19 @@ def measure(worlds: ti.template(), w, k, i):
             pair.measured[w, k, i] = ti.max(slant + given.range_noise * noise[0], 1e-3)
         if given.bearing_noise > 0.0:
             pair.bearing[w, k, i] = wrapped(ti.atan2(away[1], away[0]) + given.bearing_noise * noise[1])
+
+
+@func
+def take_channel(worlds: ti.template(), w):
+    """The messages of all AUVs that have heard a target take the channel, see `usvauv.kernels.mission.channel`."""
+    if ti.static(worlds.program.schedule != Schedule.every_step):
+        pair, free = ti.static(worlds.task_pair, worlds.tally.channel_free)
+        for k in range(worlds.auv.shape[1]):
+            heard = 0.0
+            for i in range(worlds.node.shape[1]):
+                heard = ti.max(heard, pair.heard[w, k, i])
+            if heard > 0.0:
+                free[w] = ti.max(free[w], 0.0) + worlds.task_parameters.message_time
 
 
 @func

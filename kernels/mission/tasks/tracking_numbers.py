@@ -26,7 +26,12 @@ PARAMETERS = (
     ("absorption", Quantity(20.0, 0.0, 1e3, "of its signal in water, dB/km; about 69 kHz")),
     ("message_loss", Quantity(0.1, 0.0, 1.0, "share of messages between two AUVs that are lost")),
     ("message_range", Quantity(1500.0, 0.0, 1e5, "distance up to which AUVs receive one another, m")),
+    (
+        "message_time",
+        Quantity(0.0, 0.0, 60.0, "time for which one takes the acoustic channel, way and pauses included, s"),
+    ),
     ("places_known", Quantity(0.0, 0.0, 1.0, "1: AUVs know exactly where they are")),
+    ("uncertainty_weight", Quantity(30.0, 0.0, 1e6, "way that 1 m of deviation outweighs, with few AUVs, m")),
     ("settling", Quantity(600.0, 0.0, 1e6, "time at the start that figures of merit leave out, s")),
 )
 WEIGHTS = {"tracked": 1.0, "covered": 1.0, "collision": -1.0}  # of terms of the reward

@@ -10,7 +10,7 @@ from usvauv.env import Scenario, World
 from usvauv.env.record.metrics import task_metrics
 from usvauv.env.record.recorder import record
 from usvauv.env.record.trace import Trace
-from usvauv.kernels.mission.columns import AuvColumn, NodeColumn
+from usvauv.kernels.mission.columns import AuvColumn, ExchangeColumn, NodeColumn
 from usvauv.kernels.mission.tasks.task import SHIPPED, tasks
 from usvauv.kernels.mission.tasks.tracking import PairColumn, TargetColumn
 from usvauv.kernels.mission.tasks.tracking_plain import HelmColumn
@@ -171,11 +171,34 @@ def test_what_is_measured_in_missions_locates_targets_consistently(measured):
     assert found[~lost].mean() == pytest.approx(1, abs=0.25)
 
 
+def test_while_auvs_send_messages_the_boat_locates_nobody():
+    """Three messages of 2 s every 10 s, and exchanges of less than 1 s."""
+    world = World(Scenario.load("tracking", ["task_parameters.message_time=2"]), 8, 1)
+    world.reset()
+    located = []
+    for _ in range(100):
+        world.step(torch.zeros(8, 3, world.action_size))
+        located.append(world.exchange[..., ExchangeColumn.over].mean())
+    since = torch.stack(located).view(10, 10)[1:].mean(0)  # 1 to 10 s after a measurement
+    assert (since[1:6] == 0.0).all()
+    assert (since[7:] > 0.9).all()
+
+
 def test_every_target_has_a_follower():
     world = made("auv.count=4", "nodes.count=3")
     stepped(world, 30)
     for targets in world.auv[..., AuvColumn.target].long():
         assert set(targets.tolist()) == {0, 1, 2}
+
+
+def test_an_auv_goes_from_one_of_two_targets_to_the_other():
+    world = made("auv.count=1", "nodes.count=2", "task_parameters.target_speed_most=0.5")
+    policy, observation, followed = load("circle", world), world.observation, []
+    for _ in range(100):
+        observation = world.step(policy.act(observation)).observation
+        followed.append(world.auv[:, 0, AuvColumn.target].clone())
+    share = torch.stack(followed).mean(0)
+    assert ((share > 0.2) & (share < 0.8)).double().mean() > 0.9
 
 
 def test_an_auv_by_the_published_rules_turns_by_neighbouring_rudders_and_goes_straight():
