@@ -147,7 +147,7 @@ def few(worlds: int, seed: int) -> list[dict[str, object]]:
     """Rows of teams of fewer AUVs than targets."""
     rows = []
     for team, targets in FEW:
-        for name in ("easy", "medium", "hard"):
+        for name in [*SETTINGS][:3]:
             kept, chosen = (
                 run(setting(name, team, *more, targets=targets), "circle", worlds, seed)
                 for more in (("uncertainty_weight=0",), ())

@@ -38,7 +38,7 @@ SMALLEST: dict[str, tuple[str, dict[str, object]]] = {  # options, and constants
     "benchmarks.studies.refraction": ("--seconds 0", {}),
     "benchmarks.studies.tracking": (
         "--episodes 2",
-        {"TEAMS": (1,), "SETTINGS": {"hard": ((0.5, 0.7), (120.0, 420.0))}},
+        {"TEAMS": (1,), "FEW": ((1, 2),), "SETTINGS": {"hard": ((0.5, 0.7), (120.0, 420.0))}},
     ),
     "benchmarks.tracking": ("--runs 2", {"PAIRS": (1,)}),
     "benchmarks.train": ("--seeds 1 --limit 0", {}),
