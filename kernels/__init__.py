@@ -1,8 +1,8 @@
 """Taichi kernels: every loop over cells, vortices, hydrophones and worlds. Arrays in, arrays out.
 
-Subpackages: `shallow_water`, `flow`, `positioning`, `tracking`, `planning`, `vehicles`, `mission`. Common modules:
-`runtime` starts Taichi, `functions` makes kernels and binds them to their arrays, `types` names arguments and columns,
-`random` draws random numbers, `registry` holds items to which plugins add.
+Subpackages: `shallow_water`, `flow`, `positioning`, `tracking`, `planning`, `vehicles`, `guidance`, `mission`. Common
+modules: `runtime` starts Taichi, `functions` makes kernels and binds them to their arrays, `types` names arguments and
+columns, `network` evaluates networks, `random` draws random numbers, `registry` holds items to which plugins add.
 """
 
 import os

@@ -123,7 +123,10 @@ def infer(
     networks: ti.i32,
     serial: ti.template(),
 ):
-    """Actions (W K, A) in [−1, 1] of networks for features (W K, F); arguments as of `usvauv.kernels.guidance.act`."""
+    """Actions (W K, A) in [−1, 1] of networks for features (W K, F).
+
+    Arguments are those of `usvauv.kernels.guidance.acting.act`.
+    """
     ti.loop_config(serialize=serial, block_dim=1)
     for part in range(room.shape[0]):
         count = features.shape[0] // networks
@@ -169,6 +172,11 @@ def pack(
                     packed[to + k][j] = weight[at + k * outputs + j]
 
 
+def parts_of(rows: int) -> int:
+    """Number of parts of so many rows, among the threads; few rows are one, for the calling thread."""
+    return 1 if runtime.too_few_for_threads(rows) else min(-(-rows // LANES), PARTS * runtime.start().threads)
+
+
 class Packed:
     """Weights and biases of S networks as `forward` takes them.
 
@@ -207,12 +215,8 @@ class Packed:
             launch()
 
     def room(self, rows: int, more: int = 0) -> torch.Tensor:
-        """Memory of each part of the rows, with place for a layer twice, and `more` numbers of a row before these.
-
-        Few rows are one part, for the calling thread.
-        """
-        parts = 1 if runtime.too_few_for_threads(rows) else min(-(-rows // LANES), PARTS * runtime.start().threads)
-        return torch.zeros(parts, more + 2 * self._width, LANES, dtype=torch.float32, device="cpu")
+        """Memory of each part of the rows, with place for a layer twice, and `more` numbers of a row before these."""
+        return torch.zeros(parts_of(rows), more + 2 * self._width, LANES, dtype=torch.float32, device="cpu")
 
 
 class Actors:

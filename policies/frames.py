@@ -19,22 +19,19 @@ from torch import Tensor
 
 from usvauv.env.scenario import Scenario
 from usvauv.env.world.observation_layout import ObservationLayout
-from usvauv.kernels import runtime
-from usvauv.kernels.guidance import FIRST, TINY, Acting
+from usvauv.kernels.guidance import courses
+from usvauv.kernels.guidance.acting import Acting, Describing, Steering
+from usvauv.kernels.guidance.lanes import FIRST, OFFSET, Start
 from usvauv.kernels.mission.tasks.tracking import SPREAD
 from usvauv.kernels.registry import Registry
 from usvauv.policies.guidance import (
-    REACH,
     SpeedToFly,
     clear_of_others,
     command,
     components,
-    cruise_depth,
-    length,
     nearest,
     polar,
     rotate,
-    turn,
     unit,
     unrotate,
 )
@@ -42,13 +39,12 @@ from usvauv.policies.heuristics.passing import Pass
 from usvauv.policies.heuristics.tracking import Circle
 from usvauv.policies.heuristics.travel import Helm
 from usvauv.policies.policy import PolicyError
+from usvauv.policies.steering import BORDER_MARGIN, PRICE_GAIN, Rules, reach, steering
 
 PASSING_TERMS = ("current", "service", "next", "attitude", "motion")  # which `PassingFrame` needs
-TURN = 0.5 * math.pi  # rad, largest offset of a heading
+TURN = OFFSET * math.pi  # rad, largest offset of a heading
 LEAST_SPREAD = 1e-3  # of a target's place, over the radius of `circle`
-BORDER_MARGIN = 4.0  # m, more than a step at full speed
-PRICE, PRICE_GAIN = 80.0, 4.0  # W and 1: prices from 1.5 W to some kilowatts, for all speeds in any current
-TERMS = ("target", "others", "position", "current")  # that frames read
+PRICE = 80.0  # W, with `PRICE_GAIN` prices from 1.5 W to some kilowatts, for all speeds in any current
 RELATIVE = ("others", "target")  # terms that `TargetFrame` replaces by its own features
 CURRENTS = ("current_speed", "current", "current_profile")
 VECTORS = {
@@ -111,6 +107,16 @@ class Frame:
             worlds: W. mean, deviation: statistics that standardise features, (F,); may change in place.
             weights, biases: of the actors, see `usvauv.policies.networks.StackedMLP`.
         """
+        steering = self.steering() if type(self) in COMPILED else None
+        return steering and Acting(steering, worlds, mean, deviation, weights, biases)
+
+    def describing(self, worlds: int) -> Describing | None:
+        """A kernel with the same results as `encode` and `shared`, for W worlds; None: there is none."""
+        steering = self.steering() if type(self) in COMPILED else None
+        return steering and Describing(steering, worlds, self.features)
+
+    def steering(self) -> Steering | None:
+        """What the kernels need; None: there are none."""
         return None
 
 
@@ -156,8 +162,7 @@ class TargetFrame(Frame):
         super().__init__(scenario)
         self.features = FIRST + sum(place.stop - place.start for name, place in self.layout if name not in RELATIVE)
         self.start = f"straight:{(scenario.auv.speed_min + scenario.auv.speed_max) / 2:g}"
-        self.reach = max(2.0 * scenario.auv.safe_distance, 1.0) / scenario.area.diagonal
-        self.price = 0.0
+        self.reach = reach(scenario)
 
     def encode(self, observation: Tensor) -> Tensor:
         bearing, distance = polar(self.term(observation, "target"))
@@ -186,15 +191,13 @@ class TargetFrame(Frame):
         if self.layout.num_auvs == 1:
             return [torch.zeros_like(bearing), torch.zeros_like(bearing), torch.zeros_like(bearing[..., :1])]
         others = unrotate(in_pairs(self.term(observation, "others")), bearing[..., None, :])
-        distance = length(others)
-        closeness = torch.exp(-distance / self.reach)
-        pull = closeness[..., None] * others / distance[..., None].clip(TINY)
+        distance, close, pull = courses.closeness(others.unbind(-1), -1.0 / self.reach)
         if self.layout.num_auvs == 2:
-            return [others[..., 0, :], pull[..., 0, :], closeness]
+            return [others[..., 0, :], components(*pull)[..., 0, :], close]
         return [
             nearest(distance, others)[1],
-            pull.sum(-2),
-            closeness.amax(-1)[..., None],
+            components(*pull).sum(-2),
+            close.amax(-1)[..., None],
         ]
 
     def decode(self, observation: Tensor, action: Tensor) -> Tensor:
@@ -202,48 +205,25 @@ class TargetFrame(Frame):
         speed = auv.speed_min + (auv.speed_max - auv.speed_min) * (action[..., 1] + 1.0) / 2.0
         return command(self._course(action, unit(self.term(observation, "target"))), speed, self.scenario)
 
-    def acting(
-        self, worlds: int, mean: Tensor, deviation: Tensor, weights: Sequence[Tensor], biases: Sequence[Tensor]
-    ) -> Acting | None:
-        if type(self) not in COMPILED or self.scenario.auv.action == "fins" or not runtime.start().on_cpu:
-            return None
-        auv, area, places = self.scenario.auv, self.scenario.area, self._places
-        rules = []
-        for name in self.layout.terms:
+    def steering(self) -> Steering | None:
+        return steering(self.scenario, Start.TARGET, rules=self._rules())
+
+    def _rules(self) -> Rules:
+        """Where the features after the first ones come from."""
+        rules: list[tuple[int, int, int, float]] = []
+        for name, place in self.layout:
             if name in RELATIVE:
                 continue
-            columns = range(places[name].start, places[name].stop)
-            scale, vectors = auv.speed_max if name in CURRENTS else 1.0, columns[: VECTORS.get(name, 0)]
+            columns = range(place.start, place.stop)
+            scale, vectors = self.scenario.auv.speed_max if name in CURRENTS else 1.0, columns[: VECTORS.get(name, 0)]
             for x in vectors[::2]:
                 rules += [(x, x + 1, 1, scale), (x, x + 1, 2, scale)]
             rules += [(x, x, 0, scale) for x in columns[len(vectors) :]]
-        first = [places[name].start if name in places else None for name in TERMS]
-        numbers = {
-            "reach": self.reach,
-            "diagonal": area.diagonal,
-            "repelled": REACH * auv.safe_distance,
-            "margin": BORDER_MARGIN,
-            "east": area.width - BORDER_MARGIN,
-            "north": area.length - BORDER_MARGIN,
-            "slowest": auv.speed_min,
-            "fastest": auv.speed_max,
-            "price": self.price,
-            "gain": PRICE_GAIN,
-            "depth": cruise_depth(self.scenario),
-        }
-        size, polar = (worlds, auv.count, self.layout.size), auv.action == "polar"
-        return Acting(
-            *(size, first, rules, numbers, self._speeds(), polar, auv.action_size, mean, deviation, weights, biases)
-        )
-
-    def _speeds(self) -> tuple[Tensor, Tensor] | None:
-        """Speeds among which an autopilot chooses, and their powers."""
-        return None
+        return rules
 
     def _course(self, action: Tensor, ahead: Tensor) -> Tensor:
         """The course that a_0 commands, π a_0 left of `ahead`; unit vectors in world axes, (..., 2)."""
-        course = math.pi * action[..., 0]
-        return turn(ahead, torch.cos(course), torch.sin(course))
+        return components(*courses.turned(ahead.unbind(-1), action[..., 0]))
 
 
 class GuidedFrame(TargetFrame):
@@ -259,7 +239,6 @@ class GuidedFrame(TargetFrame):
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
         self.speed_to_fly = SpeedToFly(scenario)
-        self._edge = torch.tensor([scenario.area.width, scenario.area.length], device="cpu") - BORDER_MARGIN
         self.price = PRICE if "current" in self.layout else self.speed_to_fly.free_price()
         self.start = f"clear:{self.price:.3g}"
 
@@ -273,16 +252,16 @@ class GuidedFrame(TargetFrame):
         price = self.price * torch.exp(PRICE_GAIN * action[..., 1])
         return command(*self.speed_to_fly.steer(track, price, current), self.scenario)
 
-    def _speeds(self) -> tuple[Tensor, Tensor]:
-        return self.speed_to_fly.speeds, self.speed_to_fly.power
+    def steering(self) -> Steering | None:
+        speeds = self.speed_to_fly.speeds, self.speed_to_fly.power
+        return steering(self.scenario, Start.CLEAR, self.price, speeds, rules=self._rules())
 
     def _clear_of_border(self, observation: Tensor, track: Tensor) -> Tensor:
         """A course over ground (unit vectors, (..., 2)) that does not lead out of the area."""
-        position = self.term(observation, "position") * self.scenario.area.diagonal
-        self._edge = self._edge.to(position)  # copied only once
-        outwards = ((position < BORDER_MARGIN) & (track < 0.0)) | ((position > self._edge) & (track > 0.0))
-        direction, size = polar(torch.where(outwards, 0.0, track))
-        return torch.where(size[..., None] > TINY, direction, track)
+        area = self.scenario.area
+        position = self.term(observation, "position") * area.diagonal
+        ends = area.width - BORDER_MARGIN, area.length - BORDER_MARGIN
+        return components(*courses.clear_of_border(position.unbind(-1), track.unbind(-1), BORDER_MARGIN, ends))
 
 
 class Observed(threading.local):
@@ -342,8 +321,7 @@ class OffsetFrame(TargetFrame):
         heading, speed = shared or self.shared(observation)
         if self.actions == 2:
             speed = speed + action[..., 1] * (auv.speed_max - auv.speed_min)
-        angle = TURN * action[..., 0]
-        heading = turn(heading, torch.cos(angle), torch.sin(angle))
+        heading = components(*courses.turned(heading.unbind(-1), OFFSET * action[..., 0]))
         return command(heading, speed.clamp(auv.speed_min, auv.speed_max), self.scenario)
 
 
@@ -354,6 +332,8 @@ class PassingFrame(OffsetFrame):
         PolicyError: the observation lacks one of `PASSING_TERMS`.
     """
 
+    heuristic: Pass
+
     def __init__(self, scenario: Scenario) -> None:
         super().__init__(scenario)
         if missing := [name for name in PASSING_TERMS if name not in self.layout]:
@@ -363,6 +343,11 @@ class PassingFrame(OffsetFrame):
         price = scenario.reference.pass_price
         self.start = f"pass:{price:g}"
         self.heuristic = Pass(self.start, self.seen, price)
+
+    def steering(self) -> Steering | None:
+        x, fastest = self.layout.size, self.scenario.auv.speed_max
+        velocity = (x, x + 1, 1, fastest), (x, x + 1, 2, fastest)
+        return self.heuristic.steering((*self._rules(), *velocity))
 
 
 class CirclingFrame(OffsetFrame):
@@ -423,4 +408,4 @@ frames.register("world", WorldFrame)
 frames.register("passing", PassingFrame)
 frames.register("circling", CirclingFrame)
 frames.register("fins", FinsFrame)
-COMPILED = (GuidedFrame, TargetFrame)  # computed by kernels; a frame derived from them may compute something else
+COMPILED = (GuidedFrame, TargetFrame, PassingFrame)  # a frame derived from them may compute something else

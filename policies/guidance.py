@@ -10,7 +10,8 @@ from torch import Tensor
 
 from usvauv.env.scenario import Scenario
 from usvauv.kernels.errors import UserError
-from usvauv.kernels.guidance import HOPELESS, LEAST, LEAST_ADVANCE, NEAREST
+from usvauv.kernels.guidance import courses
+from usvauv.kernels.guidance.courses import LEAST
 from usvauv.kernels.mission.motion import travelling_power
 from usvauv.kernels.vehicles.fleet import Fleet
 from usvauv.kernels.vehicles.vehicle import Actuators, Command
@@ -33,10 +34,8 @@ def length(vector: Tensor) -> Tensor:
 
 def polar(vector: Tensor) -> tuple[Tensor, Tensor]:
     """Direction (..., 2) and length (...) of vectors (..., 2); (1, 0) and `LEAST` for a zero vector."""
-    x, y = vector.unbind(-1)
-    x = x + LEAST
-    size = torch.sqrt(x * x + y * y)
-    return components(x / size, y / size), size
+    direction, size = courses.direction(vector.unbind(-1))
+    return components(*direction), size
 
 
 def angle(vector: Tensor) -> Tensor:
@@ -57,8 +56,7 @@ def unit(vector: Tensor) -> Tensor:
 
 def turn(direction: Tensor, cosine: Tensor, sine: Tensor) -> Tensor:
     """Vectors (..., 2) turned to the left by an angle of this cosine and sine, (...)."""
-    x, y = direction.unbind(-1)
-    return components(cosine * x - sine * y, cosine * y + sine * x)
+    return components(*courses.turn(direction.unbind(-1), cosine, sine))
 
 
 def rotate(vector: Tensor, direction: Tensor) -> Tensor:
@@ -68,9 +66,7 @@ def rotate(vector: Tensor, direction: Tensor) -> Tensor:
 
 def along_and_left(vector: Tensor, direction: Tensor) -> tuple[Tensor, Tensor]:
     """Components (...) along and left of `direction` of a vector given in world axes; both (..., 2)."""
-    vx, vy = vector.unbind(-1)
-    x, y = direction.unbind(-1)
-    return vx * x + vy * y, vy * x - vx * y
+    return courses.unrotate(vector.unbind(-1), direction.unbind(-1))
 
 
 def unrotate(vector: Tensor, direction: Tensor) -> Tensor:
@@ -122,13 +118,7 @@ def crab(track: Tensor, speed: Tensor, current: Tensor) -> Tensor:
     The angle between heading and track has the sine −c_⊥ / V, where c_⊥ is the component of the current across the
     track and V the speed. A component above V cannot be compensated; the heading is then opposite to it.
     """
-    return _crab(track, speed, along_and_left(current, track)[1])
-
-
-def _crab(track: Tensor, speed: Tensor, across: Tensor) -> Tensor:
-    """Heading of `crab` for the component of the current across the track, (...)."""
-    sine = (-across / speed).clip(-1.0, 1.0)
-    return turn(track, torch.sqrt((1.0 - sine * sine).clip(0.0)), sine)
+    return components(*courses.crab(track.unbind(-1), speed, along_and_left(current, track)[1]))
 
 
 def clear_of_others(towards: Tensor, others: Tensor, safe_distance: float) -> Tensor:
@@ -148,8 +138,7 @@ def clear_of_others(towards: Tensor, others: Tensor, safe_distance: float) -> Te
         return towards
     directions, distances = polar(others)
     distance, direction = nearest(distances, directions)
-    ratio = (1.0 / distance.clip(NEAREST)) * (REACH * safe_distance)
-    return unit(towards - ((ratio - 1.0).clip(0.0) * (ratio * ratio))[..., None] * direction)
+    return components(*courses.repelled(towards.unbind(-1), direction.unbind(-1), distance, REACH * safe_distance))
 
 
 def turned(track: Tensor, lead: float, curvature: Tensor) -> Tensor:
@@ -195,14 +184,8 @@ def follow_circle(
         turn: 1 anticlockwise, −1 clockwise, (...).
         lead: distance travelled before the vehicle has turned, m; without it a slow one stays outside the circle.
     """
-    distance = to_centre.norm(dim=-1)
-    turn = torch.as_tensor(turn, dtype=to_centre.dtype, device=to_centre.device)
-    inward = unit(to_centre)
-    outside = (distance - radius) / lookahead
-    course = unit(components(outside, -turn.expand_as(outside)))  # along and left of the way to the centre
-    cosine, sine = -turn * course[..., 1], course[..., 0]
-    bend = turn * (cosine / distance.clamp_min(0.5 * radius) - cosine.square() * sine / lookahead)
-    return turned(rotate(course, inward), lead, bend)
+    track, bend = courses.round_circle(to_centre.unbind(-1), radius, lookahead, turn)
+    return turned(components(*track), lead, bend)
 
 
 def level_power(scenario: Scenario, speeds: Sequence[float]) -> list[float]:
@@ -246,20 +229,17 @@ class SpeedToFly:
 
     def __call__(self, track: Tensor, price: Tensor, current: Tensor) -> Tensor:
         """Speeds (...), m/s, for tracks (unit vectors, (..., 2)), prices (...), W, and currents (..., 2), m/s."""
-        return self._best(price, *along_and_left(current, track))
+        return self.best(price, *along_and_left(current, track))
 
     def steer(self, track: Tensor, price: Tensor, current: Tensor) -> tuple[Tensor, Tensor]:
         """Headings of `crab` (unit vectors, (..., 2)) and the speeds."""
         along, across = along_and_left(current, track)
-        speed = self._best(price, along, across)
-        return _crab(track, speed, across), speed
+        speed = self.best(price, along, across)
+        return components(*courses.crab(track.unbind(-1), speed, across)), speed
 
-    def _best(self, price: Tensor, along: Tensor, across: Tensor) -> Tensor:
-        """Speeds (...) by the components of the current along and across the track, (...)."""
+    def best(self, price: Tensor, along: Tensor, across: Tensor) -> Tensor:
+        """Speeds (...), m/s, by the components of the current along and across the track, (...), m/s."""
         self.speeds, self.power = self.speeds.to(along), self.power.to(along)  # copied only once
         speeds, power = (table.reshape(-1, *along.ndim * [1]) for table in (self.speeds, self.power))
-        advance = torch.sqrt((speeds * speeds - across * across).clip(0.0))
-        advance += along
-        cost = (power + price) / advance.clip(LEAST_ADVANCE)
-        cost = torch.where(advance > LEAST_ADVANCE, cost, HOPELESS - advance)
+        cost = courses.cost_of_way(power, price, courses.advance(speeds, along, across))
         return torch.where(cost > cost.amin(0), math.inf, speeds).amin(0)  # of equal costs the lowest speed

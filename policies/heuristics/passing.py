@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import threading
+from typing import ClassVar
 
 import torch
 from torch import Tensor
@@ -10,18 +12,19 @@ from torch import Tensor
 from usvauv.env.scenario import Scenario
 from usvauv.env.site.site import Site
 from usvauv.env.world.mission_parameters import DataLink, reference_rate
+from usvauv.kernels.guidance import courses
+from usvauv.kernels.guidance.acting import Guiding, Steering
+from usvauv.kernels.guidance.lanes import Start
+from usvauv.kernels.guidance.passing import BORDER, loiter, passing
 from usvauv.kernels.vehicles.definition import vehicles
-from usvauv.policies.guidance import command, crab, follow_circle, unit, unrotate
+from usvauv.policies.guidance import command, components, unit
 from usvauv.policies.heuristics.travel import Clear
 from usvauv.policies.policy import HeuristicWorld
+from usvauv.policies.steering import Rules, steering
 
 INSIDE = 0.85  # share of the radius of service used by paths: positions and currents are uncertain
-LOOKAHEAD = 0.5  # of a circle, over its radius
 RADII = 200  # number of radii among which the best is chosen
 LEAST_STEPS = 3.0  # mission steps in which an AUV at its lowest speed travels the least radius
-FAR = 1e3  # m
-BORDER = 3.0  # m, distance of a circle from the border
-LEAST_GROUND = 0.2  # m/s made good, lower bound when times are computed
 
 
 def turning_radius(scenario: Scenario) -> float:
@@ -50,12 +53,15 @@ def loiter_radius(site: Site) -> float:
     return max((least + (most - least) * n / RADII for n in range(RADII + 1)), key=lambda R: (rate(R), R))
 
 
-def exit_distance(start: Tensor, direction: Tensor, centre: Tensor, radius: float) -> Tensor:
-    """Distance from a point along a direction (unit vectors) out of a circle, m; 0 if the line misses it."""
-    offset = centre - start
-    along = (offset * direction).sum(-1)
-    half = (radius**2 - offset.square().sum(-1) + along.square()).clamp_min(0.0).sqrt()
-    return (along + half).clamp_min(0.0)
+class _Workspace(threading.local):
+    """The kernel of a heuristic and its memory, separate in each thread.
+
+    Attributes:
+        worlds: for which it is made.
+    """
+
+    guide: Guiding | None = None
+    worlds: int = 0
 
 
 class Loiter(Clear):
@@ -67,14 +73,24 @@ class Loiter(Clear):
     """
 
     reference = "loiter_price"
+    start: ClassVar[Start] = Start.LOITER
 
     def __init__(self, name: str, world: HeuristicWorld, argument: float) -> None:
         super().__init__(name, world, argument)
-        site = Site(self.scenario)
-        self._service, self._next = self.layout.slice("service"), self.layout.slice("next")
-        self.radius, self.turn = loiter_radius(site), turning_radius(self.scenario)
-        self.inside = INSIDE * self.scenario.service_radius
-        self.buffer_time = self.scenario.nodes.payload / reference_rate(site)  # s, to collect a full buffer
+        s, site = self.scenario, Site(self.scenario)
+        turning, slowest = turning_radius(s), s.auv.speed_min
+        self.task = (  # as in `Task` of `usvauv.kernels.guidance.passing`
+            s.area.width,
+            s.area.length,
+            loiter_radius(site),
+            INSIDE * s.service_radius,
+            turning,
+            max(0.5 * turning, 2.0 * slowest * s.mission.step),
+            slowest,
+            s.mission.step,
+            s.nodes.payload / reference_rate(site),
+        )
+        self._own = _Workspace()
 
     @classmethod
     def parse(cls, text: str | None, scenario: Scenario) -> float:
@@ -82,47 +98,45 @@ class Loiter(Clear):
             raise ValueError(f"needs nodes.service = passing, which scenario {scenario.name!r} does not have")
         return super().parse(text, scenario)
 
-    def circling(self, offset: Tensor, observation: Tensor, course: Tensor) -> Tensor:
-        """Direction over ground on a tangent to the circle about a node at an offset (m), or round it, (W, K, 2)."""
-        area = self.scenario.area
-        here = self.position(observation) * area.diagonal
-        least = self.radius + BORDER
-        sides = offset.new_tensor((area.width, area.length))
-        offset = torch.minimum((here + offset).clamp_min(least), (sides - least).clamp_min(0.0)) - here
-        left = unrotate(offset, course)[..., 1] > 0.0
-        return follow_circle(offset, self.radius, LOOKAHEAD * self.radius, torch.where(left, 1.0, -1.0))
+    def steering(self, rules: Rules = ()) -> Steering | None:
+        """What its kernels need, with rules of features; None where there are none."""
+        speeds = self.speed_to_fly.speeds, self.speed_to_fly.power
+        return steering(self.scenario, self.start, self.argument, speeds, self.task, rules)
 
-    def reachable(self, aim: Tensor, course: Tensor) -> Tensor:
-        """Direction to a place at an offset (m), or straight on while it lies inside the vehicle's turning circles.
+    def vector(self, observation: Tensor, term: str) -> tuple[Tensor, ...]:
+        """Components (W, K) of a term of the observation, m."""
+        return (observation[..., self.layout.slice(term)] * self.scenario.area.diagonal).unbind(-1)
 
-        A vehicle that turns towards such a place circles it for ever (Dubins 1957, doi 10.2307/2372560).
-        """
-        along, left = unrotate(aim, course).unbind(-1)
-        within = along.square() + (left.abs() - self.turn).square() < self.turn**2
-        return torch.where(within.unsqueeze(-1), course, unit(aim))
-
-    def plan(self, offset: Tensor, observation: Tensor, course: Tensor) -> tuple[Tensor, Tensor]:
-        """Direction over ground (W, K, 2) and highest speed over ground (W, K) with a node at an offset, m and m/s.
+    def plan(self, observation: Tensor, course: Tensor, current: Tensor) -> tuple[tuple[Tensor, Tensor], Tensor]:
+        """Direction over ground and highest speed over ground, m/s; numbers (W, K).
 
         Args:
             course: present direction over ground, unit vectors (W, K, 2).
+            current: at the AUVs, (W, K, 2), m/s.
         """
-        within = (observation[..., self._service][..., 0] > 0.5) | (offset.norm(dim=-1) < self.inside)
-        return self.circling(offset, observation, course), torch.where(within, 0.0, math.inf).to(offset)
+        here, offset = self.vector(observation, "position"), self.vector(observation, "target")
+        serving, _ = observation[..., self.layout.slice("service")].unbind(-1)
+        return loiter(here, offset, course.unbind(-1), serving, self.task)
 
     def steer(self, observation: Tensor) -> tuple[Tensor, Tensor]:
         """Heading (unit vectors, (W, K, 2)) and speed through the water (W, K), m/s."""
         current = self.world.current().to(observation)
         course = unit(self.world.water_velocity().to(observation) + current)
-        track, most = self.plan(self.target(observation) * self.scenario.area.diagonal, observation, course)
-        track = self.clear(track, observation)
+        wanted, most = self.plan(observation, course, current)
+        track = self.clear(components(*wanted), observation).unbind(-1)
+        along, across = courses.unrotate(current.unbind(-1), track)
         prices = torch.stack((torch.full_like(most, self.argument), torch.zeros_like(most)))
-        fast, slow = self.speed_to_fly(track[None], prices, current[None]).unbind()
-        along = (current * track).sum(-1)
+        fast, slow = self.speed_to_fly.best(prices, along[None], across[None]).unbind()
         speed = torch.maximum(torch.minimum(fast, most - along), slow)
-        return crab(track, speed, current), speed
+        return components(*courses.crab(track, speed, across)), speed
 
     def act(self, observation: Tensor) -> Tensor:
+        own, worlds = self._own, len(observation)
+        if own.worlds != worlds:
+            made = self.steering()
+            own.guide, own.worlds = made and Guiding(made, worlds), worlds
+        if own.guide:
+            return own.guide(observation, self.world.current(), self.world.water_velocity())
         return command(*self.steer(observation), self.scenario)
 
 
@@ -136,29 +150,9 @@ class Pass(Loiter):
     """
 
     reference = "pass_price"
+    start = Start.PASS
 
-    def plan(self, offset: Tensor, observation: Tensor, course: Tensor) -> tuple[Tensor, Tensor]:
-        serving, left = observation[..., self._service].unbind(-1)
-        time = left * self.buffer_time + self.scenario.mission.step * (2.0 - serving)
-        within = offset.norm(dim=-1) < self.inside
-        after = self.following(offset, observation, torch.where(within.unsqueeze(-1), course, unit(offset)))
-        slowest = self.scenario.auv.speed_min
-        share = ((offset * after).sum(-1) / after.square().sum(-1).clamp_min(1e-6)).clamp(0.0, 1.0).unsqueeze(-1)
-        aside = share * after - offset
-        farthest = (self.inside**2 - (0.5 * slowest * time).square()).clamp_min(0.0).sqrt().unsqueeze(-1)
-        via = offset + aside * (farthest / aside.norm(dim=-1, keepdim=True).clamp_min(1e-6)).clamp(max=1.0)
-        near = max(0.5 * self.turn, 2.0 * slowest * self.scenario.mission.step)
-        passed = within & ((share[..., 0] <= 0.0) | (via.norm(dim=-1) < near))
-        via = torch.where(passed.unsqueeze(-1), 0.0, via)
-        chord = via.norm(dim=-1) + exit_distance(via, unit(after - via), offset, self.inside)
-        aim = torch.where(passed.unsqueeze(-1), after, via)
-        direction = self.reachable(aim, course)
-        drift = (self.world.current().to(direction) * direction).sum(-1)
-        short = within & (chord < (slowest + drift).clamp_min(LEAST_GROUND) * time)
-        most = torch.where(within, torch.where(short, 0.0, chord / time), math.inf)
-        return torch.where(short.unsqueeze(-1), self.circling(offset, observation, course), direction), most
-
-    def following(self, offset: Tensor, observation: Tensor, on: Tensor) -> Tensor:
-        """Offset of the node after the target, m; if unknown, through the target in the direction `on`."""
-        step = observation[..., self._next] * self.scenario.area.diagonal
-        return torch.where(step.norm(dim=-1, keepdim=True) > 0.0, offset + step, offset + FAR * on)
+    def plan(self, observation: Tensor, course: Tensor, current: Tensor) -> tuple[tuple[Tensor, Tensor], Tensor]:
+        here, offset = self.vector(observation, "position"), self.vector(observation, "target")
+        following, service = self.vector(observation, "next"), observation[..., self.layout.slice("service")]
+        return passing(here, offset, following, course.unbind(-1), current.unbind(-1), *service.unbind(-1), self.task)

@@ -66,6 +66,8 @@ class SeedStack:
             self.learner, self.replay = self._joint_learner(), self._joint_replay()
             self.standardizer = self._joint_standardizer()
         self.observation = torch.cat([run.observation for run in runs])
+        with frames.calling(self.config.frame):
+            self._kernel = self.frame.describing(len(self.observation))
         self._encode = Recorded(self._features, first.generator)
         self._choose = Recorded(self._explore, first.generator)
 
@@ -84,7 +86,8 @@ class SeedStack:
         else:
             learning = done >= config.warmup and replay.size > config.n_step + 1
 
-        features = self._encode(self.observation)["features"] if deciding else replay.newest
+        encoded, *shared = self._encode(self.observation).values()
+        features = encoded if deciding else replay.newest
         if learning and learner.updates == 0:
             features = self._standardize(features)
         if learning:
@@ -94,7 +97,7 @@ class SeedStack:
 
         # Act with exploration, and step the worlds.
         noise = torch.cat([run.noise.step() if deciding else run.noise.value for run in runs])
-        chosen = self._choose(self.observation, features, noise)
+        chosen = self._choose(self.observation, features, noise, *shared)
         stepping = pool.submit(self._step_worlds, chosen["command"])
         if replay.device.type == "cuda":  # which updates after the step, and must not see both at a recording
             wait((stepping,))
@@ -127,12 +130,19 @@ class SeedStack:
             self.observation = pool.submit(self._reset_worlds).result()
 
     def _features(self, observation: Tensor) -> dict[str, Tensor]:
-        """The standardised features (N W, K, F) of observations (N W, K, O)."""
+        """The standardised features (N W, K, F) of observations (N W, K, O), and what `Frame.shared` returns."""
         with frames.calling(self.config.frame):
-            features = self.frame.encode(by_component(observation)).unflatten(0, (self.count, -1))
-        return {"features": self.standardizer(features).flatten(0, 1).contiguous()}
+            features, *shared = self._kernel(observation) if self._kernel else self._described(observation)
+        features = self.standardizer(features.unflatten(0, (self.count, -1))).flatten(0, 1).contiguous()
+        return {"features": features} | {f"shared_{number}": each for number, each in enumerate(shared)}
 
-    def _explore(self, observation: Tensor, features: Tensor, noise: Tensor) -> dict[str, Tensor]:
+    def _described(self, observation: Tensor) -> tuple[Tensor, ...]:
+        """Features of observations and what `Frame.shared` returns, as `Frame.describing`, by torch."""
+        observation = by_component(observation)
+        shared = self.frame.shared(observation)
+        return self.frame.encode(observation, *shared), *shared
+
+    def _explore(self, observation: Tensor, features: Tensor, noise: Tensor, *more: Tensor) -> dict[str, Tensor]:
         """The networks' exploring actions for features (N W, K, F) and noise (N W, K, A), and the worlds' commands."""
         name, shared = self.config.algorithm, self.config.shared
         noise = stack(noise, shared, self.count)
@@ -142,7 +152,7 @@ class SeedStack:
             raise algorithms.refuse(name, f"actions of shape {tuple(chosen.shape)}", f"of {tuple(noise.shape)}")
         action = unstack(chosen, features.shape[1], self.count)
         with frames.calling(self.config.frame):
-            return {"action": action, "command": self.frame.decode(by_component(observation), action)}
+            return {"action": action, "command": self.frame.decode(by_component(observation), action, *more)}
 
     def _step_worlds(self, command: Tensor) -> list[Step]:
         """Step the worlds of each run."""

@@ -25,6 +25,7 @@ from usvauv.policies.frames import (
 from usvauv.policies.guidance import (
     SpeedToFly,
     clear_of_others,
+    command,
     crab,
     follow_circle,
     follow_line,
@@ -232,6 +233,9 @@ class TestPassingFrame:
             offset = frame.decode(observation, torch.tensor([0.5, -0.25]).to(action).expand(8, 2, 2))
             observation = world.step(action)[0]
         assert torch.stack(same).float().mean() > 0.95  # the course of `pass` is the true one, with the storm in it
+        for each in (heuristic, policies.load("loiter", world)):  # on a CPU kernels compute them
+            in_torch = command(*each.steer(observation), world.scenario)
+            torch.testing.assert_close(each.act(observation), in_torch, atol=1e-5, rtol=0)
         auv = world.scenario.auv
         turned = angle(unrotate(offset, unit(plain)))
         torch.testing.assert_close(turned, torch.full_like(turned, 0.5 * TURN), atol=1e-4, rtol=0)
@@ -321,12 +325,15 @@ class TestFrames:
             ("guided", False, {"count": 1, "action": "polar"}, {"current": "speed"}),
             ("target", True, {"count": 3, "action": "polar"}, {"current": "none"}),
             ("world", False, {"count": 3, "action": "polar"}, {"current": "none"}),
+            ("passing", True, {"count": 4, "model": "torpedo"}, {"current": "vector"}),
+            ("passing", False, {"count": 1, "model": "torpedo", "action": "polar"}, {"current": "profile"}),
         ],
     )
     def test_a_policy_acts_as_its_frame_and_network_say(self, name, shared, auv, observed):
         """On a CPU kernels compute it: beside torch's results, for 2,000 observations within the area."""
         service = {"service": "passing"} if "model" in auv else {}
-        toy = scenario(auv=auv, observation=observed | {"extra": ["next"]}, nodes=service)
+        extra = ["next", "attitude", "motion"] if name == "passing" else ["next"]
+        toy = scenario(auv=auv, observation=observed | {"extra": extra}, nodes=service)
         generator, frame = torch.Generator().manual_seed(5), frames[name](toy)
         mean, deviation = torch.rand((2, frame.features), generator=generator)
         sizes = (frame.features, 30, 17, 2)  # not whole tiles
@@ -337,6 +344,15 @@ class TestFrames:
         position.copy_((position + 0.5) / math.sqrt(2))
         if "current" in frame.layout:
             observation[..., frame.layout.slice("current")] *= 5.0  # in some no speed makes headway
+        if "service" in frame.layout:
+            data = observation[..., frame.layout.slice("service")]
+            data.copy_(torch.stack((data[..., 0] > 0.0, data[..., 1] + 0.5), -1))
         off = (policy.act(observation) - policy.actions(observation)).abs()
         assert (off > 1e-5).float().mean() < 5e-3  # of two speeds that cost the same either may be taken
-        assert off.max() < 0.1
+        assert off.quantile(0.999) < 0.1  # or of two sides of a node
+        describe = frame.describing(2000)
+        assert (describe is None) == (name == "world")
+        if describe:
+            expected = frame.encode(observation), *frame.shared(observation)
+            for found, torch_says in zip(describe(observation), expected, strict=True):
+                assert ((found - torch_says).abs() > 1e-4).float().mean() < 5e-3

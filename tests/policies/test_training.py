@@ -26,7 +26,7 @@ class TestTraining:
             ("sac", {}),
             ("td3", {}),
             pytest.param("ddpg", {}, marks=pytest.mark.slow),
-            ("ppo", {"n_step": 2, "rollout": 10, "updates": 5, "learning_rate": 3e-3, "shared": True, "seed": 11}),
+            ("ppo", {"n_step": 2, "rollout": 10, "updates": 5, "learning_rate": 3e-3, "shared": True, "seed": 2}),
             pytest.param("ddpg", {"shared": True}, marks=pytest.mark.slow),
             pytest.param("sac", {"frame": "world"}, marks=pytest.mark.slow),
         ],

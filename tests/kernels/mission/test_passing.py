@@ -12,6 +12,7 @@ from usvauv.env.record.metrics import energy_consumption, episode_metrics, fairn
 from usvauv.env.record.recorder import record
 from usvauv.env.site.site import BED_WAVES, Site, random_bed
 from usvauv.env.world.mission_parameters import DataLink
+from usvauv.kernels.guidance.passing import Task
 from usvauv.kernels.mission.columns import AuvColumn, BeliefColumn, NodeColumn, TallyColumn
 from usvauv.policies.heuristics.passing import Loiter, loiter_radius
 
@@ -184,7 +185,7 @@ class TestLoiter:
     def test_it_circles_and_brings_the_rate_of_its_radius_times_the_time(self, world):
         put(world, (20.0, 100.0), 5000.0)
         policy = Loiter("loiter", world, 100.0)
-        policy.radius = 25.0
+        policy.task = *policy.task[: Task.radius], 25.0, *policy.task[Task.radius + 1 :]
         rows, observation = [], world.observation
         for _ in range(140):
             observation = world.step(policy.act(observation)).observation
