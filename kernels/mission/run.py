@@ -217,8 +217,8 @@ def _run(
     arrivals, fixed_vortex, strategy_arguments, rule_numbers, task_parameters, otter, reward_weights,
     observation_first, key, draw_numbers, vortex, drift, hull, body, auv, node, boat, tally, estimate, track,
     own, exchange, foresight, belief, task_auv, task_node, task_pair, observation, reward, reward_terms, clock,
-    chosen, action, horizon_ended, truncated, workspace, drawn, numbers, vortex_rows, drift_rows, due, spans,
-    which, bounds, fault, ways, profile, reception,
+    chosen, action, horizon_ended, truncated, workspace, drawn, numbers, vortex_rows, drift_rows, pair_rows,
+    room, due, spans, which, bounds, fault, ways, profile, reception,
 ):
     """Run stages of a step for all worlds, or `RESET` for those with `chosen[w]` ≠ 0.
 
@@ -249,8 +249,8 @@ def _run(
                     draw_numbers, vortex, drift, hull, body, auv, node, boat, tally, estimate,
                     track, own, exchange, foresight, belief, task_auv, task_node, task_pair,
                     observation, reward, reward_terms, clock, chosen, action, horizon_ended,
-                    truncated, workspace, drawn, numbers, vortex_rows, drift_rows, due, spans,
-                    which, bounds, fault, ways, profile, reception,
+                    truncated, workspace, drawn, numbers, vortex_rows, drift_rows, pair_rows,
+                    room, due, spans, which, bounds, fault, ways, profile, reception,
                 ),
             )
         )

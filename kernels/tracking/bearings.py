@@ -19,9 +19,9 @@ Sources: Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracki
 
 import taichi as ti
 
-from usvauv.kernels.functions import func
-from usvauv.kernels.tracking.hypotheses import KEPT, FilterColumn, Hypothesis, corrected, count_of, load, seen_at, store
-from usvauv.kernels.tracking.range_filter import USUAL
+from usvauv.kernels.functions import LANES, func
+from usvauv.kernels.tracking.hypotheses import KEPT, FilterColumn, WorkColumn, correct, see
+from usvauv.kernels.tracking.range_filter import USUAL, begin_hypotheses, groups_of
 from usvauv.kernels.trigonometry import circle, wrapped
 from usvauv.kernels.types import vec2, vec3
 
@@ -30,57 +30,67 @@ RATIO = SPAN ** (1.0 / KEPT)
 
 
 @func
-def begin_ray(filters: ti.template(), w, k, i, place: vec2, covariance: vec3, bearing, variance, farthest):
-    """Begin hypotheses along the ray of the first bearing; their velocities follow in the next prediction."""
-    filters[w, k, i, FilterColumn.known] = 1.0
-    filters[w, k, i, FilterColumn.fresh] = 1.0
-    filters[w, k, i, FilterColumn.count] = KEPT
+def begin_ray(f: ti.template(), place: vec2, covariance: vec3, bearing, variance, farthest):
+    """Begin hypotheses along the ray of the first bearing."""
+    begin_hypotheses(f)
     c, s = circle(bearing)
     last = farthest
     for h in range(KEPT):
         first = last / RATIO
         distance, width = 0.5 * (first + last), last - first
         along, across = width * width / 12.0, distance * distance * variance
-        weight = ti.log(width / farthest)
-        one = seen_at(weight, place, covariance, vec2(c, s), distance, along, across)
-        store(filters, w, k, i, h, one)
+        see(f, h, width / farthest, place, covariance, vec2(c, s), vec3(distance, along, across))
         last = first
 
 
 @func
-def updated(one: Hypothesis, place: vec2, covariance: vec3, bearing, variance) -> Hypothesis:
-    """A hypothesis after a bearing."""
-    line = one.position - place
-    squared = line.dot(line)
-    away = ti.sqrt(squared) + 1e-6
-    u = line / away
-    e = vec2(0.0 - u[1], u[0])
-    sideways = one.A @ e
-    across, both = e.dot(sideways), u.dot(sideways)
-    along = ti.max(one.A[0, 0] + one.A[1, 1] - across, 0.0)
-    g = 1.0 / away
-    own = e[0] * e[0] * covariance[0] + 2.0 * e[0] * e[1] * covariance[1] + e[1] * e[1] * covariance[2]
-    S = g * g * (across + own + g * g * (along * across + both * both)) + variance
-    innovation = wrapped(bearing - ti.atan2(line[1], line[0]) + both * g * g)
-    return corrected(one, g * sideways, g * (one.B.transpose() @ e), innovation, S, variance)
+def update(f: ti.template(), g, place: vec2, covariance: vec3, bearing, variance):
+    """Update a group of hypotheses by a bearing."""
+    work = ti.static(f.work)
+    dx, dy = work[WorkColumn.x, g] - place[0], work[WorkColumn.y, g] - place[1]
+    away = ti.sqrt(dx * dx + dy * dy) + 1e-6
+    c, s = dx / away, dy / away
+    xx, xy, yy = work[WorkColumn.xx, g], work[WorkColumn.xy, g], work[WorkColumn.yy, g]
+    sideways_x, sideways_y = c * xy - s * xx, c * yy - s * xy
+    across, both = c * sideways_y - s * sideways_x, c * sideways_x + s * sideways_y
+    along = ti.max(xx + yy - across, 0.0)
+    g1 = 1.0 / away
+    g2 = g1 * g1
+    own = s * s * covariance[0] - 2.0 * c * s * covariance[1] + c * c * covariance[2]
+    S = g2 * (across + own + g2 * (along * across + both * both)) + variance
+    of = [
+        g1 * sideways_x,
+        g1 * sideways_y,
+        g1 * (c * work[WorkColumn.yu, g] - s * work[WorkColumn.xu, g]),
+        g1 * (c * work[WorkColumn.yv, g] - s * work[WorkColumn.xv, g]),
+    ]
+    correct(f, g, of, wrapped(bearing - angle(dx, dy, work.width) + both * g2), S, variance)
 
 
 @func
-def observe_bearing(filters: ti.template(), w, k, i, place: vec2, covariance: vec3, bearing, variance, farthest):
+def angle(x, y, width: ti.template()):
+    """Angles of a group of vectors, rad."""
+    if ti.static(width == 1):
+        return ti.atan2(y, x)
+    else:  # noqa: RET505 - Taichi reads one of both
+        return ti.Vector([ti.atan2(y[n], x[n]) for n in ti.static(range(LANES))])
+
+
+@func
+def observe_bearing(f: ti.template(), place: vec2, covariance: vec3, bearing, variance, farthest):
     """Update a filter by a bearing.
 
     Args:
-        filters: (W, K, M, COLUMNS) float32; `w`, `k` and `i` select the filter.
+        f: a `Filter`, after `usvauv.kernels.tracking.range_filter.predict`.
         place: of the observer, m.
         covariance: of that, (xx, xy, yy), m²; 0 where it is exact.
         bearing: measured, anticlockwise from east, rad.
         variance: of its error, rad², above 0.
         farthest: largest distance at which the target can be, m; used with the first bearing.
     """
-    if filters[w, k, i, FilterColumn.count] == 0.0:
-        begin_ray(filters, w, k, i, place, covariance, bearing, variance, farthest)
+    if f.head[FilterColumn.count] == 0.0:
+        begin_ray(f, place, covariance, bearing, variance, farthest)
     else:
-        filters[w, k, i, FilterColumn.surprise] = filters[w, k, i, FilterColumn.surprise] - USUAL
-        for h in range(count_of(filters, w, k, i)):
-            one = load(filters, w, k, i, h)
-            store(filters, w, k, i, h, updated(one, place, covariance, bearing, variance))
+        f.head[FilterColumn.surprise] = f.head[FilterColumn.surprise] - USUAL
+        for g in range(groups_of(f)):
+            update(f, g, place, covariance, bearing, variance)

@@ -1,16 +1,24 @@
-"""Hypotheses of a target: Gaussians of position and velocity with weights, in the columns of `filters[w, k, i]`.
+"""Hypotheses of a target: Gaussians of position and velocity with weights, side by side.
 
-AUV k of world w has a filter of target i, a row of float32 numbers: its estimate, `FilterColumn`, then the hypotheses
-one after another, each with the columns `HypothesisColumn`.
+AUV k of world w has a filter of target i, a row of float32 numbers: its estimate, `FilterColumn`, and from `FIRST` on
+`KEPT` hypotheses, column by column of `HypothesisColumn`. Within a step there are up to `CAPACITY` of them, with the
+columns `WorkColumn`, in a workspace. On a CPU a vector has `LANES` hypotheses; on a GPU each is by itself, a group of
+one. An empty place has the share 0.
 """
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import taichi as ti
 
-from usvauv.kernels.functions import func
-from usvauv.kernels.types import Columns, mat2, vec2, vec3
+from usvauv.kernels import network
+from usvauv.kernels.flow.airy import lanes, total, vec8
+from usvauv.kernels.functions import LANE_BITS, LANES, func
+from usvauv.kernels.taichi_internals import impl
+from usvauv.kernels.types import Columns, columns, select, vec2, vec3, vec4
 
-KEPT = 24  # hypotheses from one step to the next
-CAPACITY = 96  # and within a step, in which some turn
+KEPT = 2 * LANES  # hypotheses from one step to the next
+CAPACITY = 8 * LANES  # and within a step, in which some turn
 
 
 class FilterColumn(Columns):
@@ -26,14 +34,14 @@ class FilterColumn(Columns):
     known: int  # 0 before the first range
     fresh: int  # 1 from the first range to the next prediction: velocities are unknown
     elapsed: int  # steps since `begin`
-    count: int  # of hypotheses
+    count: int  # of hypotheses, and within a step of their places in the workspace
     surprise: int  # how far ranges contradict the hypotheses, see `usvauv.kernels.tracking.range_filter`
 
 
 class HypothesisColumn(Columns):
     """A hypothesis."""
 
-    weight: int  # logarithm of it
+    share: int  # of the weights of all
     age: int  # steps since the last turn
     x: int  # mean, m
     y: int
@@ -51,122 +59,209 @@ class HypothesisColumn(Columns):
     vv: int
 
 
-FIRST = len(FilterColumn.names)
 WIDTH = len(HypothesisColumn.names)
-COLUMNS = FIRST + CAPACITY * WIDTH
+STATE = HypothesisColumn.x  # first column of the mean
+COVARIANCE = HypothesisColumn.xx  # and of the covariance
+PAIRS = [(a, b) for a in range(4) for b in range(a, 4)]  # what the columns of the covariance are of
+# Of a hypothesis within a step besides: the sum of squared innovations over their variances, the product of these
+# variances over those of the measurements alone, the probability that it turns, the place of one that does, and what
+# `usvauv.kernels.tracking.mixture` needs: what is left to take in, at which distance it is, and the metric.
+WorkColumn = columns(
+    *HypothesisColumn.names,
+    *("square", "volume", "turn", "turning", "left", "most", "taken"),
+    *("metric_xx", "metric_xy", "metric_yy", "slope_xu", "slope_xv", "slope_yu", "slope_yv"),
+    *("metric_uu", "metric_uv", "metric_vv"),
+)
+FIRST = LANES  # the columns between `FilterColumn` and this one are the caller's
+COLUMNS = FIRST + KEPT * WIDTH
+ROWS = COLUMNS // LANES  # a filter's vectors
+ROOM = len(WorkColumn.names) * CAPACITY // LANES  # vectors of a workspace
 # Least and greatest number of each column.
 ANYWHERE, FLAG, STEPS = (-1e12, 1e12), (0.0, 1.0), (0.0, 1e8)
-BOUNDS = (7 * (ANYWHERE,)) + (FLAG, FLAG, STEPS, (0.0, float(CAPACITY)), ANYWHERE) + CAPACITY * WIDTH * ((-1e25, 1e25),)
+HEAD_BOUNDS = 7 * (ANYWHERE,) + (FLAG, FLAG, STEPS, (0.0, float(CAPACITY)), ANYWHERE)
+BOUNDS = KEPT * ((0.0, 1.01),) + (WIDTH - 1) * KEPT * ((-1e25, 1e25),)  # from `FIRST` on
 
 
-@ti.dataclass
-class Hypothesis:
-    """A Gaussian of the state (position, velocity).
+class Head(tuple[Any, ...]):
+    """The first columns of a filter, `head[column]`."""
+
+    def __getitem__(self, column: Any) -> Any:
+        """Taichi calls it."""
+        filters, at = self
+        return impl.subscript(None, filters, *at, column)
+
+
+class Cells(NamedTuple):
+    """Columns of hypotheses, `cells[column, group]`: vectors of `LANES`, or single numbers.
 
     Attributes:
-        weight: its logarithm, up to a constant common to all.
-        age: steps since the last turn.
-        position, velocity: mean, m and m/s.
-        A, B, C: covariance of the position, of position (rows) and velocity, and of the velocity.
+        read: the numbers at a place. first: place of the first column.
+        groups: of a column. width: hypotheses of a group.
     """
 
-    weight: ti.f32
-    age: ti.f32
-    position: vec2
-    velocity: vec2
-    A: mat2
-    B: mat2
-    C: mat2
+    read: Callable[[Any], Any]
+    first: Any
+    groups: int
+    width: int
+
+    def __getitem__(self, place: Any) -> Any:
+        """Taichi calls it."""
+        column, group = place
+        return self.read(self.first + column * self.groups + group)
+
+    @property
+    def one(self) -> "One":
+        """The numbers of single hypotheses."""
+        return One((self,))
+
+
+class One(tuple[Any, ...]):
+    """`one[column, h]`, of hypothesis h."""
+
+    def __getitem__(self, place: Any) -> Any:
+        """Taichi calls it."""
+        (cells,) = self
+        column, h = place
+        if cells.width == 1:
+            return cells[column, h]
+        return impl.subscript(None, cells[column, h >> LANE_BITS], h & (LANES - 1))
+
+
+class Filter(NamedTuple):
+    """A filter, as its functions take it.
+
+    Attributes:
+        head: its `FilterColumn`, `head[column]`.
+        kept: its hypotheses from one step to the next, `HypothesisColumn`.
+        work: those within a step, `WorkColumn`.
+    """
+
+    head: Head
+    kept: Cells
+    work: Cells
+
+
+def filter_of(filters: Any, rows: Any, room: Any, at: tuple[Any, Any, Any], place: Any, in_lanes: bool) -> Filter:
+    """A filter for the functions of this package; called while a kernel is compiled.
+
+    Args:
+        filters: argument of the kernel, (W, K, M, C) float32, C a multiple of `LANES`, at least `COLUMNS`.
+        rows: all its numbers as vectors of `LANES`, (W K M C / LANES,); not used without lanes.
+        room: workspaces, (rooms, ROOM) vectors of `LANES`, for one filter from `predict` to `finish` each.
+        at: w, k and i of the filter. place: of its workspace.
+        in_lanes: whether hypotheses stand side by side.
+    """
+    w, k, i = at
+
+    def of_row(place: Any) -> Any:
+        return impl.subscript(None, rows, place)
+
+    def of_filter(place: Any) -> Any:
+        return impl.subscript(None, filters, w, k, i, place)
+
+    def of_room(row: Any) -> Any:
+        return impl.subscript(None, room, place, row)
+
+    def of_lane(number: Any) -> Any:
+        return impl.subscript(None, of_room(number >> LANE_BITS), number & (LANES - 1))
+
+    head = Head((filters, at))
+    if not in_lanes:
+        return Filter(head, Cells(of_filter, FIRST, KEPT, 1), Cells(of_lane, 0, CAPACITY, 1))
+    size = filters.shape
+    first = impl.expr_init(((w * size[1] + k) * size[2] + i) * (size[3] // LANES) + FIRST // LANES)
+    return Filter(head, Cells(of_row, first, KEPT // LANES, LANES), Cells(of_room, 0, CAPACITY // LANES, LANES))
 
 
 @func
-def seen_at(weight, place: vec2, covariance: vec3, direction: vec2, distance, along, across) -> Hypothesis:
-    """A hypothesis by a first measurement from a place; its velocity is unknown, and 0 until it is set.
+def wide(number, width: ti.template()):
+    """A number for each hypothesis of a group."""
+    if ti.static(width == 1):
+        return number
+    else:  # noqa: RET505 - Taichi reads one of both
+        return lanes(number)
+
+
+@func
+def sum_of(v, width: ti.template()):
+    """Sum over a group."""
+    if ti.static(width == 1):
+        return v
+    else:  # noqa: RET505
+        return total(v)
+
+
+@func
+def most_of(v, width: ti.template()):
+    """Greatest number of a group."""
+    if ti.static(width == 1):
+        return v
+    else:  # noqa: RET505
+        a, b = vec8([v[n] for n in ti.static(range(8))]), vec8([v[n + 8] for n in ti.static(range(8))])
+        eight = select(a < b, b, a)  # one instruction, where `ti.max` also looks for what is not a number
+        c, d = vec4([eight[n] for n in ti.static(range(4))]), vec4([eight[n + 4] for n in ti.static(range(4))])
+        four = select(c < d, d, c)
+        first, second = select(four[0] < four[2], four[2], four[0]), select(four[1] < four[3], four[3], four[1])
+        return select(first < second, second, first)
+
+
+@func
+def exponential(x, width: ti.template()):
+    """eˣ of the numbers of a group, up to 0; below −87 that of −87."""
+    if ti.static(width == 1):
+        return ti.exp(ti.max(ti.min(x, 0.0), -87.0))
+    else:  # noqa: RET505
+        return network.exponential(ti.min(x, 0.0))
+
+
+@func
+def see(f: ti.template(), h, share, place: vec2, covariance: vec3, direction: vec2, along_across: vec3):
+    """Write hypothesis h of a first measurement from a place; its velocity is unknown, and 0 until it is set.
 
     Args:
         place, covariance: of the observer, m, and (xx, xy, yy), m².
-        direction: of the line of sight, a unit vector. distance: m.
-        along, across: variances of the measurement along and across the line of sight, m².
+        direction: of the line of sight, a unit vector.
+        along_across: distance, m, and variances of the measurement along and across the line of sight, m².
     """
+    distance, along, across = along_across[0], along_across[1], along_across[2]
     c, s = direction[0], direction[1]
-    off = c * s * (along - across)
-    return Hypothesis(
-        weight=weight,
-        age=0.0,
-        position=place + distance * direction,
-        velocity=vec2(0.0),
-        A=mat2(
-            [
-                [covariance[0] + c * c * along + s * s * across, covariance[1] + off],
-                [covariance[1] + off, covariance[2] + s * s * along + c * c * across],
-            ]
-        ),
-        B=mat2(0.0),
-        C=mat2(0.0),
-    )
+    for column in ti.static(range(WIDTH)):
+        f.work.one[column, h] = 0.0
+    f.work.one[WorkColumn.share, h] = share
+    f.work.one[WorkColumn.x, h] = place[0] + distance * c
+    f.work.one[WorkColumn.y, h] = place[1] + distance * s
+    f.work.one[WorkColumn.xx, h] = covariance[0] + c * c * along + s * s * across
+    f.work.one[WorkColumn.xy, h] = covariance[1] + c * s * (along - across)
+    f.work.one[WorkColumn.yy, h] = covariance[2] + s * s * along + c * c * across
+    f.work.one[WorkColumn.square, h] = 0.0
+    f.work.one[WorkColumn.volume, h] = 1.0
 
 
 @func
-def corrected(one: Hypothesis, of_position: vec2, of_velocity: vec2, innovation, S, variance) -> Hypothesis:
-    """A hypothesis after a measurement of one number, by the Kalman filter.
+def adjust(f: ti.template(), g, of: ti.template(), precision, innovation):
+    """Adjust mean and covariance of a group of hypotheses to a number.
 
     Args:
-        of_position, of_velocity: covariances of the number with position and velocity.
+        of: covariances of the number with x, y, u and v.
+        precision: inverse of the variance of its innovation. innovation: the number less what was expected.
+    """
+    weighted = precision * innovation
+    scaled = [precision * of[a] for a in ti.static(range(4))]
+    for a in ti.static(range(4)):
+        f.work[STATE + a, g] = f.work[STATE + a, g] + weighted * of[a]
+    for n in ti.static(range(len(PAIRS))):
+        f.work[COVARIANCE + n, g] = f.work[COVARIANCE + n, g] - scaled[PAIRS[n][0]] * of[PAIRS[n][1]]
+
+
+@func
+def correct(f: ti.template(), g, of: ti.template(), innovation, S, variance):
+    """Update a group of hypotheses by a measurement of one number, by the Kalman filter.
+
+    Args:
+        of: covariances of the number with x, y, u and v.
         innovation: the number less what was expected. S: variance of that. variance: of the measurement alone.
     """
     precision = 1.0 / S
-    weighted = precision * innovation
-    return Hypothesis(
-        weight=one.weight - 0.5 * (weighted * innovation + ti.log(S / variance)),
-        age=one.age,
-        position=one.position + weighted * of_position,
-        velocity=one.velocity + weighted * of_velocity,
-        A=one.A - precision * of_position.outer_product(of_position),
-        B=one.B - precision * of_position.outer_product(of_velocity),
-        C=one.C - precision * of_velocity.outer_product(of_velocity),
-    )
-
-
-@func
-def place_of(h, column):
-    """Index of a column of hypothesis h."""
-    return FIRST + h * WIDTH + column
-
-
-@func
-def count_of(filters: ti.template(), w, k, i):
-    """Number of hypotheses."""
-    return ti.cast(filters[w, k, i, FilterColumn.count], ti.i32)
-
-
-@func
-def load(filters: ti.template(), w, k, i, h) -> Hypothesis:
-    """Hypothesis h."""
-    n = [filters[w, k, i, place_of(h, c)] for c in ti.static(range(WIDTH))]
-    return Hypothesis(
-        weight=n[0],
-        age=n[1],
-        position=vec2(n[2], n[3]),
-        velocity=vec2(n[4], n[5]),
-        A=mat2([[n[6], n[7]], [n[7], n[10]]]),
-        B=mat2([[n[8], n[9]], [n[11], n[12]]]),
-        C=mat2([[n[13], n[14]], [n[14], n[15]]]),
-    )
-
-
-@func
-def store(filters: ti.template(), w, k, i, h, one: Hypothesis):
-    """Write hypothesis h."""
-    A, B, C = one.A, one.B, one.C
-    head = [one.weight, one.age, one.position[0], one.position[1], one.velocity[0], one.velocity[1]]
-    rows = [A[0, 0], A[0, 1], B[0, 0], B[0, 1], A[1, 1], B[1, 0], B[1, 1], C[0, 0], C[0, 1], C[1, 1]]
-    n = ti.static(head + rows)
-    for c in ti.static(range(WIDTH)):
-        filters[w, k, i, place_of(h, c)] = n[c]
-
-
-@func
-def move(filters: ti.template(), w, k, i, source, to):
-    """Copy hypothesis `source` to place `to`."""
-    for c in ti.static(range(WIDTH)):
-        filters[w, k, i, place_of(to, c)] = filters[w, k, i, place_of(source, c)]
+    f.work[WorkColumn.square, g] = f.work[WorkColumn.square, g] + precision * innovation * innovation
+    f.work[WorkColumn.volume, g] = f.work[WorkColumn.volume, g] * (S / variance)
+    adjust(f, g, of, precision, innovation)

@@ -10,133 +10,159 @@ Source: Salmond, "Mixture reduction algorithms for point and extended object tra
 
 import taichi as ti
 
-from usvauv.kernels.functions import func
+from usvauv.kernels.functions import LANES, func
 from usvauv.kernels.tracking.hypotheses import (
+    CAPACITY,
+    COVARIANCE,
     KEPT,
+    PAIRS,
+    STATE,
+    WIDTH,
     FilterColumn,
-    Hypothesis,
     HypothesisColumn,
-    count_of,
-    load,
-    move,
-    place_of,
-    store,
+    WorkColumn,
+    most_of,
+    sum_of,
+    wide,
 )
-from usvauv.kernels.types import mat2, vec2
 
-ALIKE = 0.5
-LIGHT = 0.015  # both by simulations: smaller ones cost time, larger ones lose turns among the straight ways
+ALIKE = 1.0
+LIGHT = 0.011  # by simulations: smaller ones make filters too confident, larger ones lose turns among the straight ways
 AGES = 0.25  # squared distance of two hypotheses whose last turns are a step apart
 LEAST = 1e-9  # m²/s²
-
-
-@ti.dataclass
-class Metric:
-    """Inverse of a hypothesis's covariance by blocks: A⁻¹, A⁻¹ B and (C − Bᵀ A⁻¹ B)⁻¹."""
-
-    A: mat2
-    G: mat2
-    C: mat2
+PLACE = CAPACITY - 1  # last bits of a weight that have the hypothesis's place
+POWERS = [2.0**n for n in range(LANES)]
+METRIC = WorkColumn.metric_xx  # first of the columns of a metric
 
 
 @func
-def metric(one: Hypothesis) -> Metric:
-    """The metric of a hypothesis's covariance."""
-    A = one.A.inverse()
-    G = A @ one.B
-    C = one.C - one.B.transpose() @ G
+def marked(share, place):
+    """A weight with the place of its hypothesis in its last bits, by which any two differ."""
+    return ti.bit_cast(ti.bit_cast(share, ti.i32) & ~PLACE | place, ti.f32)
+
+
+@func
+def prepare(f: ti.template(), g):
+    """Write the metric of a group of hypotheses and what is left of them.
+
+    The metric is the inverse of the covariance by blocks A, B and C: A⁻¹, A⁻¹ B and (C − Bᵀ A⁻¹ B)⁻¹, those off the
+    diagonals of the first and the last twice.
+    """
+    work = ti.static(f.work)
+    share = work[WorkColumn.share, g]
+    work[WorkColumn.most, g] = ti.max(ALIKE, LIGHT / ti.max(share, 1e-30))
+    if ti.static(work.width == 1):
+        work[WorkColumn.left, g] = ti.select(share > 0.0, marked(share, g), 0.0)
+    else:
+        left = ti.Vector([marked(share[n], LANES * g + n) for n in ti.static(range(LANES))])
+        work[WorkColumn.left, g] = ti.select(share > 0.0, left, 0.0)
+    xx, xy, yy = work[WorkColumn.xx, g], work[WorkColumn.xy, g], work[WorkColumn.yy, g]
+    xu, xv, yu, yv = [work[c, g] for c in ti.static((WorkColumn.xu, WorkColumn.xv, WorkColumn.yu, WorkColumn.yv))]
+    whole = 1.0 / (xx * yy - xy * xy)
+    a, b, c = yy * whole, 0.0 - xy * whole, xx * whole
+    g_xu, g_xv, g_yu, g_yv = a * xu + b * yu, a * xv + b * yv, b * xu + c * yu, b * xv + c * yv
+    uu, uv, vv = work[WorkColumn.uu, g], work[WorkColumn.uv, g], work[WorkColumn.vv, g]
     # In single precision what is left can be less than 0 where a velocity is known by positions alone.
-    C[0, 0] = ti.max(C[0, 0], 1e-3 * one.C[0, 0] + LEAST)
-    C[1, 1] = ti.max(C[1, 1], 1e-3 * one.C[1, 1] + LEAST)
-    most = 0.99 * ti.sqrt(C[0, 0] * C[1, 1])
-    shear = ti.math.clamp(0.5 * (C[0, 1] + C[1, 0]), -most, most)
-    C[0, 1] = shear
-    C[1, 0] = shear
-    return Metric(A=A, G=G, C=C.inverse())
+    uu = ti.max(uu - (xu * g_xu + yu * g_yu), 1e-3 * uu + LEAST)
+    vv = ti.max(vv - (xv * g_xv + yv * g_yv), 1e-3 * vv + LEAST)
+    most = 0.99 * ti.sqrt(uu * vv)
+    uv = ti.max(ti.min(uv - 0.5 * (xu * g_xv + yu * g_yv + xv * g_xu + yv * g_yu), most), 0.0 - most)
+    whole = 1.0 / (uu * vv - uv * uv)
+    metric = [a, 2.0 * b, c, g_xu, g_xv, g_yu, g_yv, vv * whole, -2.0 * uv * whole, uu * whole]
+    for n in ti.static(range(len(metric))):
+        work[METRIC + n, g] = metric[n]
 
 
 @func
-def bring_heaviest(filters: ti.template(), w, k, i, first, count):
-    """Exchange hypothesis `first` with the heaviest one from it on."""
-    heaviest = first
-    weight = filters[w, k, i, place_of(first, HypothesisColumn.weight)]
-    for h in range(first + 1, count):
-        other = filters[w, k, i, place_of(h, HypothesisColumn.weight)]
-        if other > weight:
-            heaviest = h
-            weight = other
-    if heaviest != first:
-        one = load(filters, w, k, i, first)
-        move(filters, w, k, i, heaviest, first)
-        store(filters, w, k, i, heaviest, one)
+def take_away(f: ti.template(), groups, h, best, own: ti.template()):
+    """Take hypothesis h, of the weight `best` in `left`, and those near it away; `own` are its columns.
+
+    Returns:
+        greatest weight of what is left, and the weight of the others taken.
+    """
+    work, width = ti.static(f.work, f.work.width)
+    m = [work.one[METRIC + n, h] for n in ti.static(range(10))]
+    others, most = wide(0.0, width), wide(0.0, width)
+    for g in range(groups):
+        older, dx, dy, u, v = [
+            work[HypothesisColumn.age + n, g] - own[HypothesisColumn.age + n] for n in ti.static(range(5))
+        ]
+        du, dv = u - m[3] * dx - m[5] * dy, v - m[4] * dx - m[6] * dy
+        distance = dx * (m[0] * dx + m[1] * dy) + m[2] * dy * dy
+        distance = distance + (du * (m[7] * du + m[8] * dv) + m[9] * dv * dv) + AGES * older * older
+        left = work[WorkColumn.left, g]
+        rest = ti.select(distance < work[WorkColumn.most, g], 0.0, left)
+        rest = ti.select(left < best, rest, 0.0)
+        taken = ti.select(rest < left, work[WorkColumn.share, g], 0.0)
+        taken = ti.select(left < best, taken, 0.0)
+        work[WorkColumn.left, g] = rest
+        work[WorkColumn.taken, g] = taken
+        others += taken
+        most = ti.select(most < rest, rest, most)
+    return most_of(most, width), sum_of(others, width)
 
 
 @func
-def take_in(filters: ti.template(), w, k, i, first, count) -> ti.i32:
-    """Merge into hypothesis `first` those after it that it resembles; how many are left of all."""
-    one = load(filters, w, k, i, first)
-    m = metric(one)
-    # Moments over those merged, times their weights, from the mean of the first.
-    weight, age = one.weight, 0.0
-    way, change = vec2(0.0), vec2(0.0)
-    A, B, C = one.weight * one.A, one.weight * one.B, one.weight * one.C
-    left = count
-    h = first + 1
-    while h < left:
-        share = filters[w, k, i, place_of(h, HypothesisColumn.weight)]
-        older = filters[w, k, i, place_of(h, HypothesisColumn.age)] - one.age
-        dx = vec2(
-            filters[w, k, i, place_of(h, HypothesisColumn.x)] - one.position[0],
-            filters[w, k, i, place_of(h, HypothesisColumn.y)] - one.position[1],
-        )
-        dv = vec2(0.0)
-        most = ti.max(ALIKE, LIGHT / share)
-        distance = AGES * older * older + dx.dot(m.A @ dx)
-        if distance < most:
-            dv = vec2(
-                filters[w, k, i, place_of(h, HypothesisColumn.vx)] - one.velocity[0],
-                filters[w, k, i, place_of(h, HypothesisColumn.vy)] - one.velocity[1],
-            )
-            rest = dv - m.G.transpose() @ dx
-            distance += rest.dot(m.C @ rest)
-        if distance < most:
-            other = load(filters, w, k, i, h)
-            weight += share
-            age += share * older
-            way += share * dx
-            change += share * dv
-            A += share * (other.A + dx.outer_product(dx))
-            B += share * (other.B + dx.outer_product(dv))
-            C += share * (other.C + dv.outer_product(dv))
-            left -= 1
-            move(filters, w, k, i, left, h)
+def add(f: ti.template(), h, own: ti.template(), sums: ti.template()):
+    """Add the moments of hypothesis h from the mean of one with the columns `own`, times its weight."""
+    one = [f.work.one[c, h] for c in ti.static(range(WIDTH))]
+    d = [one[n] - own[n] for n in ti.static(range(COVARIANCE))]
+    sums[0] += one[0]
+    for n in ti.static(range(1, COVARIANCE)):
+        sums[n] += one[0] * d[n]
+    for n in ti.static(range(len(PAIRS))):
+        both = d[STATE + PAIRS[n][0]] * d[STATE + PAIRS[n][1]]
+        sums[COVARIANCE + n] += one[0] * (one[COVARIANCE + n] + both)
+
+
+@func
+def merge(f: ti.template(), groups, own: ti.template(), to):
+    """Write the moments of a hypothesis, whose columns are `own`, and all that are taken to place `to`."""
+    work, width = ti.static(f.work, f.work.width)
+    sums = [own[0]] + [0.0 for _ in ti.static(range(1, WIDTH))]
+    for n in ti.static(range(COVARIANCE, WIDTH)):
+        sums[n] = own[0] * own[n]
+    for g in range(groups):
+        if ti.static(width == 1):
+            if work[WorkColumn.taken, g] > 0.0:
+                add(f, g, own, sums)
         else:
-            h += 1
-    if left < count:
-        whole = 1.0 / weight
-        way *= whole
-        change *= whole
-        one.weight = weight
-        one.age += whole * age
-        one.position += way
-        one.velocity += change
-        one.A = whole * A - way.outer_product(way)
-        one.B = whole * B - way.outer_product(change)
-        one.C = whole * C - change.outer_product(change)
-        store(filters, w, k, i, first, one)
-    return left
+            # Powers of two for those that are taken: the exponent of their sum has the last one.
+            taken = sum_of(ti.select(work[WorkColumn.taken, g] > 0.0, ti.Vector(ti.static(POWERS)), 0.0), width)
+            while taken > 0.0:
+                n = (ti.bit_cast(taken, ti.i32) >> 23) - 127
+                add(f, LANES * g + n, own, sums)
+                taken -= ti.bit_cast((n + 127) << 23, ti.f32)
+    whole = 1.0 / sums[0]
+    mean = [whole * sums[n] for n in ti.static(range(COVARIANCE))]
+    f.kept.one[HypothesisColumn.share, to] = sums[0]
+    for n in ti.static(range(1, COVARIANCE)):
+        f.kept.one[n, to] = own[n] + mean[n]
+    for n in ti.static(range(len(PAIRS))):
+        both = mean[STATE + PAIRS[n][0]] * mean[STATE + PAIRS[n][1]]
+        f.kept.one[COVARIANCE + n, to] = whole * sums[COVARIANCE + n] - both
 
 
 @func
-def reduce(filters: ti.template(), w, k, i):
-    """Reduce the hypotheses, whose weights are shares of 1, to `KEPT`; then weights are logarithms."""
-    count = count_of(filters, w, k, i)
-    for first in range(KEPT):
-        if first < count:
-            bring_heaviest(filters, w, k, i, first, count)
-            count = take_in(filters, w, k, i, first, count)
-    count = ti.min(count, KEPT)
-    for h in range(count):
-        n = place_of(h, HypothesisColumn.weight)
-        filters[w, k, i, n] = ti.log(filters[w, k, i, n])
-    filters[w, k, i, FilterColumn.count] = count
+def reduce(f: ti.template(), groups):
+    """Reduce the hypotheses of the workspace to `KEPT`."""
+    width = ti.static(f.work.width)
+    most = wide(0.0, width)
+    for g in range(groups):
+        prepare(f, g)
+        left = f.work[WorkColumn.left, g]
+        most = ti.select(most < left, left, most)
+    kept, best = 0, most_of(most, width)
+    while kept < KEPT and best > 0.0:
+        h = ti.bit_cast(best, ti.i32) & PLACE
+        own = [f.work.one[c, h] for c in ti.static(range(WIDTH))]
+        best, others = take_away(f, groups, h, best, own)
+        if others > 0.0:
+            merge(f, groups, own, kept)
+        else:
+            for c in ti.static(range(WIDTH)):
+                f.kept.one[c, kept] = own[c]
+        kept += 1
+    f.head[FilterColumn.count] = ti.cast(kept, ti.f32)
+    for h in range(kept, (kept + width - 1) // width * width):
+        f.kept.one[HypothesisColumn.share, h] = 0.0

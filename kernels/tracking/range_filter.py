@@ -11,9 +11,8 @@ o the place of the observer, itself known with a covariance, of which the part a
 One mechanism does both that a range only tells of a ring and that a turn shows later: a hypothesis is a Gaussian with
 a weight. The first range begins `KEPT` of them round the ring. In a step each moves on straight, and the heaviest of
 those that can turn also begin hypotheses of a turn, one for each quarter of the angles (left and right, less and more);
-mean and covariance of R(θ) v over a quarter are exact, by the moments of cos θ and cos 2θ. Where there is no room left,
-a hypothesis moves with the moments over turning and not turning. A range updates each by an extended Kalman filter of
-second order in the direction across the line of sight,
+mean and covariance of R(θ) v over a quarter are exact, by the moments of cos θ and cos 2θ. A range updates each by an
+extended Kalman filter of second order in the direction across the line of sight,
 
     ẑ = √(d² + P_⊥),   S = (d/ẑ)² P_∥ + R + ½ (P_⊥/ẑ)²,
 
@@ -28,7 +27,7 @@ over that of one without error and of the same variance, is on average −½ ln(
 several, and the sum of what is missing exceeds `LOST`, the filter begins anew with the next range, until which the
 estimate stays.
 
-A mission calls, for each filter and step, `predict`, `observe_range` for each range that arrives, and `finish`.
+A mission calls, for one filter after the other, `predict`, `observe_range` for each range that arrives, and `finish`.
 
 Sources: Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking and Navigation" (2001), §10.3
 (second-order filter), §11.6 (several models); Salmond, "Mixture reduction algorithms for point and extended object
@@ -39,32 +38,43 @@ import math
 
 import taichi as ti
 
-from usvauv.kernels.functions import func
+from usvauv.kernels.functions import LANES, func
 from usvauv.kernels.tracking import mixture
 from usvauv.kernels.tracking.hypotheses import (
     CAPACITY,
     COLUMNS,
     KEPT,
+    WIDTH,
     FilterColumn,
-    Hypothesis,
-    HypothesisColumn,
-    corrected,
-    count_of,
-    load,
-    place_of,
-    seen_at,
-    store,
+    WorkColumn,
+    adjust,
+    correct,
+    exponential,
+    most_of,
+    see,
+    sum_of,
+    wide,
 )
 from usvauv.kernels.trigonometry import circle
-from usvauv.kernels.types import mat2, vec2, vec3, vec4
+from usvauv.kernels.types import vec2, vec3, vec4
 
 TURNS = 4  # hypotheses that one begins by turning
+TOGETHER = LANES // TURNS  # that turn in a group
+MOST_TURNING = (CAPACITY - KEPT) // TURNS
 USUAL = 2.5  # of a range's logarithmic likelihood, see above
 LOST = 8.0
-FIRST_WEIGHT = -math.log(KEPT)
 LIKELIEST_TURN = 0.5  # greatest probability of a turn in a step
 LEAST_SPEED_VARIANCE = 1e-4  # m²/s²
-FORGOTTEN = -8.0  # logarithm of a weight, over the heaviest
+FORGOTTEN = 0.0025  # weight, over the heaviest, by simulations: lighter ones make those that take them in too wide
+PLACE = [WorkColumn.x, WorkColumn.y, WorkColumn.xx, WorkColumn.xy, WorkColumn.yy]
+SLOPES = [WorkColumn.xu, WorkColumn.xv, WorkColumn.yu, WorkColumn.yv]
+# Columns of the covariances of x, y, u and v with u and with v.
+OF_VELOCITY = [
+    (WorkColumn.xu, WorkColumn.xv),
+    (WorkColumn.yu, WorkColumn.yv),
+    (WorkColumn.uu, WorkColumn.uv),
+    (WorkColumn.uv, WorkColumn.vv),
+]
 
 
 @ti.dataclass
@@ -92,9 +102,21 @@ class Motion:
 
 @func
 def begin(filters: ti.template(), w, k, i):
-    """Begin a filter that knows nothing."""
+    """Begin filter (w, k, i) of (W, K, M, C) float32, which knows nothing."""
     for c in range(COLUMNS):
         filters[w, k, i, c] = 0.0
+
+
+@func
+def count_of(f: ti.template()):
+    """Number of hypotheses."""
+    return ti.cast(f.head[FilterColumn.count], ti.i32)
+
+
+@func
+def groups_of(f: ti.template()):
+    """Number of groups of hypotheses."""
+    return (count_of(f) + f.work.width - 1) // f.work.width
 
 
 @func
@@ -107,226 +129,297 @@ def arc_moments(first, last) -> vec4:
 
 
 @func
-def turned(one: Hypothesis, arc: vec4, motion: Motion) -> Hypothesis:
-    """A hypothesis after a step in which the velocity turns by an angle with the moments `arc`, then moves it."""
-    T = motion.step
-    R = mat2([[arc[0], -arc[1]], [arc[1], arc[0]]])
-    velocity = R @ one.velocity
-    # The mean of R S Rᵀ, S the second moment of v: its trace stays, the rest turns by 2θ.
-    u, v = one.velocity[0], one.velocity[1]
-    xx, xy, yy = one.C[0, 0] + u * u, one.C[0, 1] + u * v, one.C[1, 1] + v * v
-    half, difference = 0.5 * (xx + yy), 0.5 * (xx - yy)
-    stretch = arc[2] * difference - arc[3] * xy
-    shear = arc[3] * difference + arc[2] * xy - velocity[0] * velocity[1]
-    noise = motion.walk * motion.walk
-    C = mat2(
-        [
-            [ti.max(half + stretch - velocity[0] * velocity[0], 0.0) + noise, shear],
-            [shear, ti.max(half - stretch - velocity[1] * velocity[1], 0.0) + noise],
-        ]
-    )
-    B = one.B @ R.transpose()
-    return Hypothesis(
-        weight=one.weight,
-        age=one.age,
-        position=one.position + T * velocity,
-        velocity=velocity,
-        A=one.A + T * (B + B.transpose()) + T * T * C,
-        B=B + T * C,
-        C=C,
-    )
-
-
-@func
-def limited(one: Hypothesis, motion: Motion) -> Hypothesis:
-    """A hypothesis whose speed is at least as well known as by its limits."""
-    result = one
-    squared = one.velocity.dot(one.velocity)
-    trace = one.C[0, 0] + one.C[1, 1]
-    if squared > trace:
-        speed = ti.sqrt(squared)
-        u = one.velocity / speed
-        cross = one.B @ u
-        own = one.C @ u
-        along = u.dot(own)
-        width = motion.fastest - motion.slowest
-        least = ti.max(width * width / 12.0, LEAST_SPEED_VARIANCE)
-        if along > least:
-            # A reading of the variance r = least·along/(along − least): gain 1/(along + r) is this.
-            gain = (along - least) / (along * along)
-            innovation = 0.5 * (motion.slowest + motion.fastest) - speed - 0.5 * (trace - along) / speed
-            result.position = one.position + gain * innovation * cross
-            result.velocity = one.velocity + gain * innovation * own
-            result.A = one.A - gain * cross.outer_product(cross)
-            result.B = one.B - gain * cross.outer_product(own)
-            result.C = one.C - gain * own.outer_product(own)
-    return result
+def limit(f: ti.template(), g, motion: Motion):
+    """Let the speeds of a group of hypotheses be at least as well known as by their limits."""
+    work = ti.static(f.work)
+    u, v = work[WorkColumn.vx, g], work[WorkColumn.vy, g]
+    squared, trace = u * u + v * v, work[WorkColumn.uu, g] + work[WorkColumn.vv, g]
+    speed = ti.sqrt(squared) + 1e-12
+    c, s = u / speed, v / speed
+    of = [c * work[a, g] + s * work[b, g] for a, b in ti.static(OF_VELOCITY)]
+    along = c * of[2] + s * of[3]
+    width = motion.fastest - motion.slowest
+    least = ti.max(width * width / 12.0, LEAST_SPEED_VARIANCE)
+    # A reading of the variance r = least·along/(along − least): gain 1/(along + r) is this.
+    gain = ti.select(along > least, (along - least) / (along * along), 0.0)
+    gain = ti.select(squared > trace, gain, 0.0)
+    adjust(f, g, of, gain, 0.5 * (motion.slowest + motion.fastest) - speed - 0.5 * (trace - along) / speed)
 
 
 @func
 def turn_probability(age, motion: Motion):
     """Probability of a turn in a step that ends `age` steps after the last turn."""
-    probability = 0.0
-    if age > motion.least_interval - 0.5:
-        probability = ti.min(LIKELIEST_TURN, 1.0 / ti.max(motion.greatest_interval + 1.0 - age, 1.0))
-    return probability
+    probability = ti.min(LIKELIEST_TURN, 1.0 / ti.max(motion.greatest_interval + 1.0 - age, 1.0))
+    return ti.select(age > motion.least_interval - 0.5, probability, 0.0)
 
 
 @func
-def predict(filters: ti.template(), w, k, i, motion: Motion):
-    """Propagate a filter by a step."""
-    filters[w, k, i, FilterColumn.elapsed] = filters[w, k, i, FilterColumn.elapsed] + 1.0
-    if filters[w, k, i, FilterColumn.fresh] > 0.0:
-        filters[w, k, i, FilterColumn.fresh] = 0.0
-        slowest, fastest = motion.slowest, motion.fastest
-        variance = (slowest * slowest + slowest * fastest + fastest * fastest) / 6.0
-        age = ti.min(filters[w, k, i, FilterColumn.elapsed] - 1.0, motion.least_interval)
-        for h in range(KEPT):
-            filters[w, k, i, place_of(h, HypothesisColumn.age)] = age
-            filters[w, k, i, place_of(h, HypothesisColumn.uu)] = variance
-            filters[w, k, i, place_of(h, HypothesisColumn.vv)] = variance
+def go(f: ti.template(), place: ti.template(), velocity: ti.template(), B: ti.template(), C: ti.template(), to, T):
+    """Write a group of hypotheses that go on with new velocities for a time T.
+
+    Args:
+        place: columns x, y, xx, xy and yy before. velocity: u and v.
+        B: columns xu, xv, yu and yv, of the velocity that is new. C: uu, uv and vv.
+    """
+    xu, xv, yu, yv = B[0] + T * C[0], B[1] + T * C[1], B[2] + T * C[1], B[3] + T * C[2]
+    f.work[WorkColumn.x, to] = place[0] + T * velocity[0]
+    f.work[WorkColumn.y, to] = place[1] + T * velocity[1]
+    f.work[WorkColumn.vx, to] = velocity[0]
+    f.work[WorkColumn.vy, to] = velocity[1]
+    f.work[WorkColumn.xx, to] = place[2] + T * (B[0] + xu)
+    f.work[WorkColumn.xy, to] = place[3] + T * (B[2] + xv)
+    f.work[WorkColumn.yy, to] = place[4] + T * (B[3] + yv)
+    f.work[WorkColumn.xu, to] = xu
+    f.work[WorkColumn.xv, to] = xv
+    f.work[WorkColumn.yu, to] = yu
+    f.work[WorkColumn.yv, to] = yv
+    f.work[WorkColumn.uu, to] = C[0]
+    f.work[WorkColumn.uv, to] = C[1]
+    f.work[WorkColumn.vv, to] = C[2]
+    f.work[WorkColumn.square, to] = wide(0.0, f.work.width)
+    f.work[WorkColumn.volume, to] = wide(1.0, f.work.width)
+
+
+@func
+def turn(f: ti.template(), one: ti.template(), arc: ti.template(), to, motion: Motion):
+    """Write a group of hypotheses whose velocities turn by angles with the moments `arc`; `one`: columns before."""
+    c, s, c2, s2 = arc[0], arc[1], arc[2], arc[3]
+    u, v = one[WorkColumn.vx], one[WorkColumn.vy]
+    velocity = [c * u - s * v, s * u + c * v]
+    # The mean of R S Rᵀ, S the second moment of v: its trace stays, the rest turns by 2θ.
+    xx, xy, yy = one[WorkColumn.uu] + u * u, one[WorkColumn.uv] + u * v, one[WorkColumn.vv] + v * v
+    half, difference = 0.5 * (xx + yy), 0.5 * (xx - yy)
+    stretch, noise = c2 * difference - s2 * xy, motion.walk * motion.walk
+    C = [
+        ti.max(half + stretch - velocity[0] * velocity[0], 0.0) + noise,
+        s2 * difference + c2 * xy - velocity[0] * velocity[1],
+        ti.max(half - stretch - velocity[1] * velocity[1], 0.0) + noise,
+    ]
+    xu, xv, yu, yv = one[WorkColumn.xu], one[WorkColumn.xv], one[WorkColumn.yu], one[WorkColumn.yv]
+    B = [c * xu - s * xv, s * xu + c * xv, c * yu - s * yv, s * yu + c * yv]
+    place = [one[n] for n in ti.static(PLACE)]
+    f.work[WorkColumn.age, to] = wide(0.0, f.work.width)
+    go(f, place, velocity, B, C, to, motion.step)
+
+
+@func
+def turns(f: ti.template(), turning, first, motion: Motion):
+    """Begin `TURNS` hypotheses of each of those that turn, from group `first` on, so many of them in a group as fit."""
     middle = 0.5 * (motion.least_turn + motion.greatest_turn)
-    less = arc_moments(motion.least_turn, middle)
-    more = arc_moments(middle, motion.greatest_turn)
-    both = 0.5 * (less + more)
-    count = count_of(filters, w, k, i)
-    used = count
-    for h in range(count):
-        one = limited(load(filters, w, k, i, h), motion)
-        probability = turn_probability(one.age + 1.0, motion)
-        stay = vec4(1.0, 0.0, 1.0, 0.0)
-        weight, age = one.weight, one.age + 1.0
-        if probability > 0.0:
-            if used + TURNS <= CAPACITY:
-                one.age = 0.0
-                one.weight = weight + ti.log(probability / TURNS)
-                for side in ti.static((1.0, -1.0)):
-                    sides = vec4(1.0, side, 1.0, side)
-                    store(filters, w, k, i, used, turned(one, sides * less, motion))
-                    store(filters, w, k, i, used + 1, turned(one, sides * more, motion))
-                    used += 2
-                weight += ti.log(1.0 - probability)
-            else:
-                stay = (1.0 - probability) * stay + probability * vec4(both[0], 0.0, both[2], 0.0)
-                age *= 1.0 - probability
-        one.weight = weight
-        one.age = age
-        store(filters, w, k, i, h, turned(one, stay, motion))
-    filters[w, k, i, FilterColumn.count] = used
+    less, more = arc_moments(motion.least_turn, middle), arc_moments(middle, motion.greatest_turn)
+    left = vec4(1.0, -1.0, 1.0, -1.0)
+    each = [less, more, left * less, left * more]
+    one = ti.static(f.work.one)
+    if ti.static(f.work.width == 1):
+        for n in range(turning):
+            h = ti.cast(one[WorkColumn.turning, n], ti.i32)
+            columns = [one[c, h] for c in ti.static(range(WIDTH))]
+            for t in ti.static(range(TURNS)):
+                turn(f, columns, each[t], first + TURNS * n + t, motion)
+                one[WorkColumn.share, first + TURNS * n + t] = one[WorkColumn.turn, h] * columns[0] / TURNS
+    else:
+        arc = [ti.Vector([each[n % TURNS][m] for n in ti.static(range(LANES))]) for m in ti.static(range(4))]
+        for g in range((turning + TOGETHER - 1) // TOGETHER):
+            places = [ti.min(TOGETHER * g + n, turning - 1) for n in ti.static(range(TOGETHER))]
+            h = [ti.cast(one[WorkColumn.turning, places[n]], ti.i32) for n in ti.static(range(TOGETHER))]
+            share = [
+                ti.select(TOGETHER * g + n < turning, one[WorkColumn.turn, h[n]] * one[0, h[n]] / TURNS, 0.0)
+                for n in ti.static(range(TOGETHER))
+            ]
+            columns = [
+                ti.Vector([one[c, h[n // TURNS]] for n in ti.static(range(LANES))]) for c in ti.static(range(WIDTH))
+            ]
+            turn(f, columns, arc, first + g, motion)
+            f.work[WorkColumn.share, first + g] = ti.Vector([share[n // TURNS] for n in ti.static(range(LANES))])
 
 
 @func
-def carry(filters: ti.template(), w, k, i, way: vec2):
+def begin_velocities(f: ti.template(), motion: Motion):
+    """Give the hypotheses of the first measurement their velocities."""
+    f.head[FilterColumn.fresh] = 0.0
+    slowest, fastest = motion.slowest, motion.fastest
+    variance = (slowest * slowest + slowest * fastest + fastest * fastest) / 6.0
+    age = ti.min(f.head[FilterColumn.elapsed] - 1.0, motion.least_interval)
+    for g in range(groups_of(f)):
+        f.kept[WorkColumn.age, g] = wide(age, f.kept.width)
+        f.kept[WorkColumn.uu, g] = wide(variance, f.kept.width)
+        f.kept[WorkColumn.vv, g] = wide(variance, f.kept.width)
+
+
+@func
+def predict(f: ti.template(), motion: Motion):
+    """Propagate a filter by a step."""
+    head, work = ti.static(f.head, f.work)
+    head[FilterColumn.elapsed] = head[FilterColumn.elapsed] + 1.0
+    if head[FilterColumn.fresh] > 0.0:
+        begin_velocities(f, motion)
+    groups = groups_of(f)
+    for g in range(groups):
+        for c in ti.static(range(WIDTH)):
+            work[c, g] = f.kept[c, g]
+        limit(f, g, motion)
+        age = work[WorkColumn.age, g] + 1.0
+        work[WorkColumn.age, g] = age
+        work[WorkColumn.turn, g] = ti.select(work[WorkColumn.share, g] > 0.0, turn_probability(age, motion), 0.0)
+    turning = 0
+    for h in range(count_of(f)):
+        work.one[WorkColumn.turning, turning] = ti.cast(h, ti.f32)
+        turning += ti.cast(work.one[WorkColumn.turn, h] > 0.0, ti.i32)
+    for n in range(MOST_TURNING, turning):  # the lightest, for which there is no room
+        work.one[WorkColumn.turn, ti.cast(work.one[WorkColumn.turning, n], ti.i32)] = 0.0
+    turning = ti.min(turning, MOST_TURNING)
+    turns(f, turning, groups, motion)
+    noise = motion.walk * motion.walk
+    for g in range(groups):
+        one = [work[c, g] for c in ti.static(range(WIDTH))]
+        place, B = [one[n] for n in ti.static(PLACE)], [one[n] for n in ti.static(SLOPES)]
+        C = [one[WorkColumn.uu] + noise, one[WorkColumn.uv], one[WorkColumn.vv] + noise]
+        work[WorkColumn.share, g] = one[0] * (1.0 - work[WorkColumn.turn, g])
+        go(f, place, [one[WorkColumn.vx], one[WorkColumn.vy]], B, C, g, motion.step)
+    groups += (turning * TURNS + work.width - 1) // work.width
+    head[FilterColumn.count] = ti.cast(groups * work.width, ti.f32)
+
+
+@func
+def carry(f: ti.template(), way: vec2):
     """Move a filter's hypotheses by what the water carries the target, m."""
-    for h in range(count_of(filters, w, k, i)):
+    for g in range(groups_of(f)):
         for axis in ti.static(range(2)):
-            n = place_of(h, ti.static(HypothesisColumn.x + axis))
-            filters[w, k, i, n] = filters[w, k, i, n] + way[axis]
+            f.work[WorkColumn.x + axis, g] = f.work[WorkColumn.x + axis, g] + way[axis]
 
 
 @func
-def begin_ring(filters: ti.template(), w, k, i, place: vec2, covariance: vec3, distance, variance):
-    """Begin hypotheses round the ring of the first range; their velocities follow in the next prediction."""
-    filters[w, k, i, FilterColumn.known] = 1.0
-    filters[w, k, i, FilterColumn.fresh] = 1.0
-    filters[w, k, i, FilterColumn.count] = KEPT
+def begin_hypotheses(f: ti.template()):
+    """Count the hypotheses of a first measurement, which are `KEPT`; their velocities follow in the next prediction."""
+    f.head[FilterColumn.known] = 1.0
+    f.head[FilterColumn.fresh] = 1.0
+    f.head[FilterColumn.count] = KEPT
+
+
+@func
+def begin_ring(f: ti.template(), place: vec2, covariance: vec3, distance, variance):
+    """Begin hypotheses round the ring of the first range."""
+    begin_hypotheses(f)
     radius = ti.max(distance, 0.0)
     half = math.pi / KEPT * radius
     across = ti.max(half * half, variance)
     for h in range(KEPT):
         c, s = circle(2.0 * math.pi / KEPT * ti.cast(h, ti.f32))
-        one = seen_at(FIRST_WEIGHT, place, covariance, vec2(c, s), radius, variance, across)
-        store(filters, w, k, i, h, one)
+        see(f, h, 1.0 / KEPT, place, covariance, vec2(c, s), vec3(radius, variance, across))
 
 
 @func
-def updated(one: Hypothesis, place: vec2, covariance: vec3, distance, variance) -> Hypothesis:
-    """A hypothesis after a range."""
-    line = one.position - place
-    squared = line.dot(line)
-    away = ti.sqrt(squared) + 1e-6
-    u = line / away
-    toward = one.A @ u
-    along = u.dot(toward)
-    across = ti.max(one.A[0, 0] + one.A[1, 1] - along, 0.0)
-    expected = ti.sqrt(squared + across)
-    share = away / expected
-    bend = across / expected
-    own = u[0] * u[0] * covariance[0] + 2.0 * u[0] * u[1] * covariance[1] + u[1] * u[1] * covariance[2]
+def update(f: ti.template(), g, place: vec2, covariance: vec3, distance, variance):
+    """Update a group of hypotheses by a range."""
+    work = ti.static(f.work)
+    dx, dy = work[WorkColumn.x, g] - place[0], work[WorkColumn.y, g] - place[1]
+    away = ti.sqrt(dx * dx + dy * dy) + 1e-6
+    c, s = dx / away, dy / away
+    xx, xy, yy = work[WorkColumn.xx, g], work[WorkColumn.xy, g], work[WorkColumn.yy, g]
+    along_x, along_y = xx * c + xy * s, xy * c + yy * s
+    along = c * along_x + s * along_y
+    across = ti.max(xx + yy - along, 0.0)
+    expected = ti.sqrt(away * away + across)
+    share, bend = away / expected, across / expected
+    own = c * c * covariance[0] + 2.0 * c * s * covariance[1] + s * s * covariance[2]
     S = share * share * along + variance + own + 0.5 * bend * bend
-    cross = share * toward
-    turning = share * (one.B.transpose() @ u)
-    return corrected(one, cross, turning, distance - expected, S, variance)
+    c, s = share * c, share * s
+    of = [
+        share * along_x,
+        share * along_y,
+        c * work[WorkColumn.xu, g] + s * work[WorkColumn.yu, g],
+        c * work[WorkColumn.xv, g] + s * work[WorkColumn.yv, g],
+    ]
+    correct(f, g, of, distance - expected, S, variance)
 
 
 @func
-def observe_range(filters: ti.template(), w, k, i, place: vec2, covariance: vec3, distance, variance):
+def observe_range(f: ti.template(), place: vec2, covariance: vec3, distance, variance):
     """Update a filter by a range.
 
     Args:
-        filters: (W, K, M, COLUMNS) float32; `w`, `k` and `i` select the filter.
+        f: a `Filter`, after `predict`.
         place: of the observer, m.
         covariance: of that, (xx, xy, yy), m²; 0 where it is exact.
         distance: measured, horizontally, m.
         variance: of its error, m², above 0.
     """
-    if filters[w, k, i, FilterColumn.count] == 0.0:
-        begin_ring(filters, w, k, i, place, covariance, distance, variance)
+    if f.head[FilterColumn.count] == 0.0:
+        begin_ring(f, place, covariance, distance, variance)
     else:
-        filters[w, k, i, FilterColumn.surprise] = filters[w, k, i, FilterColumn.surprise] - USUAL
-        for h in range(count_of(filters, w, k, i)):
-            one = load(filters, w, k, i, h)
-            store(filters, w, k, i, h, updated(one, place, covariance, distance, variance))
+        f.head[FilterColumn.surprise] = f.head[FilterColumn.surprise] - USUAL
+        for g in range(groups_of(f)):
+            update(f, g, place, covariance, distance, variance)
 
 
 @func
-def estimate(filters: ti.template(), w, k, i):
-    """Normalise the weights, forget the lightest hypotheses, and write the moments of all."""
-    count = count_of(filters, w, k, i)
-    heaviest = -1e30
-    for h in range(count):
-        heaviest = ti.max(heaviest, filters[w, k, i, place_of(h, HypothesisColumn.weight)])
-    total = 0.0
-    mean = vec4(0.0)
-    second = vec3(0.0)
-    x0 = filters[w, k, i, place_of(0, HypothesisColumn.x)]
-    y0 = filters[w, k, i, place_of(0, HypothesisColumn.y)]
-    left = 0
-    for h in range(count):
-        weight = filters[w, k, i, place_of(h, HypothesisColumn.weight)] - heaviest
-        if weight > FORGOTTEN:
-            one = load(filters, w, k, i, h)
-            one.weight = ti.exp(weight)
-            dx, dy = one.position[0] - x0, one.position[1] - y0
-            total += one.weight
-            mean += one.weight * vec4(dx, dy, one.velocity[0], one.velocity[1])
-            second += one.weight * vec3(one.A[0, 0] + dx * dx, one.A[0, 1] + dx * dy, one.A[1, 1] + dy * dy)
-            store(filters, w, k, i, left, one)
-            left += 1
-    surprise = filters[w, k, i, FilterColumn.surprise] - heaviest - ti.log(total)
-    filters[w, k, i, FilterColumn.surprise] = ti.max(surprise, 0.0)
-    mean /= total
-    second /= total
-    filters[w, k, i, FilterColumn.x] = x0 + mean[0]
-    filters[w, k, i, FilterColumn.y] = y0 + mean[1]
-    filters[w, k, i, FilterColumn.vx] = mean[2]
-    filters[w, k, i, FilterColumn.vy] = mean[3]
-    filters[w, k, i, FilterColumn.xx] = second[0] - mean[0] * mean[0]
-    filters[w, k, i, FilterColumn.xy] = second[1] - mean[0] * mean[1]
-    filters[w, k, i, FilterColumn.yy] = second[2] - mean[1] * mean[1]
-    for h in range(left):
-        n = place_of(h, HypothesisColumn.weight)
-        filters[w, k, i, n] = filters[w, k, i, n] / total
-    filters[w, k, i, FilterColumn.count] = left
+def weigh(f: ti.template()):
+    """Make shares of all weights of the hypotheses, after what was measured, and forget the lightest.
+
+    Returns:
+        logarithm of the likelihood of the measurements over that of ones without error and of the same variances.
+    """
+    width, work = ti.static(f.work.width, f.work)
+    groups = groups_of(f)
+    least = wide(1e30, width)
+    for g in range(groups):
+        least = ti.min(least, ti.select(work[WorkColumn.share, g] > 0.0, work[WorkColumn.square, g], 1e30))
+    best = 0.0 - most_of(0.0 - least, width)
+    heaviest = wide(0.0, width)
+    for g in range(groups):
+        weight = exponential(0.5 * (best - work[WorkColumn.square, g]), width) / ti.sqrt(work[WorkColumn.volume, g])
+        weight = work[WorkColumn.share, g] * weight
+        work[WorkColumn.share, g] = weight
+        heaviest = ti.max(heaviest, weight)
+    forgotten = FORGOTTEN * most_of(heaviest, width)
+    whole = wide(0.0, width)
+    for g in range(groups):
+        weight = work[WorkColumn.share, g]
+        weight = ti.select(weight > forgotten, weight, 0.0)
+        work[WorkColumn.share, g] = weight
+        whole += weight
+    weights = sum_of(whole, width)
+    for g in range(groups):
+        work[WorkColumn.share, g] = work[WorkColumn.share, g] / weights
+    return ti.log(weights) - 0.5 * best
 
 
 @func
-def finish(filters: ti.template(), w, k, i):
+def estimate(f: ti.template()):
+    """Write the moments of all hypotheses."""
+    width, work, head = ti.static(f.work.width, f.work, f.head)
+    x0, y0 = work.one[WorkColumn.x, 0], work.one[WorkColumn.y, 0]
+    sums = [wide(0.0, width) for _ in ti.static(range(7))]
+    for g in range(groups_of(f)):
+        share = work[WorkColumn.share, g]
+        dx, dy = work[WorkColumn.x, g] - x0, work[WorkColumn.y, g] - y0
+        sums[0] += share * dx
+        sums[1] += share * dy
+        sums[2] += share * work[WorkColumn.vx, g]
+        sums[3] += share * work[WorkColumn.vy, g]
+        sums[4] += share * (work[WorkColumn.xx, g] + dx * dx)
+        sums[5] += share * (work[WorkColumn.xy, g] + dx * dy)
+        sums[6] += share * (work[WorkColumn.yy, g] + dy * dy)
+    mean = [sum_of(sums[n], width) for n in ti.static(range(7))]
+    head[FilterColumn.x] = x0 + mean[0]
+    head[FilterColumn.y] = y0 + mean[1]
+    head[FilterColumn.vx] = mean[2]
+    head[FilterColumn.vy] = mean[3]
+    head[FilterColumn.xx] = mean[4] - mean[0] * mean[0]
+    head[FilterColumn.xy] = mean[5] - mean[0] * mean[1]
+    head[FilterColumn.yy] = mean[6] - mean[1] * mean[1]
+
+
+@func
+def finish(f: ti.template()):
     """End a step: write the estimate and reduce the hypotheses."""
-    if filters[w, k, i, FilterColumn.count] > 0.0:
-        estimate(filters, w, k, i)
-        if filters[w, k, i, FilterColumn.surprise] > LOST:
-            filters[w, k, i, FilterColumn.count] = 0.0
-            filters[w, k, i, FilterColumn.surprise] = 0.0
+    head = ti.static(f.head)
+    if head[FilterColumn.count] > 0.0:
+        surprise = ti.max(head[FilterColumn.surprise] - weigh(f), 0.0)
+        estimate(f)
+        if surprise > LOST:
+            surprise = 0.0
+            head[FilterColumn.count] = 0.0
         else:
-            mixture.reduce(filters, w, k, i)
+            mixture.reduce(f, groups_of(f))
+        head[FilterColumn.surprise] = surprise

@@ -43,7 +43,8 @@ def workspace_numbers(scenario: Scenario) -> int:
     """Numbers of a world's workspaces, at most."""
     drawn = draw_numbers(scenario.auv.count, scenario.boat.count, scenario.targets).size
     received = scenario.auv.count * (2 * PROFILE_POINTS + len(ReceptionColumn.names))
-    return mission_parameters.rule_workspace(scenario) + 4 * drawn + received
+    room = scenario.task_definition.room * LANES
+    return mission_parameters.rule_workspace(scenario) + 4 * drawn + received + room
 
 
 class MissionKernels:
@@ -121,6 +122,7 @@ class MissionKernels:
         ways = (1, 1)
         if program.in_lanes and program.strategy.weigh:
             ways = -(-worlds // WORLDS_PER_BLOCK), WAY * STEPS * program.abreast // random.LANES
+        task = scenario.task_definition
         draws = draw_numbers(auvs, scenario.boat.count, scenario.targets)
         drawn = (worlds, 4 * len(draws)) if program.in_lanes else (1, 1)
         arrays = self._memory.arrays
@@ -141,6 +143,8 @@ class MissionKernels:
             "due": self._due,
             "vortex_rows": self._rows(arrays["vortex"], program.in_lanes),
             "drift_rows": self._rows(arrays["drift"], program.in_lanes),
+            "pair_rows": self._rows(arrays["task_pair"], self._on_cpu and task.pair_columns is not None),
+            "room": self._zeros(worlds, task.room, LANES),
             "workspace": self._zeros(worlds, mission_parameters.rule_workspace(scenario) + losses),
             "ways": self._zeros(*ways, random.LANES),
         }

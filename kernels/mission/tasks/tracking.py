@@ -17,7 +17,7 @@ estimate; it changes only for one nearer by `HYSTERESIS`. With fewer AUVs than t
 estimate of a target outweighs `uncertainty_weight` metres of way, so that it goes from one target to another.
 """
 
-from typing import Annotated
+from typing import Annotated, Any
 
 import taichi as ti
 
@@ -43,13 +43,23 @@ from usvauv.kernels.mission.tasks.tracking_measurements import (
     believed_place,
     forget,
     measure,
+    senders,
     take_channel,
     use_measurements,
 )
 from usvauv.kernels.mission.tasks.tracking_numbers import PARAMETERS, WEIGHTS
-from usvauv.kernels.mission.worlds import normals, uniforms
+from usvauv.kernels.mission.worlds import WORLDS_PER_BLOCK, Worlds, normals, uniforms
 from usvauv.kernels.tracking import range_filter
-from usvauv.kernels.tracking.hypotheses import BOUNDS, CAPACITY, FilterColumn, HypothesisColumn
+from usvauv.kernels.tracking.hypotheses import (
+    BOUNDS,
+    HEAD_BOUNDS,
+    KEPT,
+    ROOM,
+    Filter,
+    FilterColumn,
+    HypothesisColumn,
+    filter_of,
+)
 from usvauv.kernels.trigonometry import TWO_PI, wrapped
 from usvauv.kernels.types import Level, vec2
 
@@ -80,19 +90,35 @@ class TargetColumn(StateColumns):
     distance: Amount  # to the nearest AUV, horizontal, m
 
 
-HYPOTHESES = tuple(f"{name}_{h}" for name in HypothesisColumn.names for h in range(CAPACITY))
+HYPOTHESES = tuple(f"{name}_{h}" for name in HypothesisColumn.names for h in range(KEPT))
+
+
+def _within(names: tuple[str, ...], bounds: tuple[tuple[float, float], ...]) -> dict[str, object]:
+    """Annotations of columns with these bounds."""
+    return {name: Annotated[int, Range(*both)] for name, both in zip(names, bounds, strict=True)}
 
 
 class PairColumn(StateColumns):
     """An AUV's filter of a target, and what it measured in this step, (W, K, M, ·).
 
-    After the filter's columns: whether it heard the target, the slant range, 0 for none, m, and the bearing, rad.
+    Between the filter's columns: whether it heard the target, the slant range, 0 for none, m, and the bearing, rad.
     """
 
     __annotations__ = {
-        name: Annotated[int, Range(*bounds)]
-        for name, bounds in zip((*FilterColumn.names, *HYPOTHESES), BOUNDS, strict=True)
-    } | {"heard": Binary, "measured": Amount, "bearing": Turn}
+        **_within(FilterColumn.names, HEAD_BOUNDS),
+        "heard": Binary,
+        "measured": Amount,
+        "bearing": Turn,
+        "unused": Binary,
+        **_within(HYPOTHESES, BOUNDS),
+    }
+
+
+def pair_filter(worlds: Worlds, w: Any, k: Any, i: Any) -> Filter:
+    """AUV k's filter of target i of world w; called while the kernel is compiled."""
+    place = w // WORLDS_PER_BLOCK if worlds.program.in_lanes else w
+    in_lanes = not worlds.program.in_threads
+    return filter_of(worlds.task_pair, worlds.pair_rows, worlds.room, (w, k, i), place, in_lanes)
 
 
 @func
@@ -266,14 +292,16 @@ def update(worlds: ti.template(), w):
     motion = assumed(worlds)
     for k in range(worlds.auv.shape[1]):
         water = p.step * vec2(worlds.auv.current_x[w, k], worlds.auv.current_y[w, k])
-        for i in range(num_targets):
-            range_filter.predict(worlds.task_pair, w, k, i, motion)
-            if given.drifts > 0.0:
-                range_filter.carry(worlds.task_pair, w, k, i, water)
+        received = ti.cast(0, ti.i64)
         if due:
-            use_measurements(worlds, w, k)
+            received = senders(worlds, w, k)
         for i in range(num_targets):
-            range_filter.finish(worlds.task_pair, w, k, i)
+            f = ti.static(pair_filter(worlds, w, k, i))
+            range_filter.predict(f, motion)
+            if given.drifts > 0.0:
+                range_filter.carry(f, water)
+            use_measurements(worlds, w, i, received, f)
+            range_filter.finish(f)
     for i in range(num_targets):
         share_estimate(worlds, w, i)
 
@@ -388,6 +416,7 @@ TRACKING = Task(
     heuristic="circle",
     node_columns=TargetColumn,
     pair_columns=PairColumn,
+    room=ROOM,
     way=way,
     known_place=known_place,
 )

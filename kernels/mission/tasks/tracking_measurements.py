@@ -113,21 +113,29 @@ def receives(worlds: ti.template(), w, k, j) -> bool:
 
 
 @func
-def use_measurements(worlds: ti.template(), w, k):
-    """Update the filters of AUV k by its own measurements and those it has received."""
-    given, pair = ti.static(worlds.task_parameters, worlds.task_pair)
+def senders(worlds: ti.template(), w, k):
+    """The AUVs, as bits, of which AUV k has what they have measured in this step."""
+    found = ti.cast(0, ti.i64)
     for j in range(worlds.auv.shape[1]):
         if receives(worlds, w, k, j):
+            found |= ti.cast(1, ti.i64) << j
+    return found
+
+
+@func
+def use_measurements(worlds: ti.template(), w, i, senders, f: ti.template()):
+    """Update filter `f` of target i by what some AUVs have measured, `senders`."""
+    given, pair = ti.static(worlds.task_parameters, worlds.task_pair)
+    for j in range(worlds.auv.shape[1]):
+        if senders >> j & 1 != 0 and pair.heard[w, j, i] > 0.0:
             here, covariance = believed_place(worlds, w, j), place_covariance(worlds, w, j)
-            for i in range(worlds.node.shape[1]):
-                if pair.heard[w, j, i] > 0.0:
-                    if given.ranges > 0.0:
-                        r, sigma = pair.measured[w, j, i], given.range_noise
-                        height = assumed_height(worlds, w, j, i)
-                        h, unknown = height[0], height[1]
-                        square = ti.max(r * r - h * h - unknown, 0.0)
-                        variance = (r * r * sigma * sigma + h * h * unknown) / (square + r * sigma)
-                        range_filter.observe_range(pair, w, k, i, here, covariance, ti.sqrt(square), variance)
-                    if given.bearing_noise > 0.0:
-                        bearing, variance = pair.bearing[w, j, i], given.bearing_noise * given.bearing_noise
-                        bearings.observe_bearing(pair, w, k, i, here, covariance, bearing, variance, given.range_most)
+            if given.ranges > 0.0:
+                r, sigma = pair.measured[w, j, i], given.range_noise
+                height = assumed_height(worlds, w, j, i)
+                h, unknown = height[0], height[1]
+                square = ti.max(r * r - h * h - unknown, 0.0)
+                variance = (r * r * sigma * sigma + h * h * unknown) / (square + r * sigma)
+                range_filter.observe_range(f, here, covariance, ti.sqrt(square), variance)
+            if given.bearing_noise > 0.0:
+                bearing, variance = pair.bearing[w, j, i], given.bearing_noise * given.bearing_noise
+                bearings.observe_bearing(f, here, covariance, bearing, variance, given.range_most)

@@ -9,12 +9,18 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+import taichi as ti
 import torch
 
-from usvauv.kernels.functions import kernel
+from usvauv.kernels import runtime
+from usvauv.kernels.flow.airy import lanes
+from usvauv.kernels.functions import LANES, kernel
+from usvauv.kernels.network import rooms
 from usvauv.kernels.tracking import bearings, range_filter
-from usvauv.kernels.tracking.hypotheses import COLUMNS, FilterColumn
+from usvauv.kernels.tracking.hypotheses import COLUMNS, ROOM, FilterColumn, filter_of
 from usvauv.kernels.types import array1, array2, array4, mask1, vec2, vec3
+
+rows1 = ti.types.ndarray(dtype=lanes, ndim=1)
 
 STEP = 30.0  # s
 WAY = 29.6  # of an AUV in a step, m
@@ -56,40 +62,59 @@ def begin_all(filters: array4):
 
 
 @kernel
-def predict_all(filters: array4, numbers: array1):
+def predict_all(in_lanes: ti.template(), filters: array4, rows: rows1, room: rooms, numbers: array1):
     for w in range(filters.shape[0]):
+        f = ti.static(filter_of(filters, rows, room, (w, 0, 0), w, in_lanes))
         model = range_filter.Motion(
             *(numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5], numbers[6], numbers[7])
         )
-        range_filter.predict(filters, w, 0, 0, model)
+        range_filter.predict(f, model)
 
 
 @kernel
 def observe_all(
-    filters: array4, place: array2, covariance: array2, distance: array1, variance: array1, received: mask1
+    in_lanes: ti.template(),
+    filters: array4,
+    rows: rows1,
+    room: rooms,
+    place: array2,
+    covariance: array2,
+    distance: array1,
+    variance: array1,
+    received: mask1,
 ):
     for w in range(filters.shape[0]):
         if received[w] != 0:
+            f = ti.static(filter_of(filters, rows, room, (w, 0, 0), w, in_lanes))
             uncertainty = vec3(covariance[w, 0], covariance[w, 1], covariance[w, 2])
             observer = vec2(place[w, 0], place[w, 1])
-            range_filter.observe_range(filters, w, 0, 0, observer, uncertainty, distance[w], variance[w])
+            range_filter.observe_range(f, observer, uncertainty, distance[w], variance[w])
 
 
 @kernel
 def observe_bearings_all(
-    filters: array4, place: array2, covariance: array2, bearing: array1, variance: array1, received: mask1
+    in_lanes: ti.template(),
+    filters: array4,
+    rows: rows1,
+    room: rooms,
+    place: array2,
+    covariance: array2,
+    bearing: array1,
+    variance: array1,
+    received: mask1,
 ):
     for w in range(filters.shape[0]):
         if received[w] != 0:
+            f = ti.static(filter_of(filters, rows, room, (w, 0, 0), w, in_lanes))
             uncertainty = vec3(covariance[w, 0], covariance[w, 1], covariance[w, 2])
             observer = vec2(place[w, 0], place[w, 1])
-            bearings.observe_bearing(filters, w, 0, 0, observer, uncertainty, bearing[w], variance[w], REACH)
+            bearings.observe_bearing(f, observer, uncertainty, bearing[w], variance[w], REACH)
 
 
 @kernel
-def finish_all(filters: array4):
+def finish_all(in_lanes: ti.template(), filters: array4, rows: rows1, room: rooms):
     for w in range(filters.shape[0]):
-        range_filter.finish(filters, w, 0, 0)
+        range_filter.finish(ti.static(filter_of(filters, rows, room, (w, 0, 0), w, in_lanes)))
 
 
 class Filters:
@@ -97,13 +122,16 @@ class Filters:
 
     def __init__(self, count: int, numbers: Sequence[float], device: torch.device, variance: float = NOISE**2) -> None:
         self.rows = torch.zeros(count, 1, 1, COLUMNS, device=device)
+        self.room = torch.zeros(count, ROOM, LANES, device=device)
+        self.in_lanes = runtime.start().on_cpu
         self.numbers = torch.tensor(numbers, dtype=torch.float32, device=device)
         self.variance = variance
         begin_all(self.rows)
 
     def call(self, kernel: Callable[..., None], calls: int, *arguments: torch.Tensor) -> None:
         """Call a kernel that makes some calls of the filter's function."""
-        kernel(self.rows, *arguments)
+        with runtime.settings(runtime.vectors_in_registers()):
+            kernel(self.in_lanes, self.rows, self.rows.view(-1, LANES), self.room, *arguments)
 
     def predict(self) -> None:
         self.call(predict_all, len(self.rows), self.numbers)

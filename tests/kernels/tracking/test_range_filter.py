@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.kernels.tracking.rules import LEVELS, NOISE, STEP, Filters, Particles, along, motion, simulate
+from usvauv.kernels.functions import LANES
 from usvauv.kernels.tracking.hypotheses import (
     CAPACITY,
     COLUMNS,
@@ -14,6 +15,7 @@ from usvauv.kernels.tracking.hypotheses import (
     WIDTH,
     FilterColumn,
     HypothesisColumn,
+    WorkColumn,
 )
 
 NEVER = 1e6  # steps
@@ -27,10 +29,10 @@ def straight(slowest: float, fastest: float, walk: float = 0.0) -> list[float]:
 
 
 def hypotheses(filters: Filters) -> np.ndarray:
-    """(F, CAPACITY, WIDTH) in double precision; those beyond `count` are NaN."""
+    """(F, KEPT, WIDTH) in double precision; those beyond `count` are NaN."""
     rows = filters.rows[:, 0, 0].double().cpu().numpy()
-    one = rows[:, FIRST:].reshape(-1, CAPACITY, WIDTH).copy()
-    one[np.arange(CAPACITY) >= rows[:, FilterColumn.count, None]] = np.nan
+    one = rows[:, FIRST:].reshape(-1, WIDTH, KEPT).transpose(0, 2, 1).copy()
+    one[np.arange(KEPT) >= rows[:, FilterColumn.count, None]] = np.nan
     return one
 
 
@@ -42,14 +44,19 @@ def full(covariance: np.ndarray) -> np.ndarray:
 
 
 def set_one(filters: Filters, mean: np.ndarray, P: np.ndarray, age: float = 0.0) -> None:
-    """Give filters one hypothesis each, of means (F, 4) and covariance (4, 4)."""
+    """Give filters one hypothesis each, of means (F, 4) and covariance (4, 4), before a step or within one."""
     rows = np.zeros((len(mean), COLUMNS))
-    one = rows[:, FIRST : FIRST + WIDTH]
+    one = rows[:, FIRST::KEPT]
+    one[:, HypothesisColumn.share] = 1
     one[:, HypothesisColumn.age] = age
     one[:, HypothesisColumn.span("x", "vy")] = mean
     one[:, COVARIANCE] = P[UPPER]
     rows[:, [FilterColumn.known, FilterColumn.count]] = 1
     filters.rows[:, 0, 0] = filters.tensor(rows)
+    work = np.zeros((len(mean), len(WorkColumn.names), CAPACITY))
+    work[:, :WIDTH, 0] = one
+    work[:, WorkColumn.volume] = 1
+    filters.room[:] = filters.tensor(work.reshape(filters.room.shape))
 
 
 def nees(filters: Filters, truth: np.ndarray) -> np.ndarray:
@@ -68,7 +75,7 @@ class TestClosedForms:
         filters.observe(place, r, np.array([True, True, False]), np.tile(own, (3, 1)))
         filters.finish()
         assert filters.known.tolist() == [True, True, False]
-        across = (np.pi * r / KEPT) ** 2
+        across = np.maximum(np.pi * r / KEPT, NOISE) ** 2
         for n in range(2):
             expected = np.diag([0.5, 0.5]) * (r[n] ** 2 + NOISE**2 + across[n]) + [[25, -7], [-7, 9]]
             assert filters.mean[n] == pytest.approx([*place[n], 0, 0], abs=1e-3)
@@ -215,10 +222,11 @@ class TestRules:
 
 
 class TestRobustness:
-    def run(self, device, numbers, velocity, *, steps, lost, runs=64, seed=4):
+    def run(self, device, numbers, velocity, *, steps, lost, runs=64, seed=4, in_lanes=None):
         """Filters after `steps`, an AUV on a circle of 60 m round where the target really is; yields each step."""
         random = np.random.default_rng(seed)
         filters = Filters(runs, numbers, device)
+        filters.in_lanes = filters.in_lanes if in_lanes is None else in_lanes
         target = np.zeros((runs, 2))
         for n in range(steps):
             target = target + STEP * velocity(n, random, runs)
@@ -271,6 +279,23 @@ class TestRobustness:
                 wrong = np.concatenate([target - [400.0, 0.0], np.tile([-0.6, 0.0], (len(target), 1))], 1)
                 set_one(filters, wrong, np.diag([25.0, 25.0, 1e-4, 1e-4]))
         assert np.median(np.linalg.norm(filters.mean[:, :2] - target, axis=1)) < 40
+
+    def test_hypotheses_by_themselves_are_those_side_by_side(self, device):
+        """As on a GPU: for 12 steps from the first range on, in which they turn and merge, but for rounding."""
+
+        def velocity(n, random, runs):
+            return np.tile([0.5, 0.3], (runs, 1))
+
+        results = []
+        for in_lanes in (False, True):
+            made = self.run(device, motion(LEVELS["hard"]), velocity, steps=12, lost=0.1, in_lanes=in_lanes)
+            results.append(
+                np.array([np.c_[f.mean[:, :2], f.rows[:, 0, 0, FilterColumn.count].cpu()] for _, f, _ in made])
+            )
+        difference = np.abs(results[0] - results[1])
+        assert np.median(difference[..., :2].max(-1), axis=1).max() < 0.01
+        assert results[1][..., 2].max() > LANES
+        assert np.median(difference[..., 2]) == 0
 
     def test_without_ranges_it_knows_nothing(self, device):
         filters = Filters(2, motion(LEVELS["hard"]), device)
