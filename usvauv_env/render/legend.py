@@ -16,7 +16,7 @@ from usvauv.env.render.shapes import LegendSymbol
 from usvauv.env.render.style import text_width, write
 
 LETTERS, LEAST_ROW = 17.0, 24.0  # size of letters at most, and least distance of lines, pixels of the design
-LATELY = 60  # frames for which an entry stays after what it names was last drawn
+LATELY = 150  # frames for which an entry stays after what it names was last drawn
 ON_MAP = replace(style.DARK, card=style.SEA[1])
 """Colours of symbols: those of the map, on a stripe of water."""
 

@@ -201,6 +201,7 @@ def error_axes(covariance: np.ndarray) -> np.ndarray:
     return SIGMAS * np.sqrt(np.maximum(variances, 0.0))[..., None] * np.swapaxes(directions, -1, -2)
 
 
+RHYTHM = 10  # frames of the video after which numbers are written anew
 PING_STEPS = 12  # in which the ring of a ping runs from the boat to the farthest AUV
 PINGS_APART = 3  # times as long from one ring to the next: fewer than there are pings
 HEARD_STEPS = 6.0  # in which the line to an AUV fades to 1/e after its reply
@@ -228,8 +229,9 @@ class Playback:
         service_share: (T, K) completed part of the service under way, 0 when travelling.
     """
 
-    def __init__(self, trace: Trace, pace: float = 1.0, speed_up: float = 1.0) -> None:
-        """`speed_up`: of the video, s of mission in a second."""
+    def __init__(self, trace: Trace, pace: float = 1.0, speed_up: float = 1.0, end: float | None = None) -> None:
+        """`speed_up`: of the video, s of mission in a second. `end`: moment of its last frame, by default the last."""
+        self._end = len(trace.time) - 1.0 if end is None else end
         self.trace, self.pace, self.sea, scenario = trace, pace, RecordedSea(trace, speed_up), trace.scenario
         window = max(1, round(MEDIAN_WINDOW / scenario.mission.step))
         self.stations = scenario.task == "station-keeping"
@@ -254,7 +256,14 @@ class Playback:
         self.boat_headings, self.goals, self.estimated, self.covariance, self.foreseen = (
             Series(values[:, 0]) for values in linear
         )
-        self.attitude = Series(trace.attitude[:, 0])
+        attitude, turning = trace.attitude[:, 0].astype(float), round(TURN_FRAMES * pace)
+        if turning > 1:
+            speed = np.hypot(*np.moveaxis(trace.auv_velocity[:, 0].astype(float), -1, 0))
+            attitude[..., 0] = calm_heading(attitude[..., 0], speed, turning)
+            self.goals = Series(running_mean(self.goals.values, turning))
+            headings = self.boat_headings.values.astype(float)
+            self.boat_headings = Series(calm_heading(headings, np.ones_like(headings), turning))
+        self.attitude = Series(attitude)
         self.hovering, self._target = trace.hovering[:, 0].astype(bool), trace.target[:, 0]
         self.fill = trace.backlog[:, 0] / scenario.nodes.buffer
         self.age = age(trace)[:, 0] / OLD * (not self.stations and not self.moving)
@@ -321,6 +330,10 @@ class Playback:
             ("full nodes", self._full[t], ".0f"),
         ]
 
+    def told(self, t: float) -> float:
+        """Moment whose numbers are written at a moment: every `RHYTHM` frames another, up to that of the last frame."""
+        return max(t - (t - self._end) % (RHYTHM * self.pace), 0.0)
+
     def track(self, t: float, most: int) -> np.ndarray:
         """Steps of a trail that ends at the one before a moment; at most `most` pieces, however short the step."""
         t = step_of(t)
@@ -378,6 +391,24 @@ def running_mean(series: np.ndarray, window: int) -> np.ndarray:
     reach = np.minimum(np.minimum(np.arange(len(series)), np.arange(len(series))[::-1]), window // 2)
     first, last = np.arange(len(series)) - reach, np.arange(len(series)) + reach + 1
     return (total[last] - total[first]) / (last - first).reshape(-1, *[1] * (series.ndim - 1))
+
+
+TURN_FRAMES = 12.0  # of the video, over which the headings of vehicles are averaged
+LEAST_WAY = 0.25  # of the usual speed, below which a mean way has no direction
+
+
+def calm_heading(heading: np.ndarray, speed: np.ndarray, window: int) -> np.ndarray:
+    """Headings (T, N), continuous, rad, of the mean way over `window` rows, of headings and speeds (T, N).
+
+    Where a vehicle gets nowhere, as on a small circle or at a stop, it keeps its heading.
+    """
+    ways = running_mean(speed * np.exp(1j * heading), window)
+    certain = np.abs(ways) > LEAST_WAY * np.quantile(speed, 0.9, axis=0)
+    certain[0] = True
+    last = np.where(certain, np.arange(len(ways))[:, None], 0)
+    kept = np.take_along_axis(ways, np.maximum.accumulate(last, axis=0), axis=0)
+    turned = running_mean(np.where(kept == 0, 1, kept) / np.maximum(np.abs(kept), 1e-12), window)
+    return np.unwrap(np.angle(turned), axis=0)
 
 
 def _service_share(hovering: np.ndarray, completed: np.ndarray) -> np.ndarray:
