@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import string
 from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
 
 from usvauv.env.record.trace import Trace
+from usvauv.env.record.tracking_metrics import letter
 from usvauv.env.render import shapes, style
 from usvauv.env.render.layout import Layout, nice, nice_above
 from usvauv.env.render.mission import RHYTHM, TRAIL, Playback, Vehicle, error_axes, step_of
@@ -23,6 +23,7 @@ TRAIL_PIECES = 6  # of one opacity each
 FOLLOWED = 3.0  # magnification of a map that goes along with a vehicle
 LEAST_DATA = 0.005  # Mbit, that begin words at an AUV
 CERTAIN = 40.0  # pixels of the design, radius from which on ellipses are fainter, the larger they are
+ARC = 55.0  # pixels of the design, half the length of a range's arc
 WORDLESS = 240.0  # shorter side in pixels of the design of a map with smaller vehicles and no words over nodes
 
 
@@ -86,6 +87,7 @@ class MissionMap:
         self._draw_trails(t)
         self._draw_links(t, auvs, nodes)
         self._draw_goals(t, boats)
+        self._draw_ranges(t)
         self._overlay.blend(picture)
         # Symbols end at the border of the map: they are drawn on that part of the picture alone, in its own pixels.
         picture = self._layout.map.of(picture)
@@ -147,6 +149,17 @@ class MissionMap:
             shapes.target(picture, place, 6 * self._size, style.TARGET, zoom)
             if within(picture, place):
                 shapes.badge(picture, letter(number), place + self._label, 11 * unit, style.TARGET)
+
+    def _draw_ranges(self, t: float) -> None:
+        """Arcs through targets around the AUVs that have measured their ranges: where they cross, a target is."""
+        targets = self.view.pixel(self._play.nodes.at(t))
+        for auv, target, place, across, fresh in self._play.ranges(t):
+            centre, radius = self.view.pixel(place), across * self.view.per_metre
+            half = min(ARC * self._layout.unit / max(radius, 1.0), math.pi)
+            x, y = targets[target] - centre
+            turns = math.atan2(y, x) + np.linspace(-half, half, 25)
+            line = centre + radius * np.stack([np.cos(turns), np.sin(turns)], 1)
+            self._overlay.strokes([line], style.auv_colour(auv), 0.8 * fresh, self._layout.px(1.3))
 
     def _draw_pings(self, t: float, auvs: np.ndarray, boats: np.ndarray) -> None:
         """A ring from each boat that has interrogated, and lines from the boats to the AUVs that have replied."""
@@ -218,11 +231,6 @@ class MissionMap:
             shapes.fix(picture, fix, 4 * layout.unit, style.WHITE, 1.5 * layout.unit, layout.zoom)
         if within(picture, position):
             shapes.badge(picture, str(auv + 1), position + self._label, 11 * layout.unit, colour, 0.75)
-
-
-def letter(target: int) -> str:
-    """Name of a moving target: A to Z, then A1 and so on."""
-    return string.ascii_uppercase[target % 26] + (str(target // 26) if target >= 26 else "")
 
 
 class MapLayers(Protocol):

@@ -21,7 +21,7 @@ from usvauv.env.accuracy.fix_errors import reception
 from usvauv.env.record.headings import latest
 from usvauv.env.record.metrics import age, energy_consumption, position_error, target_distance
 from usvauv.env.record.trace import Trace
-from usvauv.env.record.tracking_metrics import number, track_error
+from usvauv.env.record.tracking_metrics import middle_depth, track_error
 from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.sea.storm import elevation
 from usvauv.env.site.site import Site
@@ -205,6 +205,7 @@ RHYTHM = 10  # frames of the video after which numbers are written anew
 PING_STEPS = 12  # in which the ring of a ping runs from the boat to the farthest AUV
 PINGS_APART = 3  # times as long from one ring to the next: fewer than there are pings
 HEARD_STEPS = 6.0  # in which the line to an AUV fades to 1/e after its reply
+RANGE_STEPS = 10.0  # in which a range fades to 1/e
 NEXT = 3  # nodes of an AUV that are shown beyond the one it heads for
 
 
@@ -244,7 +245,8 @@ class Playback:
             self.tracked = Series(trace.node_estimate[:, 0].astype(float))
             self.track_covariance = Series(trace.node_covariance[:, 0].astype(float))
             self.track_error = track_error(trace)[:, 0].mean(axis=1)
-            self.target_depth = 0.5 * (number(trace, "depth_least") + number(trace, "depth_most"))
+            self.target_depth = middle_depth(trace)
+        self._ranged = latest(trace.node_range[:, 0] > 0) if trace.node_range.size else np.zeros((1, 0, 0), int)
         self.duration = max(float(trace.time[-1]), scenario.mission.step)
         self.time, self.depths = Series(trace.time), Series(trace.depth[:, 0])
         moving = trace.boat_position, trace.auv_position
@@ -360,6 +362,19 @@ class Playback:
         """The boat with an AUV's last reply, and how recent it is at a moment: 1 in that step, 0 without one."""
         last = int(self._heard[step_of(t), auv])
         return int(self._by[last, auv]), math.exp((last - t) / HEARD_STEPS) if last >= 0 else 0.0
+
+    def ranges(self, t: float) -> list[tuple[int, int, np.ndarray, float, float]]:
+        """Ranges that are fresh at a moment: the AUV, the target, the place (2,) where the AUV took itself to be, the
+        horizontal range, m, and how recent it is, 1 in its step."""
+        found, trace = [], self.trace
+        for auv, target in np.ndindex(self._ranged.shape[1:]):
+            step = int(self._ranged[step_of(t), auv, target])
+            fresh = math.exp((step - t) / RANGE_STEPS) if step >= 0 else 0.0
+            if fresh > 0.1:
+                height = self.target_depth - float(trace.depth[step, 0, auv])
+                across = math.sqrt(max(float(trace.node_range[step, 0, auv, target]) ** 2 - height**2, 0.0))
+                found.append((auv, target, trace.own_position[step, 0, auv].astype(float), across, fresh))
+        return found
 
     def stops(self, t: int, auv: int) -> list[int]:
         """The node an AUV serves or heads for in a step, and those it went to after it, at most `NEXT`."""

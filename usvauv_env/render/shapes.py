@@ -418,6 +418,11 @@ class LegendSymbol(NamedTuple):
     def moving(self) -> None:
         target(self.picture, self.at, 6 * self.layout.unit, style.TARGET, self.layout.zoom)
 
+    def range(self) -> None:
+        turns = np.linspace(-0.7, 0.7, 13)
+        arc = np.stack([14 * np.cos(turns) - 10, 14 * np.sin(turns)], 1)
+        self._line([(x, y) for x, y in arc.tolist()], self.layout.theme.auv(0))
+
     def tracked(self) -> None:
         unit = self.layout.unit
         outline = ellipse_points(self.at, np.array([(11.0, -3.0), (1.5, 5.0)]) * unit)
