@@ -176,7 +176,7 @@ class MissionFrames(Frames):
         for name in boxes.keys() & {"reward", "fixes", "errors", "section", "depth"}:
             draw_card(still, boxes[name], layout)
         if "map" in boxes:
-            self.map = MissionMap(play, layout, follow=follow)
+            self.map = MissionMap(play, layout, follow=follow, near=True)
             draw_map_axes(still, self.map, layout, view_note(trace))
             self._parts.append(self.map)
         scale = self.map.view.per_metre if "map" in boxes else 0.0

@@ -12,7 +12,7 @@ from usvauv.env.record.trace import Trace
 from usvauv.env.record.tracking_metrics import letter
 from usvauv.env.render import shapes, style
 from usvauv.env.render.layout import Layout, nice, nice_above
-from usvauv.env.render.mission import RHYTHM, TRAIL, Playback, Vehicle, error_axes, step_of
+from usvauv.env.render.mission import RHYTHM, TRAIL, Playback, Series, Vehicle, error_axes, step_of
 from usvauv.env.render.sea_surface import CurrentStreaks, MapView, SeaSurface, colour_scale
 from usvauv.env.render.shapes import Overlay
 from usvauv.env.render.style import text_width, write
@@ -20,6 +20,7 @@ from usvauv.kernels.flow.vortex import Eddies
 from usvauv.kernels.types import Level
 
 TRAIL_PIECES = 6  # of one opacity each
+AROUND = 1.25  # sides of a map of where targets get over how far that is
 FOLLOWED = 3.0  # magnification of a map that goes along with a vehicle
 LEAST_DATA = 0.005  # Mbit, that begin words at an AUV
 CERTAIN = 40.0  # pixels of the design, radius from which on ellipses are fainter, the larger they are
@@ -35,12 +36,22 @@ class MissionMap:
     """
 
     def __init__(
-        self, play: Playback, layout: Layout, limit: float | None = None, follow: Vehicle | None = None
+        self,
+        play: Playback,
+        layout: Layout,
+        limit: float | None = None,
+        follow: Vehicle | None = None,
+        near: bool = False,
     ) -> None:
-        """`limit`: end of the sea's colour scale, m; None for one that fits the trace."""
+        """`limit`: end of the sea's colour scale, m; None for one that fits the trace. `near`: where targets move, show
+        the part of the area where they and the vehicles get, not the whole.
+        """
         self._play, self._trace, self._layout = play, play.trace, layout
         trace, scenario = play.trace, play.trace.scenario
-        self.view = MapView(scenario.area, layout.map, FOLLOWED if follow else 1.0)
+        self._looked_at, zoom = (follow.way(trace), FOLLOWED) if follow else (None, 1.0)
+        if near and play.moving and not follow:
+            self._looked_at, zoom = where_it_happens(play)
+        self.view = MapView(scenario.area, layout.map, zoom)
         self.surface = SeaSurface(trace.surface, self.view, limit=limit)
         self.streaks = CurrentStreaks(
             trace.vortex[0, 0], trace.stream_at(0.0), scenario.area.width, scenario.area.length, self.view, layout.unit,
@@ -49,7 +60,6 @@ class MissionMap:
         # Streaks drift at the true speed, up to a thirtieth of their length a frame, which the eye can follow.
         self._streak_step = min(scenario.mission.step * play.pace, self.streaks.tail / 30)
         self._overlay, self._corner = Overlay(*layout.map), np.array(layout.map[:2])
-        self._followed = follow.way(trace) if follow else None
         self._label = np.array([14, -12]) * layout.unit
         self._popups = Popups(play, layout.unit)
         shorter = min(layout.map.width, layout.map.height) / layout.unit
@@ -62,11 +72,11 @@ class MissionMap:
 
     def draw(self, picture: np.ndarray, t: float) -> None:
         """Draw a moment over the map's rectangle, and with a followed vehicle the axes around it."""
-        if not self._followed:
+        if not self._looked_at:
             self._draw(picture, t)
             return
         around, box = picture.copy(), self._layout.map
-        self.view.look(self._followed.at(t))
+        self.view.look(self._looked_at.at(t))
         self._draw(picture, t)
         box.of(around)[:] = box.of(picture)
         np.copyto(picture, around)
@@ -74,7 +84,7 @@ class MissionMap:
 
     def _draw(self, picture: np.ndarray, t: float) -> None:
         step, view, play = step_of(t), self.view, self._play
-        self.surface.paint(picture, play.sea.on(t, *view.grid()) if self._followed else play.sea.at(t))
+        self.surface.paint(picture, play.sea.on(t, *view.grid()) if self._looked_at else play.sea.at(t))
         self._overlay.clear()
         self.streaks.update(self._trace.vortex[step, 0], self._trace.stream_at(float(self._trace.time[step])))
         self.streaks.draw(self._overlay, t / self._play.pace * self._streak_step, self._layout.px(1.2))
@@ -231,6 +241,15 @@ class MissionMap:
             shapes.fix(picture, fix, 4 * layout.unit, style.WHITE, 1.5 * layout.unit, layout.zoom)
         if within(picture, position):
             shapes.badge(picture, str(auv + 1), position + self._label, 11 * layout.unit, colour, 0.75)
+
+
+def where_it_happens(play: Playback) -> tuple[Series, float]:
+    """Middle (2,), m, of where vehicles and targets get, and the magnification of a map of it, at most `FOLLOWED`."""
+    ways = np.concatenate([series.values.reshape(-1, 2) for series in (play.auvs, play.boats, play.nodes)])
+    low, high = ways.min(axis=0), ways.max(axis=0)
+    area = play.trace.scenario.area
+    zoom = min(area.width, area.length) / max(AROUND * float((high - low).max()), 1.0)
+    return Series(np.broadcast_to(0.5 * (low + high), (len(play.trace.time), 2))), float(np.clip(zoom, 1.01, FOLLOWED))
 
 
 class MapLayers(Protocol):

@@ -13,6 +13,7 @@ from tests.usvauv_env.record.made_traces import keeping_station, paint, syntheti
 from tests.usvauv_env.render.reference_frames import LIMITS, cases, differences, drawn
 from usvauv.env import Scenario
 from usvauv.env.record.metrics import episode_metrics
+from usvauv.env.record.tracking_metrics import middle_depth
 from usvauv.env.render import legend, shapes, style
 from usvauv.env.render.frames import frames_of
 from usvauv.env.render.layout import Arrangement
@@ -104,6 +105,33 @@ class TestMap:
         errors = np.random.default_rng(0).multivariate_normal([0, 0], [[4.0, -1.9], [-1.9, 1.0]], 20000)
         inside = (np.linalg.solve(error_axes(np.array([4.0, -1.9, 1.0])).T, errors.T) ** 2).sum(0) < 1
         assert inside.mean() == pytest.approx(1 - np.exp(-2), abs=0.01)
+
+    def test_of_targets_that_move_it_shows_where_they_get_and_ranges_to_them(self):
+        """Ways within 400 m of an area of 2400 m; a range of 50 m to a target 30 m deeper is 40 m across."""
+        made, random = synthetic_trace(steps=30, auvs=3, nodes=3, area=(2400.0, 2400.0)), np.random.default_rng(1)
+        ways = {
+            name: random.uniform(1000, 1400, getattr(made, name).shape) for name in ("auv_position", "boat_position")
+        }
+        way, ranges = random.uniform(1000, 1400, (30, 1, 3, 2)), np.zeros((30, 1, 3, 3))
+        scenario = Scenario.load("tracking")
+        ranges[7, 0, 2, 1] = 50.0
+        tracks = {
+            "node_way": way,
+            "node_estimate": way,
+            "node_covariance": np.ones((30, 1, 3, 3)),
+            "node_range": ranges,
+        }
+        moving = replace(made, scenario=scenario, **tracks, **ways)
+        moving = replace(moving, auv_depth=np.full((30, 1, 3), middle_depth(moving) - 30.0))
+        (low, high), every = frames_of([moving], (640, 360)).map.view.bounds, np.concatenate([*ways.values(), way], 2)
+        assert (low <= every.min((0, 1, 2))).all()
+        assert (high >= every.max((0, 1, 2))).all()
+        assert (high - low < 1000).all()
+        play = Playback(moving)
+        assert play.ranges(6.0) == []
+        ((auv, target, place, across, fresh),) = play.ranges(17.0)
+        assert (auv, target, across, fresh) == (2, 1, pytest.approx(40.0), pytest.approx(np.exp(-1.0)))
+        np.testing.assert_allclose(place, moving.own_position[7, 0, 2])
 
     def test_symbols_end_at_its_border(self):
         """An AUV in the corner, in a service with data, and its estimate beyond: nothing of them is beside the map."""
