@@ -2,11 +2,12 @@
 
     python -m benchmarks.video [--json] [--frames 1000]
 
-A mission of `extreme` is recorded once. Each size and the animation run in processes of their own. The animation shows
-what the map and its panel show, in plainer form: sea, current, boat, AUVs, trails, ellipses, nodes, figures, the fixes
-around each AUV, the plot of errors and a section, with artists whose data are replaced. Each frame is drawn whole, as
-`FuncAnimation` does, and encoded by the same encoder. Then the peak of the resident memory of the commands
-`simulate` and `replay` at 1280 × 720, of a short and a long mission, each in a process of its own.
+A mission of `extreme` is recorded once. `likeness` is the correlation of neighbouring frames, as they are decoded. Each
+size and the animation run in processes of their own. The animation shows what the map and its panel show, in plainer
+form: sea, current, boat, AUVs, trails, ellipses, nodes, figures, the fixes around each AUV, the plot of errors and a
+section, with artists whose data are replaced. Each frame is drawn whole, as `FuncAnimation` does, and encoded by the
+same encoder. Then the peak of the resident memory of the commands `simulate` and `replay` at 1280 × 720, of a short and
+a long mission, each in a process of its own.
 """
 
 from __future__ import annotations
@@ -16,8 +17,10 @@ import subprocess
 import sys
 import tempfile
 import time
+from itertools import pairwise
 from pathlib import Path
 
+import av
 import numpy as np
 
 from benchmarks.machine import command_line, describe, show
@@ -65,7 +68,15 @@ def drawn(trace: Trace, size: tuple[int, int], view: str, out: Path) -> dict[str
         "frames_per_second": summary.frames / (time.perf_counter() - begin),
         "peak_memory_mb": peak_memory(),
         "kilobytes_per_frame": out.stat().st_size / summary.frames / 1e3,
+        "likeness": likeness(out),
     }
+
+
+def likeness(video: Path) -> float:
+    """Mean correlation of the grey pixels of neighbouring frames: 1 if they are alike."""
+    with av.open(str(video)) as file:
+        frames = (frame.to_ndarray(format="gray").ravel().astype(np.float32) for frame in file.decode(video=0))
+        return float(np.mean([np.corrcoef(one, other)[0, 1] for one, other in pairwise(frames)]))
 
 
 def animated(trace: Trace, size: tuple[int, int], out: Path) -> dict[str, float]:

@@ -88,14 +88,17 @@ def print_table(headings: Sequence[str], rows: Sequence[Sequence[str]], names: i
 
 
 @contextmanager
-def progress(description: str, total: int) -> Iterator[Callable[..., None]]:
+def progress(description: str, total: int, quiet: bool = False) -> Iterator[Callable[..., None]]:
     """Show the progress of long work and the time left; yields a function of the number of units just done and of
     status lines, which replace the previous ones.
 
     A terminal gets a bar that is removed at the end, below the lines; a file, a pipe or a dumb terminal gets a line
     every `LINE_EVERY` seconds, and below it the lines if they are new; work shorter than `SHOW_AFTER` shows nothing.
-    All of it goes to standard error.
+    All of it goes to standard error; `quiet` shows nothing.
     """
+    if quiet:
+        yield lambda units, lines=None: None
+        return
     from rich.console import Console, Group
     from rich.live import Live
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn

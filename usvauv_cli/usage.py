@@ -4,7 +4,9 @@ are not, with what is likely meant.
 
 from __future__ import annotations
 
+import inspect
 import os
+import shutil
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -95,16 +97,24 @@ GROUPS = {  # of the options in a help text; those of a command itself stand fir
     "Mission": ("--policy", "--usv", "--targets", "--seed", "--set", "--plugin"),
     "Picture": ("--view", "--theme", "--size", "--fps", "--speedup", "--at", "--follow"),
     "Result": ("--out", "--trace", "--report", "--onnx", "--json", "--force", "--resume"),
-    "Machine": ("--arch", "--ray", "--slurm", "--jobs", "--port", "--open", "--help"),
+    "Machine": ("--arch", "--ray", "--slurm", "--jobs", "--port", "--open", "--quiet", "--help"),
 }
 GROUP = {option: group for group, options in GROUPS.items() for option in options}
 SHORT = {"--out": "-o"}
+QUIET = "--quiet", "-q"
 HELP = {"help_option_names": ["--help", "-h"]}
 
 
-class Helpful:
-    """A command whose option `--help` takes nothing, and stands in a group where there are groups."""
+NARROW = 64  # columns of a terminal in which names and choices of options leave no room for words beside them
 
+
+class Helpful:
+    """A command whose option `--help` takes nothing, and stands in a group where there are groups.
+
+    In a narrow terminal what an option or command does stands below its name, not beside it.
+    """
+
+    help: str | None
     help_group: str | None = None
 
     def get_help_option(self, ctx: Any) -> Any:
@@ -113,6 +123,26 @@ class Helpful:
         if option is not None:
             option.metavar, option.rich_help_panel = "", self.help_group
         return option
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Write the help text, in a width of at least 20 columns."""
+        columns = shutil.get_terminal_size().columns
+        if columns < NARROW:
+            self.rich_markup_mode, formatter.width = None, max(columns, 20)
+
+            def below_each_other(rows: Iterable[tuple[str, str]], *shape: int) -> None:
+                for name, words in rows:
+                    formatter.write_text(name)
+                    with formatter.indentation():
+                        formatter.write_text(words.replace("`", ""))
+
+            formatter.write_dl = below_each_other
+        super().format_help(ctx, formatter)  # type: ignore[misc]
+
+    def format_help_text(self, ctx: Any, formatter: Any) -> None:
+        """Write what the command does, without marks of emphasis."""
+        formatter.write_paragraph()
+        formatter.write_text(inspect.cleandoc(self.help or "").replace("`", "").replace("**", ""))
 
 
 class Commands(Helpful, TyperGroup):
@@ -136,6 +166,10 @@ class Command(Helpful, TyperCommand):
                 each.rich_help_panel = GROUP.get(name)
                 each.opts += [SHORT[name]] if name in SHORT else []
 
+    def get_short_help_str(self, limit: int = 0) -> str:
+        """The first paragraph of the help text, whole, whatever the limit."""
+        return " ".join(inspect.cleandoc(self.help or "").split("\n\n")[0].split())
+
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Process the arguments of the command line.
 
@@ -143,6 +177,7 @@ class Command(Helpful, TyperCommand):
             UserError: an option or argument that the command does not have.
         """
         ctx.allow_extra_args = True  # they are refused below
+        args = sorted(args, key=lambda each: each not in QUIET)  # first, so that plugins are loaded without a word
         parameters = self.get_params(ctx)
         options = [name for each in parameters for name in (*each.opts, *each.secondary_opts) if name.startswith("-")]
         try:

@@ -71,6 +71,7 @@ def evaluate(
     arch: options.Arch = "auto",
     overrides: options.Overrides = None,
     force: options.Force = False,
+    quiet: options.Quiet = False,
     plugins: options.Plugins = None,
 ) -> None:
     """Compare policies, boats and target rules in the same worlds: means and differences.
@@ -95,7 +96,7 @@ def evaluate(
 
     `usvauv eval --policy clear --policy pace --episodes 100000 --until-halfwidth 0.05`
     """
-    setting = options.scenario_of(scenario, overrides)
+    setting = options.scenario_of(scenario, overrides, quiet=quiet)
 
     from usvauv.cli.evaluation.batches import batches, combinations, definition, first_difference
     from usvauv.cli.evaluation.comparison import RANKED, Comparison
@@ -124,7 +125,7 @@ def evaluate(
             raise UserError("--report: cannot go with --resume: its figures are of missions that are not run again")
         options.make_folder(report_folder, "--report")
         options.writable(context, report_folder / "index.html", "--report", (".html",))
-    options.preparing(setting, arch)
+    options.preparing(setting, arch, quiet)
     recordings = Recordings(len(scenarios))
     kept = front_episodes(len(scenarios)) if report_folder else 0
     merit = chosen_score or headline(setting)
@@ -142,7 +143,8 @@ def evaluate(
         elif difference := first_difference(about["definition"], decides):
             raise UserError(f"{table.path}: is of another command: {difference}; --force without --resume starts again")
         try:
-            with terminal.progress("evaluating", len(scenarios) * episodes * setting.mission.steps) as advance:
+            steps = len(scenarios) * episodes * setting.mission.steps
+            with terminal.progress("evaluating", steps, quiet) as advance:
                 makers = loading.named(*names)
                 on_trace = recordings.add if report_folder else lambda trace, first: None
                 for batch in batches(scenarios, makers, episodes, about["batch"], seed, arch, table, advance, on_trace):

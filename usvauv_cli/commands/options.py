@@ -116,22 +116,26 @@ Follow = Annotated[
 ]
 
 Force = Annotated[bool, typer.Option("--force", help="Overwrite results that other arguments made.")]
-NOT_DECISIVE = ("out", "trace", "json_file", "report_folder", "onnx", "force", "resume")  # arguments, for a result
-QUIET = ("scenarios", "policies", "boats", "targets", "plan", "replay", "export")  # commands soon done
+Quiet = Annotated[
+    bool,
+    typer.Option("--quiet", "-q", is_eager=True, help="Print results, warnings and errors alone, and no progress."),
+]
+# Arguments that do not decide what a result is.
+NOT_DECISIVE = ("out", "trace", "json_file", "report_folder", "onnx", "force", "resume", "quiet")
+BRIEF = ("scenarios", "policies", "boats", "targets", "plan", "replay", "export")  # commands soon done
 MADE_BY = "user.usvauv"  # extended attribute of a result: the JSON of `_decisive`
 
 
-def load_libraries(quiet: bool = False) -> None:
+def load_libraries(brief: bool = False, quiet: bool = False) -> None:
     """Import torch and Taichi, which takes seconds, and say so on standard error; a terminal forgets it after.
 
     Args:
-        quiet: say so on a terminal alone.
+        brief: say so on a terminal alone. quiet: say nothing.
     """
-    line, terminal = "loading torch and Taichi …", sys.stderr.isatty()
+    line, terminal = "loading torch and Taichi …", sys.stderr.isatty() and not quiet
     if "taichi" in sys.modules:
         return
-    said = terminal or not quiet
-    if said:
+    if terminal or not (brief or quiet):
         print(line, end="" if terminal else "\n", file=sys.stderr, flush=True)
     try:
         from usvauv.kernels import runtime  # noqa: F401  # Taichi before torch: it searches all modules imported so far
@@ -140,22 +144,23 @@ def load_libraries(quiet: bool = False) -> None:
             print(f"\r{' ' * len(line)}\r", end="", file=sys.stderr, flush=True)
 
 
-def scenario_of(name: str, overrides: Sequence[str] | None, quiet: bool = False) -> Scenario:
+def scenario_of(name: str, overrides: Sequence[str] | None, brief: bool = False, quiet: bool = False) -> Scenario:
     """The scenario that a command runs. It is checked before torch and Taichi are imported, see `load_libraries`."""
     from usvauv.env.scenario import Scenario
 
     scenario = Scenario.load(name, overrides or ())
-    load_libraries(quiet)
+    load_libraries(brief, quiet)
     return scenario
 
 
-def preparing(scenario: Scenario, arch: str) -> None:
+def preparing(scenario: Scenario, arch: str, quiet: bool = False) -> None:
     """Start Taichi, and say that a world is made, which may take long: its kernels are compiled where in no cache."""
     from usvauv.kernels import runtime
 
     seconds = 6 if runtime.start(arch).on_cpu else 25
     line = f"preparing {scenario.name}; its kernels are compiled the first time, for about {seconds} s …"
-    print(line, file=sys.stderr, flush=True)
+    if not quiet:
+        print(line, file=sys.stderr, flush=True)
 
 
 def _load_plugins(context: typer.Context, files: list[Path] | None) -> list[Path] | None:
@@ -166,7 +171,7 @@ def _load_plugins(context: typer.Context, files: list[Path] | None) -> list[Path
     from usvauv.env import plugins
 
     if files or all(parameter.name != "scenario" for parameter in context.command.params):
-        load_libraries(context.command.name in QUIET)
+        load_libraries(context.command.name in BRIEF, context.params.get("quiet", False))
     plugins.load_installed()
     for file in files or ():
         plugins.load(file)

@@ -60,6 +60,7 @@ def simulate(
     arch: options.Arch = "auto",
     overrides: options.Overrides = None,
     force: options.Force = False,
+    quiet: options.Quiet = False,
     plugins: options.Plugins = None,
 ) -> None:
     """Simulate one mission, with the sea solved live, and show it as a video.
@@ -81,7 +82,7 @@ def simulate(
 
     `usvauv simulate wide --compare usv=fim --out boats.mp4`
     """
-    setting = options.scenario_of(scenario, overrides)
+    setting = options.scenario_of(scenario, overrides, quiet=quiet)
 
     from usvauv.env.record.metrics import episode_metrics
     from usvauv.env.record.recorder import check_room
@@ -111,16 +112,16 @@ def simulate(
         options.check_policy(steered_by, setting.with_targets(rule))
         StrategyChoice.parse(boat, setting)
     options.check_regime(setting)
-    options.preparing(setting, arch)
+    options.preparing(setting, arch, quiet)
     recorded, problem = [], None
     for run in runs:
-        shown, problem = simulated(run, setting, seed, steps, arch, out)
+        shown, problem = simulated(run, setting, seed, steps, arch, out, quiet)
         recorded.append(shown)
         if problem:
             break
     if trace:
         recorded[0].save(trace)  # now, so that it is there whatever becomes of the video
-    with terminal.progress("drawing", len(video.moments(recorded))) as advance:
+    with terminal.progress("drawing", len(video.moments(recorded)), quiet) as advance:
         written = video.write(recorded, advance)
     for each in recorded:
         mission_summary(episode_metrics(each)[0], each)
@@ -134,7 +135,7 @@ def simulate(
 
 
 def simulated(
-    run: Run, scenario: Scenario, seed: int, steps: int, arch: str, out: Path
+    run: Run, scenario: Scenario, seed: int, steps: int, arch: str, out: Path, quiet: bool
 ) -> tuple[Trace, Diverged | None]:
     """The record of a mission on a finely resolved sea, for the file `out`, and what ended it before its time."""
     from usvauv.env import World
@@ -146,7 +147,7 @@ def simulated(
     policy, usv, targets = run
     world = World(scenario.with_targets(targets), 1, seed, usv, fine_sea=True, arch=arch)
     act = loading.acting(policy, world)
-    with terminal.progress("simulating", steps) as advance:
+    with terminal.progress("simulating", steps, quiet) as advance:
         try:
             return record(world, act, policy, steps=steps, surface=True, on_step=lambda _: advance(1)), None
         except Diverged as error:

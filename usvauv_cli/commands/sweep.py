@@ -38,6 +38,7 @@ def sweep(
     ray: Ray = None,
     slurm: Slurm = None,
     jobs: Jobs = None,
+    quiet: options.Quiet = False,
     plugins: options.Plugins = None,
 ) -> None:
     """Train and evaluate what a study file names; write a CSV row per episode and a summary with intervals.
@@ -67,7 +68,7 @@ def sweep(
     folder = out or Path("studies") / study.stem
     options.make_folder(folder)
     try:
-        results.sweep(wanted, folder, lambda: engine(wanted.resources, folder, ray, slurm, jobs))
+        results.sweep(wanted, folder, lambda: engine(wanted.resources, folder, ray, slurm, jobs), quiet)
     except KeyboardInterrupt:
         typer.echo(f"finished runs are kept in {folder}; run the same command to continue")
         raise

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -75,6 +75,7 @@ def train(
     targets: options.Targets = None,
     arch: options.Arch = "auto",
     overrides: options.Overrides = None,
+    quiet: options.Quiet = False,
     plugins: options.Plugins = None,
 ) -> None:
     """Train a policy with SAC, TD3, DDPG or PPO and keep its best and last checkpoint, with curves for TensorBoard
@@ -96,7 +97,7 @@ def train(
 
     `usvauv train ideal --seeds 8 --out runs/eight`
     """
-    setting = options.scenario_of(scenario, overrides).with_targets(targets)
+    setting = options.scenario_of(scenario, overrides, quiet=quiet).with_targets(targets)
 
     from usvauv import policies
     from usvauv.cli.commands import training_table
@@ -153,7 +154,7 @@ def train(
         for own, folder in folders.items():  # one that a killed process had not saved yet begins as the others did
             found.setdefault(folder, (setting, replace(config, seed=own), {}))
         boats, total = begun.get("usv", usv), steps or begun.get("total", STEPS)
-        options.preparing(setting, arch)
+        options.preparing(setting, arch, quiet)
         runs: list[TrainingRun] = []
         files = digests([setting])
         for folder, (setting, config, begun) in found.items():
@@ -174,7 +175,8 @@ def train(
         several, first, config = place not in found, runs[0], runs[0].config
         trainer = policies.Trainer(*runs, log=log, threads=runtime.start(arch).threads)
         name = default_heuristic(setting)
-        typer.echo(f"evaluating {name} …")
+        if not quiet:
+            typer.echo(f"evaluating {name} …")
         baselines = []
         for run in runs:
             judged_in = run.config.seed + EVALUATION_SEED_OFFSET
@@ -189,7 +191,7 @@ def train(
                 f" {config.before_learning} world-steps",
                 err=True,
             )
-        elif config.frame == "guided" and not setting.auv.dynamic:
+        elif config.frame == "guided" and not setting.auv.dynamic and not quiet:
             typer.echo(
                 f"AUVs that are points gain little over {first.frame.start}, where training begins; from"
                 " --learn frame=target it begins far below and rises towards it"
@@ -197,7 +199,8 @@ def train(
         title = setting.name
         if several:
             title += f", seeds {', '.join(str(run.config.seed) for run in runs)}"
-        with training_table.training(baseline, config.algorithm, title) as show:
+        shown_by = training_table.training(baseline, config.algorithm, title)
+        with nullcontext(lambda *figures: None) if quiet else shown_by as show:
 
             def watch(figures: list[dict]) -> None:
                 try:

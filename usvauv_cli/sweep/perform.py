@@ -232,9 +232,17 @@ def engine(resources: Resources, folder: Path, ray: str | None, slurm: str | Non
 
 
 def perform_all(
-    pieces: Sequence[Piece], folder: Path, make_engine: Callable[[], Engine], threads: int, arch: str
+    pieces: Sequence[Piece],
+    folder: Path,
+    make_engine: Callable[[], Engine],
+    threads: int,
+    arch: str,
+    quiet: bool = False,
 ) -> str:
     """Perform the rest of runs; returns which failed in words, empty if none did. The others are done then.
+
+    Args:
+        quiet: show no progress.
 
     Raises:
         KeyboardInterrupt: after Ctrl-C, when what was running is saved.
@@ -243,12 +251,14 @@ def perform_all(
     every, done = terminal.counted(len(pieces), "run"), len(pieces) - len(left)
     if not left:
         remove_signs(folder)  # of a killed command, whose runs went on elsewhere
-        print(f"nothing to do: {every} done already")
+        if not quiet:
+            print(f"nothing to do: {every} done already")
         return ""
-    print(f"{len(left)} of {every} to do{f', {done} done already' if done else ''}", flush=True)
+    if not quiet:
+        print(f"{len(left)} of {every} to do{f', {done} done already' if done else ''}", flush=True)
     files = tuple(plugins.loaded())
     with signs_in(folder) as signs:
-        board = Board(left, folder, signs)
+        board = Board(left, folder, signs, quiet)
         tasks = []
         for key, piece in left.items():
             do = partial(perform, piece.definition, piece.evaluate, piece.place(folder).resolve())
@@ -267,13 +277,13 @@ class Board:
     How one failed is written into its folder.
     """
 
-    def __init__(self, pieces: Mapping[str, Piece], folder: Path, signs: Path) -> None:
+    def __init__(self, pieces: Mapping[str, Piece], folder: Path, signs: Path, quiet: bool = False) -> None:
         self._pieces, self._folder, self._signs = pieces, folder, signs
         self._work = {key: piece.work for key, piece in pieces.items()}
         self._unfinished = dict.fromkeys(pieces)
         self.failed = 0
         self._done = dict[str, float]()  # work by run
-        self._console = Console(markup=False, emoji=False, highlight=False)
+        self._console = Console(markup=False, emoji=False, highlight=False, quiet=quiet)
         self.bar = Progress(
             TextColumn("{task.description}", markup=False),
             BarColumn(8),
@@ -281,7 +291,7 @@ class Board:
             TimeRemainingColumn(),
             console=self._console,
             transient=True,
-            disable=not self._console.is_terminal,
+            disable=quiet or not self._console.is_terminal,
             speed_estimate_period=RECENT,
         )
         self._all = self.bar.add_task("", total=sum(self._work.values()))

@@ -50,15 +50,16 @@ METHODS, TASKS, PAIRS = 12, 12, 15  # that are legible in figures
 LONGEST, WORDS = 40, 240  # letters of a name in a figure, of a failure
 
 
-def sweep(study: Study, folder: Path, make_engine: Callable[[], Engine]) -> None:
-    """Perform the remaining runs of a study, write its tables and print its summary.
+def sweep(study: Study, folder: Path, make_engine: Callable[[], Engine], quiet: bool = False) -> None:
+    """Perform the remaining runs of a study, write its tables and print its summary; `quiet` shows no progress.
 
     Raises:
         UserError: a run failed; all others are done.
         KeyboardInterrupt: after Ctrl-C, when what was running is saved.
     """
     with locked(folder):
-        failure = perform_all(study.runs, folder, make_engine, study.resources.cores, study.resources.arch)
+        resources = study.resources
+        failure = perform_all(study.runs, folder, make_engine, resources.cores, resources.arch, quiet)
         write_results(study, folder)
     if failure:
         raise UserError(failure)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from usvauv.env.record.trace import Trace
+from usvauv.env.record.tracking_metrics import middle_depth
 from usvauv.env.site.site import Site
 
 
@@ -16,7 +17,9 @@ class Poses(NamedTuple):
     Attributes:
         auvs, fixes, estimates: (T, K, 3); a fix is NaN where none was made, all are at the AUVs' depth.
         boats: (T, B, 3), on the waves.
-        nodes: (M, 3), on the bed.
+        nodes: (M, 3), on the bed; M = 0 where they are targets that move.
+        targets, tracked: (T, M, 3), those and the AUVs' estimates of them, NaN while they know nothing, in the middle
+            of the depths where targets may be; M = 0 without any.
         sea: (T, N, 3), the surface row by row from the south; T = 0 where it was not recorded.
         auv_turn, boat_turn: quaternions x, y, z, w: (T, K, 4) of an AUV's attitude, (T, B, 4) of a boat's heading and
             of the slope of the surface under it.
@@ -27,6 +30,8 @@ class Poses(NamedTuple):
     estimates: np.ndarray
     boats: np.ndarray
     nodes: np.ndarray
+    targets: np.ndarray
+    tracked: np.ndarray
     sea: np.ndarray
     auv_turn: np.ndarray
     boat_turn: np.ndarray
@@ -34,13 +39,23 @@ class Poses(NamedTuple):
     @classmethod
     def of(cls, trace: Trace) -> Poses:
         """The poses in world 0 of a trace."""
-        depth = trace.depth[:, 0]
+        depth, fixed, moving = trace.depth[:, 0], trace.node_position[0], np.zeros((2, len(trace.time), 0, 2))
+        middle = 0.0
+        if trace.node_way.size:
+            fixed, moving = fixed[:0], np.array([trace.node_way[:, 0]] * 2, float)
+            moving[1] = np.nan
+        if trace.node_estimate.size:
+            known = trace.node_covariance[:, 0, :, :1] > 0
+            moving[1] = np.where(known, trace.node_estimate[:, 0], np.nan)
+            middle = middle_depth(trace)
         return cls(
             auvs=_raised(trace.auv_position[:, 0], -depth),
             fixes=_raised(trace.fix[:, 0], -depth),
             estimates=_raised(trace.estimate[:, 0], -depth),
             boats=_raised(trace.boat_position[:, 0], trace.boat_surface[:, 0, :, 0]),
-            nodes=_raised(trace.node_position[0], -Site.recorded(trace.scenario).depth_at(trace.node_position[0])),
+            nodes=_raised(fixed, -Site.recorded(trace.scenario).depth_at(fixed)),
+            targets=_raised(moving[0], -middle),
+            tracked=_raised(moving[1], -middle),
             sea=_sea(trace),
             auv_turn=turn(trace.attitude[:, 0]),
             boat_turn=afloat(trace.boat_heading[:, 0], trace.boat_surface[:, 0, :, 1:]),

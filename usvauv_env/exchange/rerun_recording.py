@@ -15,14 +15,15 @@ import rerun.blueprint as rrb
 
 from usvauv.env.exchange.poses import Poses, ahead, triangles
 from usvauv.env.record.trace import Trace
-from usvauv.env.render.style import SEA, WHITE, auv_colour
+from usvauv.env.record.tracking_metrics import letter
+from usvauv.env.render.style import SEA, TARGET, WHITE, auv_colour
 from usvauv.env.site.place import wrapped
 from usvauv.env.site.site import Site
 from usvauv.env.storage.files import atomic_write
 
 TIME = "mission"
 TRAIL = 60.0  # s
-SIGMAS = 2.0  # of the ellipses of fixes
+SIGMAS = 2.0  # of the ellipses of fixes and of estimated targets
 CURVES = {"error": "Error of the estimate, m", "power": "Power, W", "backlog": "Packets waiting", "depth": "Depth, m"}
 BOW = 3.0  # length of the arrow ahead of a vehicle over its radius
 OF_AREA = 0.008  # radius of a vehicle over the area's diagonal
@@ -50,7 +51,8 @@ def _layout(trace: Trace) -> rrb.Blueprint:
         end=rrb.TimeRangeBoundary.cursor_relative(),
     )
     auvs, boats = range(trace.scenario.auv.count), range(trace.scenario.boat.count)
-    moving = [f"/scene/auv_{k}" for k in auvs] + [f"/scene/usv_{b}" for b in boats]
+    moving = [f"/scene/auv_{k + 1}" for k in auvs] + [f"/scene/usv_{b + 1}" for b in boats]
+    moving += [f"/scene/target_{letter(m)}" for m in range(trace.node_way.shape[-2])]
     scene = rrb.Spatial3DView(origin="/scene", name="Scene", overrides=dict.fromkeys(moving, trail))
     curves = [rrb.TimeSeriesView(origin=f"/{entity}", name=name) for entity, name in CURVES.items()]
     beside = [rrb.MapView(origin="/earth", name="Map")] if Site(trace.scenario).frame else []
@@ -76,10 +78,17 @@ def _log(log: _Log, trace: Trace) -> None:
     poses, frame, area = Poses.of(trace), Site(trace.scenario).frame, trace.scenario.area
     radius = OF_AREA * float(np.hypot(area.width, area.length))
     log.constant("/scene", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
-    log.constant("/scene/nodes", rr.Points3D(poses.nodes, radii=radius / 2, colors=WHITE))
+    if len(poses.nodes):
+        log.constant("/scene/nodes", rr.Points3D(poses.nodes, radii=radius / 2, colors=WHITE))
+    for m in range(poses.targets.shape[1]):
+        name, colour = f"target_{letter(m)}", TARGET[::-1]
+        log.constant(f"/scene/{name}", rr.Points3D.from_fields(radii=radius, colors=colour))
+        log.series(f"/scene/{name}", rr.Points3D.columns(positions=poses.targets[:, m]))
+        if trace.node_covariance.size:
+            _log_ellipses(log, f"/scene/tracked/{name}", poses.tracked[:, m], trace.node_covariance[:, 0, m], colour)
     boats, auvs = range(poses.boats.shape[1]), range(poses.auvs.shape[1])
-    bodies = {f"usv_{b}": (poses.boats[:, b], poses.boat_turn[:, b], WHITE) for b in boats}
-    bodies |= {f"auv_{k}": (poses.auvs[:, k], poses.auv_turn[:, k], auv_colour(k)[::-1]) for k in auvs}
+    bodies = {f"usv_{b + 1}": (poses.boats[:, b], poses.boat_turn[:, b], WHITE) for b in boats}
+    bodies |= {f"auv_{k + 1}": (poses.auvs[:, k], poses.auv_turn[:, k], auv_colour(k)[::-1]) for k in auvs}
     for name, (positions, turn, colour) in bodies.items():
         log.constant(f"/scene/{name}", rr.Points3D.from_fields(radii=radius, colors=colour))
         log.series(f"/scene/{name}", rr.Points3D.columns(positions=positions))
@@ -93,8 +102,8 @@ def _log(log: _Log, trace: Trace) -> None:
             )
     error = np.linalg.norm(poses.estimates - poses.auvs, axis=-1)
     for k in auvs:
-        name, colour = f"auv_{k}", auv_colour(k)[::-1]
-        _log_fixes(log, f"/scene/fixes/{name}", poses.fixes[:, k], trace.fix_covariance[:, 0, k], colour)
+        name, colour = f"auv_{k + 1}", auv_colour(k)[::-1]
+        _log_ellipses(log, f"/scene/fixes/{name}", poses.fixes[:, k], trace.fix_covariance[:, 0, k], colour)
         for curve, values in (("error", error[:, k]), ("power", trace.power[:, 0, k]), ("depth", trace.depth[:, 0, k])):
             log.constant(f"/{curve}/{name}", rr.SeriesLines(colors=colour, names=name))
             log.series(f"/{curve}/{name}", rr.Scalars.columns(scalars=values))
@@ -108,9 +117,9 @@ def _log(log: _Log, trace: Trace) -> None:
         log.series("/scene/sea", columns.partition([points] * steps))
 
 
-def _log_fixes(log: _Log, entity: str, fixes: np.ndarray, covariance: np.ndarray, colour: tuple[int, ...]) -> None:
-    """Fixes (T, 3) as flat ellipsoids of `SIGMAS` standard deviations, from covariances xx, xy, yy (T, 3)."""
-    made = np.flatnonzero(np.isfinite(fixes).all(-1))
+def _log_ellipses(log: _Log, entity: str, places: np.ndarray, covariance: np.ndarray, colour: tuple[int, ...]) -> None:
+    """Uncertain places (T, 3) as flat ellipsoids of `SIGMAS` deviations, from covariances xx, xy, yy (T, 3)."""
+    made = np.flatnonzero(np.isfinite(places).all(-1))
     if not len(made):
         return
     matrix = covariance[made][:, [0, 1, 1, 2]].reshape(-1, 2, 2).astype(np.float64)
@@ -120,7 +129,7 @@ def _log_fixes(log: _Log, entity: str, fixes: np.ndarray, covariance: np.ndarray
     turns = np.column_stack([np.zeros((len(half), 2)), np.sin(half), np.cos(half)])
     log.constant(entity, rr.Ellipsoids3D.from_fields(colors=colour))
     flat = np.column_stack([sizes, np.full(len(sizes), 0.01)])
-    log.series(entity, rr.Ellipsoids3D.columns(centers=fixes[made], half_sizes=flat, quaternions=turns), made)
+    log.series(entity, rr.Ellipsoids3D.columns(centers=places[made], half_sizes=flat, quaternions=turns), made)
 
 
 def _sea_colours(elevation: np.ndarray) -> np.ndarray:

@@ -3,14 +3,16 @@
 One episode, in the frame "map": x east, y north, z up from the still water, m; stamps are seconds from the mission's
 start. Messages are in CDR and stored with their definitions, so that they can be read without ROS 2.
 
-    /tf                  tf2_msgs/TFMessage                       "map" → "auv_0" …, "usv_0" …
-    /auv_0/pose          geometry_msgs/PoseStamped                the truth; of a point, heading through the water
-    /auv_0/fins          sensor_msgs/JointState                   rudder, stern plane, propeller, if it has them
-    /auv_0/velocity      geometry_msgs/TwistStamped               through the water; z is −d(depth)/dt; in "map"
-    /auv_0/fix           geometry_msgs/PoseWithCovarianceStamped  when a reply is detected
-    /auv_0/estimate      geometry_msgs/PoseWithCovarianceStamped  the boat's estimate of the AUV's position
-    /usv_0/pose          geometry_msgs/PoseStamped                its heading, tilted with the waves' surface
-    /usv_0/goal          geometry_msgs/PointStamped
+    /tf                  tf2_msgs/TFMessage                       "map" → "auv_1" …, "usv_1" …
+    /auv_1/pose          geometry_msgs/PoseStamped                the truth; of a point, heading through the water
+    /auv_1/fins          sensor_msgs/JointState                   rudder, stern plane, propeller, if it has them
+    /auv_1/velocity      geometry_msgs/TwistStamped               through the water; z is −d(depth)/dt; in "map"
+    /auv_1/fix           geometry_msgs/PoseWithCovarianceStamped  when a reply is detected
+    /auv_1/estimate      geometry_msgs/PoseWithCovarianceStamped  the boat's estimate of the AUV's position
+    /usv_1/pose          geometry_msgs/PoseStamped                its heading, tilted with the waves' surface
+    /usv_1/goal          geometry_msgs/PointStamped
+    /target_A/position   geometry_msgs/PointStamped               of a target that moves, at the middle of their depths
+    /target_A/estimate   geometry_msgs/PoseWithCovarianceStamped  the AUVs' estimate of it, once they have one
     /nodes               sensor_msgs/PointCloud2                  x, y, z and the packets waiting, "backlog"
     /sea                 sensor_msgs/PointCloud2                  the surface, if the trace has it
     …/navsat             sensor_msgs/NavSatFix                    with each pose, if the scenario has a place on Earth
@@ -28,6 +30,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from usvauv.env.exchange.poses import Poses
 from usvauv.env.record.trace import Trace
+from usvauv.env.record.tracking_metrics import letter
 from usvauv.env.site.place import wrapped
 from usvauv.env.site.site import Site
 from usvauv.env.storage.files import atomic_write
@@ -47,8 +50,8 @@ def write(trace: Trace, path: Path) -> None:
     poses, frame = Poses.of(trace), Site(trace.scenario).frame
     climb = np.diff(-trace.depth[:, 0], axis=0, prepend=-trace.depth[:1, 0]) / trace.scenario.mission.step
     auvs, boats = poses.auvs.shape[1], poses.boats.shape[1]
-    bodies = [(f"auv_{k}", poses.auvs[:, k], poses.auv_turn[:, k]) for k in range(auvs)]
-    bodies += [(f"usv_{b}", poses.boats[:, b], poses.boat_turn[:, b]) for b in range(boats)]
+    bodies = [(f"auv_{k + 1}", poses.auvs[:, k], poses.auv_turn[:, k]) for k in range(auvs)]
+    bodies += [(f"usv_{b + 1}", poses.boats[:, b], poses.boat_turn[:, b]) for b in range(boats)]
     places = {}
     if frame is not None:
         for name, at, _ in bodies:
@@ -64,15 +67,22 @@ def write(trace: Trace, path: Path) -> None:
                 if name in places:
                     bag.place(f"/{name}/navsat", places[name][t])
             for k in range(auvs):
-                bag.velocity(f"/auv_{k}/velocity", (*trace.auv_velocity[t, 0, k], climb[t, k]))
+                name = f"/auv_{k + 1}"
+                bag.velocity(f"{name}/velocity", (*trace.auv_velocity[t, 0, k], climb[t, k]))
                 if trace.auv_fins.size:
-                    bag.fins(f"/auv_{k}/fins", trace.auv_fins[t, 0, k])
+                    bag.fins(f"{name}/fins", trace.auv_fins[t, 0, k])
                 if np.isfinite(poses.fixes[t, k]).all():
-                    bag.uncertain(f"/auv_{k}/fix", poses.fixes[t, k], trace.fix_covariance[t, 0, k])
-                bag.uncertain(f"/auv_{k}/estimate", poses.estimates[t, k], trace.estimate_covariance[t, 0, k])
+                    bag.uncertain(f"{name}/fix", poses.fixes[t, k], trace.fix_covariance[t, 0, k])
+                bag.uncertain(f"{name}/estimate", poses.estimates[t, k], trace.estimate_covariance[t, 0, k])
             for b in range(boats):
-                bag.goal(f"/usv_{b}/goal", trace.boat_goal[t, 0, b])
-            bag.cloud("/nodes", np.column_stack([poses.nodes, trace.backlog[t, 0]]), ("x", "y", "z", "backlog"))
+                bag.point(f"/usv_{b + 1}/goal", np.append(trace.boat_goal[t, 0, b], 0.0))
+            for m, (target, tracked) in enumerate(zip(poses.targets[t], poses.tracked[t], strict=True)):
+                name = f"/target_{letter(m)}"
+                bag.point(f"{name}/position", target)
+                if np.isfinite(tracked).all():
+                    bag.uncertain(f"{name}/estimate", tracked, trace.node_covariance[t, 0, m])
+            if len(poses.nodes):
+                bag.cloud("/nodes", np.column_stack([poses.nodes, trace.backlog[t, 0]]), ("x", "y", "z", "backlog"))
             if len(poses.sea):
                 bag.cloud("/sea", poses.sea[t], ("x", "y", "z"))
         bag.finish()
@@ -131,8 +141,8 @@ class _Bag:
         joints = ["rudder", "stern_plane", "propeller"], position.astype(float), velocity.astype(float), np.zeros(0)
         self.add(topic, "sensor_msgs/msg/JointState", self.header(), *joints)
 
-    def goal(self, topic: str, goal: np.ndarray) -> None:
-        self.add(topic, "geometry_msgs/msg/PointStamped", self.header(), self.vector((*goal, 0.0), "Point"))
+    def point(self, topic: str, place: np.ndarray) -> None:
+        self.add(topic, "geometry_msgs/msg/PointStamped", self.header(), self.vector(place, "Point"))
 
     def uncertain(self, topic: str, position: np.ndarray, covariance: np.ndarray) -> None:
         """A position with its covariance xx, xy, yy, m²; the depth is known, the attitude is not."""

@@ -66,6 +66,8 @@ class Recorder:
         self.world = world
         self._start, self._flow = world.site.start, world.site.current
         self._moving = world.scenario.task_definition.targets == "moving"
+        pairs = world.scenario.task_definition.pair_columns
+        self._measured = pairs.names.index("measured") if pairs and "measured" in pairs.names else None
         self._rows: defaultdict[str, list[np.ndarray]] = defaultdict(list)
 
     def __len__(self) -> int:
@@ -97,6 +99,7 @@ class Recorder:
             ("body", world.body if world.scenario.auv.dynamic else NO_BODY),
             ("way", world.node[..., NodeColumn.span("x", "y")] if self._moving else NO_BODY),
             ("targets", world.task_node if self._moving else NO_BODY),
+            ("ranges", world.task_pair[..., self._measured] if self._measured is not None else NO_BODY),
         ):
             self._rows[name].append(tensor.cpu().numpy().copy())
 
@@ -123,7 +126,7 @@ class Recorder:
             ScenarioError: each world has its own seed.
         """
         world = self.world
-        vehicles, boats, hull, tally, backlog, terms, known, own, foreseen, vortex, body, way, targets = (
+        vehicles, boats, hull, tally, backlog, terms, known, own, foreseen, vortex, body, way, targets, ranges = (
             np.stack([row[worlds] for row in rows[first:]]) for rows in self._rows.values()
         )
         nodes = world.node[worlds].cpu().numpy()
@@ -185,6 +188,7 @@ class Recorder:
             **({"auv_charge": column("charge")} if world.scenario.auv.battery else {}),
             **({"boat_power": boat_power(world.scenario, boats)} if world.scenario.boat.metered else {}),
             **({"node_way": way, **self._estimates(targets)} if self._moving else {}),
+            **({"node_range": ranges} if self._measured is not None else {}),
         )
 
     def _estimates(self, targets: np.ndarray) -> dict[str, np.ndarray]:

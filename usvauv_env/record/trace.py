@@ -57,7 +57,7 @@ _AUV_XY, _BOAT_XY, _COVARIANCE = (*_AUV, "axis"), (*_BOAT, "axis"), (*_AUV, "com
 
 OPTIONAL = (  # may be empty
     *("auv_depth", "auv_attitude", "auv_fins", "auv_touched", "auv_charge", "boat_power"),
-    *("node_way", "node_estimate", "node_covariance"),
+    *("node_way", "node_estimate", "node_covariance", "node_range"),
     *("stream_time", "stream", "surface", "storm"),
 )
 DERIVED = "boat_heading"  # missing in files of earlier versions
@@ -202,6 +202,9 @@ class Trace:
     )
     node_covariance: np.ndarray = _array(
         (*_NODE, "component"), "m2", "covariance of that; 0 while they know nothing", optional=True
+    )
+    node_range: np.ndarray = _array(
+        (*_AUV, "node"), "m", "slant range to it that an AUV measured in this step, else 0", optional=True
     )
 
     def __repr__(self) -> str:

@@ -7,6 +7,8 @@ estimation error squared: Bar-Shalom, Li and Kirubarajan, "Estimation with Appli
 
 from __future__ import annotations
 
+import string
+
 import numpy as np
 
 from usvauv.env.record.metrics import Metric, task_metrics
@@ -21,6 +23,16 @@ def number(trace: Trace, name: str) -> float:
     """A number of the task in this scenario."""
     default = dict(trace.scenario.task_definition.parameters)[name].default
     return trace.scenario.task_parameters.numbers.get(name, default)
+
+
+def letter(target: int) -> str:
+    """Name of a moving target: A to Z, then A1 and so on."""
+    return string.ascii_uppercase[target % 26] + (str(target // 26) if target >= 26 else "")
+
+
+def middle_depth(trace: Trace) -> float:
+    """Depth in the middle of where moving targets may be, m; their own depths are not in a trace."""
+    return 0.5 * (number(trace, "depth_least") + number(trace, "depth_most"))
 
 
 def settled(trace: Trace) -> slice:

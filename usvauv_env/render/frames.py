@@ -68,7 +68,8 @@ class Frames(ABC):
         np.copyto(self._picture, self._still)
         for part in self._parts:
             part.draw(self._picture, t)
-        self._draw_figures(self._picture, t, time)
+        told = self._plays[0].told(t)
+        self._draw_figures(self._picture, told, float(self._plays[0].time.at(told)))
         for plot in self._plots:
             plot.draw_cursor(self._picture, time)
         return self._picture
@@ -86,6 +87,7 @@ def frames_of(
     speed_up: float = 1.0,
     pace: float = 1.0,
     follow: str = "",
+    end: float | None = None,
 ) -> Frames:
     """Frames of world 0 of a trace, or of two traces side by side.
 
@@ -97,6 +99,7 @@ def frames_of(
         speed_up: play speed that the title states, s of mission in a second.
         pace: steps of the mission from one frame to the next.
         follow: a vehicle that views go along with: usv, usv:N or auv:N; "" for all of the area.
+        end: moment of the last frame, by default the last step; what is written there is of that moment.
 
     Raises:
         UserError: more than two traces, two of other mission steps or tasks, or no such vehicle.
@@ -111,7 +114,7 @@ def frames_of(
         raise UserError(f"mission steps of {one.mission.step:g} s and {other.mission.step:g} s cannot be compared")
     if one.task != other.task:
         raise UserError(f"tasks {one.task} and {other.task} cannot be compared")
-    plays, look = [Playback(trace.episode(0), pace, speed_up) for trace in traces], style.THEMES[theme]
+    plays, look = [Playback(trace.episode(0), pace, speed_up, end) for trace in traces], style.THEMES[theme]
     if len(plays) == 2:
         return ComparisonFrames(plays, size, look, speed_up, vehicle)
     return MissionFrames(plays, size, look, speed_up, view, vehicle)
@@ -173,7 +176,7 @@ class MissionFrames(Frames):
         for name in boxes.keys() & {"reward", "fixes", "errors", "section", "depth"}:
             draw_card(still, boxes[name], layout)
         if "map" in boxes:
-            self.map = MissionMap(play, layout, follow=follow)
+            self.map = MissionMap(play, layout, follow=follow, near=True)
             draw_map_axes(still, self.map, layout, view_note(trace))
             self._parts.append(self.map)
         scale = self.map.view.per_metre if "map" in boxes else 0.0

@@ -16,7 +16,7 @@ from usvauv.env.render.shapes import LegendSymbol
 from usvauv.env.render.style import text_width, write
 
 LETTERS, LEAST_ROW = 17.0, 24.0  # size of letters at most, and least distance of lines, pixels of the design
-LATELY = 60  # frames for which an entry stays after what it names was last drawn
+LATELY = 150  # frames for which an entry stays after what it names was last drawn
 ON_MAP = replace(style.DARK, card=style.SEA[1])
 """Colours of symbols: those of the map, on a stripe of water."""
 
@@ -96,6 +96,7 @@ ENTRIES = (
     Entry(LegendSymbol.heard, "AUV heard just now", lambda now: now.replies),
     Entry(LegendSymbol.ellipse, "86 % of errors are in it", lambda now: now.ellipses),
     Entry(LegendSymbol.tracked, "where AUVs believe it", lambda now: now.play.moving),
+    Entry(LegendSymbol.range, "range to a target", lambda now: now.from_above and bool(now.play.ranges(now.t))),
     Entry(LegendSymbol.ping, "ping of the boat", lambda now: any(now.play.pinged(now.lately))),
     Entry(LegendSymbol.goal, "where the boat heads", lambda now: now.heads),
     Entry(LegendSymbol.service, "AUV takes over data", lambda now: now.collects and now.hovers),

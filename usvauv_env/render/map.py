@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-import string
 from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
 
 from usvauv.env.record.trace import Trace
+from usvauv.env.record.tracking_metrics import letter
 from usvauv.env.render import shapes, style
 from usvauv.env.render.layout import Layout, nice, nice_above
-from usvauv.env.render.mission import TRAIL, Playback, Vehicle, error_axes, step_of
+from usvauv.env.render.mission import RHYTHM, TRAIL, Playback, Series, Vehicle, error_axes, step_of
 from usvauv.env.render.sea_surface import CurrentStreaks, MapView, SeaSurface, colour_scale
 from usvauv.env.render.shapes import Overlay
 from usvauv.env.render.style import text_width, write
@@ -20,8 +20,11 @@ from usvauv.kernels.flow.vortex import Eddies
 from usvauv.kernels.types import Level
 
 TRAIL_PIECES = 6  # of one opacity each
+AROUND = 1.25  # sides of a map of where targets get over how far that is
 FOLLOWED = 3.0  # magnification of a map that goes along with a vehicle
 LEAST_DATA = 0.005  # Mbit, that begin words at an AUV
+CERTAIN = 40.0  # pixels of the design, radius from which on ellipses are fainter, the larger they are
+ARC = 55.0  # pixels of the design, half the length of a range's arc
 WORDLESS = 240.0  # shorter side in pixels of the design of a map with smaller vehicles and no words over nodes
 
 
@@ -33,21 +36,30 @@ class MissionMap:
     """
 
     def __init__(
-        self, play: Playback, layout: Layout, limit: float | None = None, follow: Vehicle | None = None
+        self,
+        play: Playback,
+        layout: Layout,
+        limit: float | None = None,
+        follow: Vehicle | None = None,
+        near: bool = False,
     ) -> None:
-        """`limit`: end of the sea's colour scale, m; None for one that fits the trace."""
+        """`limit`: end of the sea's colour scale, m; None for one that fits the trace. `near`: where targets move, show
+        the part of the area where they and the vehicles get, not the whole.
+        """
         self._play, self._trace, self._layout = play, play.trace, layout
         trace, scenario = play.trace, play.trace.scenario
-        self.view = MapView(scenario.area, layout.map, FOLLOWED if follow else 1.0)
+        self._looked_at, zoom = (follow.way(trace), FOLLOWED) if follow else (None, 1.0)
+        if near and play.moving and not follow:
+            self._looked_at, zoom = where_it_happens(play)
+        self.view = MapView(scenario.area, layout.map, zoom)
         self.surface = SeaSurface(trace.surface, self.view, limit=limit)
         self.streaks = CurrentStreaks(
             trace.vortex[0, 0], trace.stream_at(0.0), scenario.area.width, scenario.area.length, self.view, layout.unit,
             Eddies(scenario.current.period, cruise=scenario.eddies_at_cruise), Level.cruise,
         )  # fmt: skip
-        # Streaks drift at the true speed, up to a twentieth of their length a frame, which the eye can follow.
-        self._streak_step = min(scenario.mission.step * play.pace, 0.05 * self.streaks.tail)
+        # Streaks drift at the true speed, up to a thirtieth of their length a frame, which the eye can follow.
+        self._streak_step = min(scenario.mission.step * play.pace, self.streaks.tail / 30)
         self._overlay, self._corner = Overlay(*layout.map), np.array(layout.map[:2])
-        self._followed = follow.way(trace) if follow else None
         self._label = np.array([14, -12]) * layout.unit
         self._popups = Popups(play, layout.unit)
         shorter = min(layout.map.width, layout.map.height) / layout.unit
@@ -60,11 +72,11 @@ class MissionMap:
 
     def draw(self, picture: np.ndarray, t: float) -> None:
         """Draw a moment over the map's rectangle, and with a followed vehicle the axes around it."""
-        if not self._followed:
+        if not self._looked_at:
             self._draw(picture, t)
             return
         around, box = picture.copy(), self._layout.map
-        self.view.look(self._followed.at(t))
+        self.view.look(self._looked_at.at(t))
         self._draw(picture, t)
         box.of(around)[:] = box.of(picture)
         np.copyto(picture, around)
@@ -72,7 +84,7 @@ class MissionMap:
 
     def _draw(self, picture: np.ndarray, t: float) -> None:
         step, view, play = step_of(t), self.view, self._play
-        self.surface.paint(picture, play.sea.on(t, *view.grid()) if self._followed else play.sea.at(t))
+        self.surface.paint(picture, play.sea.on(t, *view.grid()) if self._looked_at else play.sea.at(t))
         self._overlay.clear()
         self.streaks.update(self._trace.vortex[step, 0], self._trace.stream_at(float(self._trace.time[step])))
         self.streaks.draw(self._overlay, t / self._play.pace * self._streak_step, self._layout.px(1.2))
@@ -84,6 +96,8 @@ class MissionMap:
         self._draw_pings(t, auvs, boats)
         self._draw_trails(t)
         self._draw_links(t, auvs, nodes)
+        self._draw_goals(t, boats)
+        self._draw_ranges(t)
         self._overlay.blend(picture)
         # Symbols end at the border of the map: they are drawn on that part of the picture alone, in its own pixels.
         picture = self._layout.map.of(picture)
@@ -120,15 +134,17 @@ class MissionMap:
         """Contour lines of the value of replies received at a place, brighter if larger; none if all are received."""
         for level, lines in self._play.field.lines(step):
             self._overlay.strokes(
-                [self.view.pixel(line) for line in lines], style.FIELD, 0.15 + 0.6 * level, self._layout.px(1.2)
+                [self.view.pixel(line) for line in lines], style.FIELD, 0.1 + 0.4 * level, self._layout.px(1.2)
             )
 
     def _draw_ellipses(self, t: float, estimated: np.ndarray) -> None:
         for auv, axes in enumerate(self.view.vector(error_axes(self._play.covariance.at(t)))):
-            if np.abs(axes).max() > 2 * self._layout.unit:
+            radius = np.abs(axes).max() / self._layout.unit
+            if radius > 2:
                 outline = shapes.ellipse_points(estimated[auv], axes)
                 line = np.concatenate([outline, outline[:1]])
-                self._overlay.strokes([line], style.auv_colour(auv), 0.45, self._layout.px(1.3))
+                opacity = float(np.clip(0.5 * CERTAIN / radius, 0.15, 0.5))
+                self._overlay.strokes([line], style.auv_colour(auv), opacity, self._layout.px(1.3))
 
     def _draw_tracks(self, picture: np.ndarray, t: float, nodes: np.ndarray) -> None:
         """The targets that move, with their letters, and where the AUVs take them to be."""
@@ -144,12 +160,23 @@ class MissionMap:
             if within(picture, place):
                 shapes.badge(picture, letter(number), place + self._label, 11 * unit, style.TARGET)
 
+    def _draw_ranges(self, t: float) -> None:
+        """Arcs through targets around the AUVs that have measured their ranges: where they cross, a target is."""
+        targets = self.view.pixel(self._play.nodes.at(t))
+        for auv, target, place, across, fresh in self._play.ranges(t):
+            centre, radius = self.view.pixel(place), across * self.view.per_metre
+            half = min(ARC * self._layout.unit / max(radius, 1.0), math.pi)
+            x, y = targets[target] - centre
+            turns = math.atan2(y, x) + np.linspace(-half, half, 25)
+            line = centre + radius * np.stack([np.cos(turns), np.sin(turns)], 1)
+            self._overlay.strokes([line], style.auv_colour(auv), 0.8 * fresh, self._layout.px(1.3))
+
     def _draw_pings(self, t: float, auvs: np.ndarray, boats: np.ndarray) -> None:
         """A ring from each boat that has interrogated, and lines from the boats to the AUVs that have replied."""
         for boat, share in zip(boats, self._play.ping(t), strict=True):
             if share is not None:
                 reach = np.hypot(*(auvs - boat).T).max()
-                self._overlay.ring(boat, share * reach, style.BOAT, 0.45 * (1 - 0.7 * share), self._layout.px(1.3))
+                self._overlay.ring(boat, share * reach, style.BOAT, 0.2 * (1 - 0.7 * share), self._layout.px(1.3))
         for auv, position in enumerate(auvs):
             boat, fresh = self._play.heard(t, auv)
             if 0.5 * fresh > 0.03:  # later drawing replaces earlier drawing
@@ -169,7 +196,16 @@ class MissionMap:
                 self._overlay.disc(node, self._hover_radius, colour, 0.16)
                 self._overlay.ring(node, self._hover_radius * (0.35 + 0.65 * phase), colour, 0.8 * (1 - phase))
             else:
-                self._overlay.strokes(shapes.dashes(position, node, 5 * unit), colour, 0.7, self._layout.px(1.3))
+                self._overlay.strokes(shapes.dashes(node, position, 5 * unit), colour, 0.7, self._layout.px(1.3))
+
+    def _draw_goals(self, t: float, boats: np.ndarray) -> None:
+        """Crosses where the boats head, and the ways there; a goal below its boat has none."""
+        unit = self._layout.unit
+        goals = self.view.pixel(self._play.goals.at(t))
+        for boat, goal in zip(boats, goals, strict=True):
+            if np.hypot(*(goal - boat)) > 20 * unit:
+                self._overlay.strokes([np.stack([goal, boat])], style.BOAT, 0.35, self._layout.px(1))
+                self._overlay.strokes(list(shapes.diagonals(goal, 4.5 * unit)), style.BOAT, 0.75, self._layout.px(2))
 
     def _draw_nodes(self, picture: np.ndarray, t: float, nodes: np.ndarray) -> None:
         if self._play.moving:
@@ -179,16 +215,13 @@ class MissionMap:
             for auv, centre in enumerate(nodes):
                 shapes.station(picture, centre, self._node_radius, style.auv_colour(auv), self._layout.zoom)
             return
-        pulse, step = 0.5 + 0.5 * math.sin(0.35 * t / self._play.pace), step_of(t)
+        pulse, step = 0.5 + 0.5 * math.sin(0.15 * t / self._play.pace), step_of(t)
         for centre, share, old in zip(nodes, self._play.fill[step], self._play.age[step], strict=True):
             self._gauges.draw(picture, centre, share, old, pulse)
 
     def _draw_boat(self, picture: np.ndarray, t: float, boat: int, position: np.ndarray) -> None:
-        layout, goal = self._layout, self.view.pixel(self._play.goals.at(t)[boat]) - self._corner
-        if np.hypot(*(goal - position)) > 20 * layout.unit:  # nearer goals are below the boat
-            shapes.strokes(picture, shapes.dashes(position, goal, 3 * layout.unit), style.BOAT, layout.px(1))
-            shapes.cross(picture, goal, 5 * layout.unit, style.BOAT, layout.px(2))
-        shapes.boat(picture, position, float(self._play.boat_headings.at(t)[boat]), 34 * self._size, layout.zoom)
+        heading = float(self._play.boat_headings.at(t)[boat])
+        shapes.boat(picture, position, heading, 29 * self._size, self._layout.zoom)
 
     def _draw_auv(
         self, picture: np.ndarray, t: float, auv: int, position: np.ndarray, fix: np.ndarray, nodes: np.ndarray
@@ -201,18 +234,22 @@ class MissionMap:
         foreseen = self.view.pixel(self._play.foreseen.at(t)[auv]) - self._corner
         if np.hypot(*(foreseen - fix)) > 5 * layout.unit:
             way = shapes.dashes(foreseen, position, 3 * layout.unit)
-            shapes.strokes(picture, way, style.mix(colour, style.OUTLINE, 0.5), layout.px(1))
-            shapes.foreseen(picture, foreseen, 6 * layout.unit, colour, 1.6 * layout.unit, layout.zoom)
-        shapes.auv(picture, position, float(self._play.attitude.at(t)[auv, 0]), 29 * self._size, colour, layout.zoom)
+            shapes.strokes(picture, way, style.mix(colour, style.EDGE, 0.5), layout.px(1))
+            shapes.foreseen(picture, foreseen, 5 * layout.unit, colour, 1.4 * layout.unit, layout.zoom)
+        shapes.auv(picture, position, float(self._play.attitude.at(t)[auv, 0]), 26 * self._size, colour, layout.zoom)
         if np.hypot(*(fix - position)) > 5 * layout.unit:  # smaller errors are visible in the inset only
             shapes.fix(picture, fix, 4 * layout.unit, style.WHITE, 1.5 * layout.unit, layout.zoom)
         if within(picture, position):
-            shapes.badge(picture, str(auv + 1), position + self._label, 11 * layout.unit, colour)
+            shapes.badge(picture, str(auv + 1), position + self._label, 11 * layout.unit, colour, 0.75)
 
 
-def letter(target: int) -> str:
-    """Name of a moving target: A to Z, then A1 and so on."""
-    return string.ascii_uppercase[target % 26] + (str(target // 26) if target >= 26 else "")
+def where_it_happens(play: Playback) -> tuple[Series, float]:
+    """Middle (2,), m, of where vehicles and targets get, and the magnification of a map of it, at most `FOLLOWED`."""
+    ways = np.concatenate([series.values.reshape(-1, 2) for series in (play.auvs, play.boats, play.nodes)])
+    low, high = ways.min(axis=0), ways.max(axis=0)
+    area = play.trace.scenario.area
+    zoom = min(area.width, area.length) / max(AROUND * float((high - low).max()), 1.0)
+    return Series(np.broadcast_to(0.5 * (low + high), (len(play.trace.time), 2))), float(np.clip(zoom, 1.01, FOLLOWED))
 
 
 class MapLayers(Protocol):
@@ -319,19 +356,21 @@ def _scales(picture: np.ndarray, layers: MapLayers, layout: Layout) -> float:
 
 
 FRAMES = 60  # of the video, over which data of an AUV are added up and shown
+FADING = 10  # frames in which they vanish
 
 
 class Popups:
     """Words at AUVs with the data that each has collected in some seconds of video; `unit` is a pixel of the design.
 
-    They appear where an AUV delivers data, count what comes within `FRAMES`, and vanish then: words that went along
-    with it could hardly be read in fast motion.
+    They appear where an AUV delivers data, count what comes within `FRAMES`, and fade then: words that went along with
+    it or changed in each frame could hardly be read in fast motion.
     """
 
     def __init__(self, play: Playback, unit: float) -> None:
         self._play, self._unit = play, unit
         delivered = play.trace.delivered[:, 0].astype(float)
         self._steps = max(math.ceil(FRAMES * play.pace), 1)
+        self._rhythm = max(round(RHYTHM * play.pace), 1)
         self._begin = np.full(delivered.shape, -self._steps)  # step from which on data are added up, < 0 before
         self._sum = np.zeros_like(delivered)
         for t, now in enumerate(delivered):
@@ -353,16 +392,18 @@ class Popups:
         unit, size, step, width = self._unit, 13 * self._unit, step_of(t), picture.shape[1]
         taken = [(x, y, 10 * unit) for x, y in badges]  # middle and half the width
         for auv, ((x, y), inside) in enumerate(zip(places, within(picture, places), strict=True)):
-            if t - self._begin[step, auv] >= self._steps or not inside:
+            since = t - self._begin[step, auv]
+            if since >= self._steps or not inside:
                 continue
-            text = f"+{self._sum[step, auv]:.2f} Mbit"
+            text = f"+{self._sum[step - step_of(since) % self._rhythm, auv]:.2f} Mbit"
+            opacity = min((self._steps - since) / (FADING * self._play.pace), 1.0)
             half = text_width(text, size, bold=True) / 2 + 0.4 * size
             x = np.clip(x, half, max(width - half, half))
             y = max(y - 34 * unit, size)
             while any(abs(x - at) < half + other and abs(y - row) < 1.5 * size for at, row, other in taken):
                 y += -1.5 * size if y > 2.5 * size else 1.5 * size * (len(taken) + 1)
             taken.append((x, y, half))
-            shapes.badge(picture, text, np.array([x, y]), size, style.auv_colour(auv))
+            shapes.badge(picture, text, np.array([x, y]), size, style.auv_colour(auv), opacity)
 
 
 def within(picture: np.ndarray, places: np.ndarray) -> np.ndarray:

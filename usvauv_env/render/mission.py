@@ -14,19 +14,15 @@ from typing import NamedTuple
 
 import cv2
 import numpy as np
-import torch
-from contourpy import contour_generator
 
-from usvauv.env.accuracy.fix_errors import reception
 from usvauv.env.record.headings import latest
 from usvauv.env.record.metrics import age, energy_consumption, position_error, target_distance
 from usvauv.env.record.trace import Trace
-from usvauv.env.record.tracking_metrics import number, track_error
+from usvauv.env.record.tracking_metrics import middle_depth, track_error
+from usvauv.env.render.reply_field import ReplyField
 from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.sea.storm import elevation
 from usvauv.env.site.site import Site
-from usvauv.env.world.mission_parameters import link_table
-from usvauv.kernels import runtime
 from usvauv.kernels.errors import UserError
 from usvauv.kernels.positioning import usbl
 
@@ -201,9 +197,11 @@ def error_axes(covariance: np.ndarray) -> np.ndarray:
     return SIGMAS * np.sqrt(np.maximum(variances, 0.0))[..., None] * np.swapaxes(directions, -1, -2)
 
 
+RHYTHM = 10  # frames of the video after which numbers are written anew
 PING_STEPS = 12  # in which the ring of a ping runs from the boat to the farthest AUV
 PINGS_APART = 3  # times as long from one ring to the next: fewer than there are pings
 HEARD_STEPS = 6.0  # in which the line to an AUV fades to 1/e after its reply
+RANGE_STEPS = 10.0  # in which a range fades to 1/e
 NEXT = 3  # nodes of an AUV that are shown beyond the one it heads for
 
 
@@ -228,8 +226,9 @@ class Playback:
         service_share: (T, K) completed part of the service under way, 0 when travelling.
     """
 
-    def __init__(self, trace: Trace, pace: float = 1.0, speed_up: float = 1.0) -> None:
-        """`speed_up`: of the video, s of mission in a second."""
+    def __init__(self, trace: Trace, pace: float = 1.0, speed_up: float = 1.0, end: float | None = None) -> None:
+        """`speed_up`: of the video, s of mission in a second. `end`: moment of its last frame, by default the last."""
+        self._end = len(trace.time) - 1.0 if end is None else end
         self.trace, self.pace, self.sea, scenario = trace, pace, RecordedSea(trace, speed_up), trace.scenario
         window = max(1, round(MEDIAN_WINDOW / scenario.mission.step))
         self.stations = scenario.task == "station-keeping"
@@ -242,7 +241,8 @@ class Playback:
             self.tracked = Series(trace.node_estimate[:, 0].astype(float))
             self.track_covariance = Series(trace.node_covariance[:, 0].astype(float))
             self.track_error = track_error(trace)[:, 0].mean(axis=1)
-            self.target_depth = 0.5 * (number(trace, "depth_least") + number(trace, "depth_most"))
+            self.target_depth = middle_depth(trace)
+        self._ranged = latest(trace.node_range[:, 0] > 0) if trace.node_range.size else np.zeros((1, 0, 0), int)
         self.duration = max(float(trace.time[-1]), scenario.mission.step)
         self.time, self.depths = Series(trace.time), Series(trace.depth[:, 0])
         moving = trace.boat_position, trace.auv_position
@@ -254,7 +254,14 @@ class Playback:
         self.boat_headings, self.goals, self.estimated, self.covariance, self.foreseen = (
             Series(values[:, 0]) for values in linear
         )
-        self.attitude = Series(trace.attitude[:, 0])
+        attitude, turning = trace.attitude[:, 0].astype(float), round(TURN_FRAMES * pace)
+        if turning > 1:
+            speed = np.hypot(*np.moveaxis(trace.auv_velocity[:, 0].astype(float), -1, 0))
+            attitude[..., 0] = calm_heading(attitude[..., 0], speed, turning)
+            self.goals = Series(running_mean(self.goals.values, turning))
+            headings = self.boat_headings.values.astype(float)
+            self.boat_headings = Series(calm_heading(headings, np.ones_like(headings), turning))
+        self.attitude = Series(attitude)
         self.hovering, self._target = trace.hovering[:, 0].astype(bool), trace.target[:, 0]
         self.fill = trace.backlog[:, 0] / scenario.nodes.buffer
         self.age = age(trace)[:, 0] / OLD * (not self.stations and not self.moving)
@@ -321,6 +328,10 @@ class Playback:
             ("full nodes", self._full[t], ".0f"),
         ]
 
+    def told(self, t: float) -> float:
+        """Moment whose numbers are written at a moment: every `RHYTHM` frames another, up to that of the last frame."""
+        return max(t - (t - self._end) % (RHYTHM * self.pace), 0.0)
+
     def track(self, t: float, most: int) -> np.ndarray:
         """Steps of a trail that ends at the one before a moment; at most `most` pieces, however short the step."""
         t = step_of(t)
@@ -347,6 +358,19 @@ class Playback:
         """The boat with an AUV's last reply, and how recent it is at a moment: 1 in that step, 0 without one."""
         last = int(self._heard[step_of(t), auv])
         return int(self._by[last, auv]), math.exp((last - t) / HEARD_STEPS) if last >= 0 else 0.0
+
+    def ranges(self, t: float) -> list[tuple[int, int, np.ndarray, float, float]]:
+        """Ranges that are fresh at a moment: the AUV, the target, the place (2,) where the AUV took itself to be, the
+        horizontal range, m, and how recent it is, 1 in its step."""
+        found, trace = [], self.trace
+        for auv, target in np.ndindex(self._ranged.shape[1:]):
+            step = int(self._ranged[step_of(t), auv, target])
+            fresh = math.exp((step - t) / RANGE_STEPS) if step >= 0 else 0.0
+            if fresh > 0.1:
+                height = self.target_depth - float(trace.depth[step, 0, auv])
+                across = math.sqrt(max(float(trace.node_range[step, 0, auv, target]) ** 2 - height**2, 0.0))
+                found.append((auv, target, trace.own_position[step, 0, auv].astype(float), across, fresh))
+        return found
 
     def stops(self, t: int, auv: int) -> list[int]:
         """The node an AUV serves or heads for in a step, and those it went to after it, at most `NEXT`."""
@@ -380,6 +404,24 @@ def running_mean(series: np.ndarray, window: int) -> np.ndarray:
     return (total[last] - total[first]) / (last - first).reshape(-1, *[1] * (series.ndim - 1))
 
 
+TURN_FRAMES = 12.0  # of the video, over which the headings of vehicles are averaged
+LEAST_WAY = 0.25  # of the usual speed, below which a mean way has no direction
+
+
+def calm_heading(heading: np.ndarray, speed: np.ndarray, window: int) -> np.ndarray:
+    """Headings (T, N), continuous, rad, of the mean way over `window` rows, of headings and speeds (T, N).
+
+    Where a vehicle gets nowhere, as on a small circle or at a stop, it keeps its heading.
+    """
+    ways = running_mean(speed * np.exp(1j * heading), window)
+    certain = np.abs(ways) > LEAST_WAY * np.quantile(speed, 0.9, axis=0)
+    certain[0] = True
+    last = np.where(certain, np.arange(len(ways))[:, None], 0)
+    kept = np.take_along_axis(ways, np.maximum.accumulate(last, axis=0), axis=0)
+    turned = running_mean(np.where(kept == 0, 1, kept) / np.maximum(np.abs(kept), 1e-12), window)
+    return np.unwrap(np.angle(turned), axis=0)
+
+
 def _service_share(hovering: np.ndarray, completed: np.ndarray) -> np.ndarray:
     """Completed part of each service (T, K), from the first hovering step to the last."""
     done = hovering.astype(float)  # steps of the service so far
@@ -402,55 +444,3 @@ def _pings(asked: np.ndarray, apart: float) -> np.ndarray:
         if row - last >= apart:
             shown[row], last = True, row
     return latest(shown)
-
-
-LEVELS = (0.2, 0.4, 0.6, 0.8)
-PLACES = 41  # along the longer side
-DISTANCES = 128
-EVERY = 3  # steps at which lines, which change slowly, are made anew
-
-
-class ReplyField:
-    """Value of a place of the boat in world 0: the share of the AUVs' uncertainty that replies received there remove.
-
-    At a place p it is Σ_k P_k(p) a_k / Σ_k a_k, with a_k the variance of the boat's position estimate of AUV k, and P_k
-    the probability that its reply from the predicted position is received at p, over a calm array.
-    """
-
-    def __init__(self, trace: Trace) -> None:
-        area, auv = trace.scenario.area, trace.scenario.auv
-        spacing = max(area.width, area.length) / (PLACES - 1)
-        self._x, self._y = (np.linspace(0.0, side, round(side / spacing) + 1) for side in (area.width, area.length))
-        self._places = np.stack(np.meshgrid(self._x, self._y), -1)
-        self._foreseen = trace.foreseen_position[:, 0]
-        self._step, self._lines = -1, []
-        self._variance = 0.5 * trace.estimate_covariance[:, 0][..., [0, 2]].sum(-1)
-        self._distance = np.linspace(0.0, 1.5 * area.diagonal, DISTANCES)
-        device = runtime.start().device
-        offset = torch.zeros((DISTANCES, 3), dtype=torch.float32, device=device)
-        offset[:, 0], offset[:, 2] = torch.from_numpy(self._distance), -auv.depth
-        link = torch.from_numpy(link_table(Site(trace.scenario))).to(device)
-        every = torch.arange(auv.count, dtype=torch.int32, device=device)[:, None].expand(-1, DISTANCES)
-        self._heard = [reception(link, k.contiguous(), offset, torch.zeros_like(offset[:, :2]))[2] for k in every]
-
-    def share(self, t: int) -> np.ndarray:
-        """The field in step t at the places of a grid, (rows, columns), row 0 in the south."""
-        field = np.zeros(self._places.shape[:2])
-        for place, variance, heard in zip(self._foreseen[t], self._variance[t], self._heard, strict=True):
-            away = np.hypot(*(self._places - place).transpose(2, 0, 1))
-            field += variance * np.interp(away, self._distance, heard)
-        return field / max(float(self._variance[t].sum()), 1e-12)
-
-    def lines(self, t: int) -> list[tuple[float, list[np.ndarray]]]:
-        """Each level with its lines (N, 2), m, in the last step up to t that `EVERY` divides.
-
-        None where all or hardly anything is heard.
-        """
-        step = t - t % EVERY
-        if step != self._step:
-            share = self.share(step)
-            contours = contour_generator(self._x, self._y, share)
-            shown = LEVELS if share.min() <= LEVELS[-1] and share.max() >= LEVELS[0] else ()
-            self._step = step
-            self._lines = [(level, [np.asarray(line) for line in contours.lines(level)]) for level in shown]
-        return self._lines

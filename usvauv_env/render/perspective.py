@@ -8,9 +8,10 @@ from itertools import pairwise
 import cv2
 import numpy as np
 
+from usvauv.env.record.tracking_metrics import letter
 from usvauv.env.render import shapes, style
 from usvauv.env.render.layout import Layout, Rectangle, nice_above
-from usvauv.env.render.map import Popups, letter, within
+from usvauv.env.render.map import Popups, within
 from usvauv.env.render.mission import Playback, Series, Vehicle, error_axes, step_of
 from usvauv.env.render.scene import (
     BOAT_BODY,

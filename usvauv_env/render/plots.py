@@ -160,7 +160,7 @@ class RewardBars:
     TITLE = "reward a step,", "last 30 s"
 
     def __init__(self, still: np.ndarray, play: Playback, box: Rectangle, layout: Layout) -> None:
-        self._layout, self._row, unit, muted = layout, box.top, layout.unit, layout.theme.muted
+        self._play, self._layout, self._row, unit, muted = play, layout, box.top, layout.unit, layout.theme.muted
         size = np.abs(play.reward).max(axis=0)
         largest = [term for term in np.argsort(-size)[:TERMS].tolist() if size[term] > 0] or [0]
         start = box.left + max(text_width(words, 11 * unit) for words in self.TITLE) + 26 * unit
@@ -184,7 +184,7 @@ class RewardBars:
 
     def draw(self, picture: np.ndarray, t: float) -> None:
         layout, unit, room = self._layout, self._layout.unit, self._room
-        for left, value in zip(self._left, self._values[step_of(t)].tolist(), strict=True):
+        for left, value in zip(self._left, self._values[step_of(self._play.told(t))].tolist(), strict=True):
             number, row = f"{value:+.2f}".replace("-", "−"), self._row + 30 * unit
             position = left + room, self._row + 18 * unit
             write(picture, number, position, self._size, layout.theme.text, anchor="right")
@@ -265,7 +265,7 @@ class FixInsets:
                 heading = math.atan2(-estimate[1], estimate[0])
                 rim = centre + (self._radius - 5 * unit) * np.array([math.cos(heading), -math.sin(heading)])
                 shapes.arrow(picture, rim, heading, 14 * unit, style.WHITE, layout.zoom)
-            self._caption(picture, step, auv)
+            self._caption(picture, step_of(self._play.told(t)), auv)
 
     def _inside(self, offsets: np.ndarray) -> np.ndarray:
         """Whether points (..., 2), pixels from the centre, lie in an inset; false for NaN, a fix without detection."""
@@ -379,7 +379,7 @@ class DepthSection:
     def _write_motion(self, picture: np.ndarray, t: float) -> None:
         """Heave and tilt of the first boat at the right of the heading."""
         unit = self._layout.unit
-        elevation, *slope = self._floating.at(t)[0].tolist()
+        elevation, *slope = self._floating.at(self._play.told(t))[0].tolist()
         tilt = math.degrees(math.atan(math.hypot(*slope)))
         words = f"heave {elevation:+.2f} m · tilt {tilt:.1f}°".replace("-", "−")
         corner = self._card.right - 10 * unit, self._card.top + 18 * unit

@@ -181,9 +181,9 @@ def auv(image: np.ndarray, centre: np.ndarray, heading: float, length: float, co
     """A torpedo with tail fins, dark-edged."""
     with smooth(image, centre, 0.7 * length, factor) as (fine, middle):
         fins, body, band = (_place(part, middle, heading, length * factor) for part in (_FINS, _BODY, _BAND))
-        edge = max(1, round(0.13 * length * factor))
+        edge = max(1, round(0.11 * length * factor))
         for outline in (fins, body):
-            stroke(fine, outline, style.OUTLINE, edge, closed=True)
+            stroke(fine, outline, style.EDGE, edge, closed=True)
         fill(fine, fins, style.mix(colour, style.OUTLINE, 0.3))
         fill(fine, body, colour)
         fill(fine, band, style.OUTLINE)
@@ -201,7 +201,7 @@ def boat(image: np.ndarray, centre: np.ndarray, heading: float, length: float, f
     """A hull with a cabin, dark-edged."""
     with smooth(image, centre, 0.7 * length, factor) as (fine, middle):
         hull, cabin = (_place(part, middle, heading, length * factor) for part in (_HULL, _CABIN))
-        stroke(fine, hull, style.OUTLINE, max(1, round(0.12 * length * factor)), closed=True)
+        stroke(fine, hull, style.EDGE, max(1, round(0.1 * length * factor)), closed=True)
         fill(fine, hull, style.BOAT)
         fill(fine, cabin, style.BOAT_DECK)
 
@@ -217,9 +217,14 @@ def progress_ring(
             stroke(fine, _turned(middle, radius * factor, share), colour, max(1, round(width * factor)))
 
 
+def diagonals(centre: np.ndarray, size: float) -> np.ndarray:
+    """Lines (2, 2, 2) of a diagonal cross."""
+    return np.asarray(centre) + np.array([[(-size, y), (size, -y)] for y in (-size, size)])
+
+
 def cross(image: np.ndarray, centre: np.ndarray, size: float, colour: Colour, width: int) -> None:
     """A diagonal cross with a dark edge."""
-    lines = np.asarray(centre) + np.array([[(-size, y), (size, -y)] for y in (-size, size)])
+    lines = diagonals(centre, size)
     strokes(image, lines, style.OUTLINE, width + 2)
     strokes(image, lines, colour, width)
 
@@ -247,7 +252,7 @@ def _hollow(
 ) -> None:
     """The dark-edged outline of a polygon with corners (N, 2) around a centre."""
     with smooth(image, centre, reach, factor) as (fine, middle):
-        for ink, wide in ((style.OUTLINE, 2 * width), (colour, width)):
+        for ink, wide in ((style.EDGE, 2 * width), (colour, width)):
             stroke(fine, middle + corners * factor, ink, max(1, round(wide * factor)), closed=True)
 
 
@@ -267,12 +272,19 @@ def target(image: np.ndarray, centre: np.ndarray, size: float, colour: Colour, f
         fill(fine, middle + corners * factor, colour)
 
 
-def badge(image: np.ndarray, text: str, centre: np.ndarray, size: float, colour: Colour) -> None:
+def badge(image: np.ndarray, text: str, centre: np.ndarray, size: float, colour: Colour, opacity: float = 1.0) -> None:
     """A short text on a dark pill."""
     half = max(text_width(text, size, bold=True) / 2, 0.3 * size)
-    ends = np.asarray(centre) + np.array([(-half + 0.25 * size, 0), (half - 0.25 * size, 0)])
-    stroke(image, ends, style.OUTLINE, max(1, round(1.35 * size)))
-    write(image, text, (centre[0], centre[1] + 0.36 * size), size, colour, bold=True, anchor="centre")
+    x, y = np.asarray(centre)
+    left, top = max(int(x - half - size), 0), max(int(y - size), 0)
+    region = image[top : max(int(y + size) + 2, 0), left : max(int(x + half + size) + 2, 0)]
+    if not region.size:  # outside the picture
+        return
+    drawn = region.copy()
+    ends = np.array([(x - half + 0.25 * size, y), (x + half - 0.25 * size, y)]) - (left, top)
+    stroke(drawn, ends, style.OUTLINE, max(1, round(1.35 * size)))
+    write(drawn, text, (x - left, y - top + 0.36 * size), size, colour, bold=True, anchor="centre")
+    region[:] = cv2.addWeighted(drawn, opacity, region, 1 - opacity, 0)
 
 
 class NodeGauges:
@@ -405,6 +417,11 @@ class LegendSymbol(NamedTuple):
 
     def moving(self) -> None:
         target(self.picture, self.at, 6 * self.layout.unit, style.TARGET, self.layout.zoom)
+
+    def range(self) -> None:
+        turns = np.linspace(-0.7, 0.7, 13)
+        arc = np.stack([14 * np.cos(turns) - 10, 14 * np.sin(turns)], 1)
+        self._line([(x, y) for x, y in arc.tolist()], self.layout.theme.auv(0))
 
     def tracked(self) -> None:
         unit = self.layout.unit

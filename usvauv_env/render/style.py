@@ -110,7 +110,8 @@ def mix(first: Colour, second: Colour, share: float) -> Colour:
 
 WHITE = (255, 255, 255)
 OUTLINE = colour("#06121d")
-BOAT = colour("#ffffff")
+EDGE = colour("#09253f")  # of vehicles on the sea: between `OUTLINE` and its darkest water
+BOAT = colour("#e6edf2")
 BOAT_DECK = colour("#1b4f8a")
 FIELD = colour("#cfe3f5")  # lines of what a place of the boat is worth
 FULL = colour("#ff453a")

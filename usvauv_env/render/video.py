@@ -187,7 +187,7 @@ class Video:
         step, whole = traces[0].scenario.mission.step, self.at is not None or self.speedup is not None
         with one_drawing_thread():
             pace = speed / (self.fps * step)
-            frames = frames_of(traces, size, self.view, self.theme, speed, pace, self.follow)
+            frames = frames_of(traces, size, self.view, self.theme, speed, pace, self.follow, float(shown[-1]))
             if self.path.suffix.lower() == PICTURE:
                 with atomic_write(self.path) as partial:
                     partial.write_bytes(cv2.imencode(PICTURE, frames.frame(shown[0]))[1].tobytes())

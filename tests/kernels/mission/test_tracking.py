@@ -7,9 +7,11 @@ import pytest
 import torch
 
 from usvauv.env import Scenario, World
+from usvauv.env.exchange.trace_tables import tables
 from usvauv.env.record.metrics import task_metrics
 from usvauv.env.record.recorder import record
 from usvauv.env.record.trace import Trace
+from usvauv.env.record.tracking_metrics import number
 from usvauv.kernels.mission.columns import AuvColumn, ExchangeColumn, NodeColumn
 from usvauv.kernels.mission.tasks.task import SHIPPED, tasks
 from usvauv.kernels.mission.tasks.tracking import PairColumn, TargetColumn
@@ -272,6 +274,15 @@ def test_figures_of_merit_are_those_of_the_trace(tmp_path):
     np.testing.assert_allclose(values["track_close"], (error <= 20).mean((0, 2)), rtol=1e-5)
     own = world.task_node[..., TargetColumn.error].numpy()
     np.testing.assert_allclose(error[-1], own, atol=2e-3)
+    apart = again.node_way[-1, :, None] - again.auv_position[-1, :, :, None]
+    height = world.task_node[..., TargetColumn.depth].numpy()[:, None] - again.depth[-1][..., None]
+    heard, slant = again.node_range[-1] > 0, np.sqrt(np.square(apart).sum(-1) + height**2)
+    assert heard.mean() > 0.25
+    noise = (again.node_range[-1] - slant)[heard]
+    assert 0.01 < np.abs(noise).max() < 6 * number(again, "range_noise")
+    rows = tables(again)["ranges"]
+    assert len(rows["node"]) == np.count_nonzero(again.node_range)
+    assert {*rows["auv"].tolist()} == {*range(1, scenario.auv.count + 1)}
 
 
 def test_a_stored_world_goes_on_with_the_same_filters():

@@ -14,8 +14,10 @@ from pathlib import Path
 import av
 import matplotlib
 import pytest
+import typer
 
 from usvauv import env
+from usvauv.cli import app, terminal
 from usvauv.env import Trace, World, plugins
 from usvauv.env.record.metrics import COLUMNS
 from usvauv.env.storage.files import locked
@@ -241,13 +243,46 @@ def test_a_run_that_ends_before_it_learns_says_so(tmp_path, run_usvauv, monkeypa
     assert (tmp_path / "run" / "best.safetensors").exists()
     (tmp_path / "a.py").write_text("# corrected\n")
     for steps, changed in ((42, f"warning: {tmp_path}/a.py: changed since run was saved; the run continues"), (44, "")):
-        code, _, warned = run_usvauv("train", "--out", "run", "--resume", *own, "--steps", steps)
+        code, said, warned = run_usvauv("train", "--out", "run", "--resume", *own, "--steps", steps, "-q")
+        assert said.startswith("best policy")
         assert (code, warned.count("\n"), warned[: len(changed)]) == (0, len(changed) > 0, changed)
     nothing = "nothing to do: 44 of 44 world-steps are done; a larger --steps continues the run\n"
     assert run_usvauv("train", "--out", "run", "--resume") == (0, nothing, "")
     code, said, complaint = run_usvauv(*begin, "--out", "fins", "--learn", "frame=fins")
     assert (code, said) == (2, "")  # before it evaluates anything
     assert "frame = 'fins': scenario 'extreme' has vector actions" in complaint
+
+
+def test_in_a_narrow_terminal_help_is_whole(run_usvauv, monkeypatch):
+    """Names, choices and words of every command in 40 columns, as far as single words are no longer."""
+    monkeypatch.setenv("COLUMNS", "40")
+    commands = typer.main.get_command(app.parser()).commands
+    overview = " ".join(run_usvauv("--help")[1].split())
+    for name, command in commands.items():
+        code, text, _ = run_usvauv(name, "--help")
+        assert (code, "…" in text) == (0, False)
+        assert all(len(line) <= 40 or " " not in line.strip() for line in text.splitlines()), name
+        lines = [line.strip() for line in text.splitlines()]
+        for option in command.params:
+            if option.opts[0].startswith("--"):
+                assert any(f"{option.opts[0]}" in line.split() + line.split(", ") for line in lines), option.opts
+            if "|" in (option.metavar or ""):
+                assert any(option.metavar in line for line in lines), option.metavar
+        assert f"{name} " in overview
+        assert " ".join(command.help.split("\n\n")[0].split()).replace("`", "") in overview
+
+
+def test_without_progress_there_are_results_alone(tmp_path, monkeypatch, capfd):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(terminal, "SHOW_AFTER", -1.0)  # what takes no time is shown too
+    monkeypatch.setattr(terminal, "LINE_EVERY", 0.0)
+    for quiet, shown in ((["--quiet"], False), ([], True)):
+        monkeypatch.setattr(sys, "argv", ["usvauv", "simulate", "--duration", "4", "--out", "a.png", *SHORT, *quiet])
+        assert app.run() == 0
+        out, error = capfd.readouterr()
+        assert "picture: " in out
+        assert ("preparing extreme" in error, "simulating: " in error) == (shown, shown)
+        assert shown or error == ""
 
 
 def test_a_policy_of_another_team_is_warned_of(run_usvauv):

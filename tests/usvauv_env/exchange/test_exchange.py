@@ -11,6 +11,7 @@ from mcap_ros2.decoder import DecoderFactory
 from rerun.chunk import RrdReader
 
 from tests.usvauv_env.record.made_traces import diving, synthetic_trace
+from usvauv.env import Scenario
 from usvauv.env.exchange import export_trace
 from usvauv.env.exchange.trace_tables import tables
 from usvauv.env.record.metrics import served
@@ -103,16 +104,16 @@ class TestTables:
 
     def test_parts_of_vectors_fixes_and_services(self, trace):
         made = {name: pd.DataFrame(table) for name, table in tables(trace).items()}
-        node = made["nodes"].set_index(["time", "world", "node"]).loc[(trace.time[6], 1, 3)]
+        node = made["nodes"].set_index(["time", "world", "node"]).loc[(trace.time[6], 1, 4)]
         assert tuple(node[["node_position_x", "node_position_y"]]) == tuple(trace.node_position[1, 3])
         assert node["backlog"] == trace.backlog[6, 1, 3]
         fixes = made["fixes"]
         assert len(fixes) == STEPS * 2 * 2 - 2
-        row = fixes[(fixes.time == trace.time[5]) & (fixes.world == 1) & (fixes.auv == 1)].iloc[0]
+        row = fixes[(fixes.time == trace.time[5]) & (fixes.world == 1) & (fixes.auv == 2)].iloc[0]
         assert (row.x, row.y, row.depth) == (*trace.fix[5, 1, 1], trace.auv_depth[5, 1, 1])
         assert (row.covariance_xx, row.covariance_xy, row.covariance_yy) == tuple(trace.fix_covariance[5, 1, 1])
         ((step, world, auv, node),) = zip(*served(trace), strict=True)
-        expected = (trace.time[step], world, auv, node, 0.5)
+        expected = (trace.time[step], world, auv + 1, node + 1, 0.5)
         assert tuple(made["services"][["time", "world", "auv", "node", "delivered"]].iloc[0]) == expected
 
     @pytest.mark.parametrize("form", ["csv", "parquet"])
@@ -130,11 +131,11 @@ class TestMcap:
     """Written with rosbags, read with the library of MCAP's makers."""
 
     def test_every_topic_at_every_step(self, trace, bag):
-        poses = {f"/{name}/{of}" for name in ("auv_0", "auv_1", "usv_0") for of in ("pose", "navsat")}
-        sound = {f"/auv_{k}/{of}" for k in (0, 1) for of in ("velocity", "fins", "fix", "estimate")}
-        expected = {"/tf", "/nodes", "/sea", "/usv_0/goal"} | poses | sound
+        poses = {f"/{name}/{of}" for name in ("auv_1", "auv_2", "usv_1") for of in ("pose", "navsat")}
+        sound = {f"/auv_{k}/{of}" for k in (1, 2) for of in ("velocity", "fins", "fix", "estimate")}
+        expected = {"/tf", "/nodes", "/sea", "/usv_1/goal"} | poses | sound
         assert {topic: len(each) for topic, each in bag.items()} == dict.fromkeys(expected, STEPS) | {
-            "/auv_0/fix": STEPS - 1
+            "/auv_1/fix": STEPS - 1
         }
         for topic, each in bag.items():
             when, message = each[2]
@@ -158,13 +159,13 @@ class TestMcap:
             port = np.cos(roll) * aside + np.sin(roll) * risen  # it rises as starboard goes down
             up = np.array([-x, -y, 1.0]) / np.sqrt(1 + x * x + y * y)
             expected = {
-                "auv_0": ((*trace.auv_position[t, 1, 0], -trace.auv_depth[t, 1, 0]), (1.0, 0, 0), ahead),
-                "auv_1": ((*trace.auv_position[t, 1, 1], -trace.auv_depth[t, 1, 1]), (0, 1.0, 0), port),
-                "usv_0": ((*trace.boat_position[t, 1, 0], elevation), (0, 0, 1.0), up),
+                "auv_1": ((*trace.auv_position[t, 1, 0], -trace.auv_depth[t, 1, 0]), (1.0, 0, 0), ahead),
+                "auv_2": ((*trace.auv_position[t, 1, 1], -trace.auv_depth[t, 1, 1]), (0, 1.0, 0), port),
+                "usv_1": ((*trace.boat_position[t, 1, 0], elevation), (0, 0, 1.0), up),
             }
             transforms = {each.child_frame_id: each.transform for each in bag["/tf"][t][1].transforms}
             assert [*transforms] == [*expected]
-            bow, heading = numbers(bag["/usv_0/pose"][t][1].pose.orientation), trace.boat_heading[t, 1, 0]
+            bow, heading = numbers(bag["/usv_1/pose"][t][1].pose.orientation), trace.boat_heading[t, 1, 0]
             level, axis = np.array([np.cos(heading), np.sin(heading), 0.0]), np.cross((0, 0, 1.0), up)
             turn = np.array([*axis, 1 + up[2]])  # of which the angle has this half tangent
             turn /= np.linalg.norm(turn)
@@ -179,13 +180,13 @@ class TestMcap:
                 assert abs(earth.longitude) <= 180
                 back = frame.to_local(np.array(earth.longitude), np.array(earth.latitude))
                 np.testing.assert_allclose([*back, earth.altitude], place, atol=1e-6)
-            goal = numbers(bag["/usv_0/goal"][t][1].point)
+            goal = numbers(bag["/usv_1/goal"][t][1].point)
             np.testing.assert_allclose(goal, [*trace.boat_goal[t, 1, 0], 0])
-            fins, (rudder, stern, turns) = bag["/auv_1/fins"][t][1], trace.auv_fins[t, 1, 1]
+            fins, (rudder, stern, turns) = bag["/auv_2/fins"][t][1], trace.auv_fins[t, 1, 1]
             assert fins.name == ["rudder", "stern_plane", "propeller"]
             np.testing.assert_allclose(fins.position, [rudder, stern, np.nan])
             np.testing.assert_allclose(fins.velocity, [np.nan, np.nan, 2 * np.pi * turns])
-            velocity = numbers(bag["/auv_0/velocity"][t][1].twist.linear)
+            velocity = numbers(bag["/auv_1/velocity"][t][1].twist.linear)
             climb = (trace.auv_depth[max(t - 1, 0), 1, 0] - trace.auv_depth[t, 1, 0]) / trace.scenario.mission.step
             np.testing.assert_allclose(velocity, [*trace.auv_velocity[t, 1, 0], climb])
 
@@ -194,7 +195,7 @@ class TestMcap:
         [("fix", "fix", "fix_covariance"), ("estimate", "estimate", "estimate_covariance")],
     )
     def test_positions_have_their_covariance_and_an_unknown_attitude(self, trace, bag, name, place, covariance):
-        pose = bag[f"/auv_1/{name}"][4][1].pose
+        pose = bag[f"/auv_2/{name}"][4][1].pose
         expected = (*getattr(trace, place)[4, 1, 1], -trace.auv_depth[4, 1, 1])
         np.testing.assert_allclose(numbers(pose.pose.position), expected)
         matrix, (xx, xy, yy) = np.reshape(pose.covariance, (6, 6)), getattr(trace, covariance)[4, 1, 1]
@@ -224,8 +225,8 @@ class TestRerun:
                 ("power", trace.power[:, 1, k]),
                 ("depth", trace.auv_depth[:, 1, k]),
             ):
-                np.testing.assert_allclose(np.concatenate(scene[f"/{name}/auv_{k}"]["Scalars:scalars"]), values)
-            fixes, colour = scene[f"/scene/fixes/auv_{k}"], scene[f"/scene/fixes/auv_{k}", "constant"]
+                np.testing.assert_allclose(np.concatenate(scene[f"/{name}/auv_{k + 1}"]["Scalars:scalars"]), values)
+            fixes, colour = scene[f"/scene/fixes/auv_{k + 1}"], scene[f"/scene/fixes/auv_{k + 1}", "constant"]
             assert int(colour["Ellipsoids3D:colors"][0][0]).to_bytes(4)[0] == auv_colour(k)[2]  # red
             made = np.flatnonzero(np.isfinite(trace.fix[:, 1, k, 0]))
             assert len(fixes) == len(made)
@@ -237,9 +238,9 @@ class TestRerun:
                 np.testing.assert_allclose(axes.T @ np.diag(half[:2] ** 2 / 4) @ axes, [[xx, xy], [xy, yy]], rtol=1e-5)
                 np.testing.assert_allclose(centre[:2], trace.fix[t, 1, k], rtol=1e-6)
         np.testing.assert_allclose(np.concatenate(scene["/backlog"]["Scalars:scalars"]), trace.backlog[:, 1].sum(1))
-        bow, heading = scene["/scene/usv_0/bow"]["Arrows3D:vectors"][0][0], trace.boat_heading[0, 1, 0]
+        bow, heading = scene["/scene/usv_1/bow"]["Arrows3D:vectors"][0][0], trace.boat_heading[0, 1, 0]
         np.testing.assert_allclose(bow / np.linalg.norm(bow), [np.cos(heading), np.sin(heading), 0], atol=1e-6)
-        latitude, longitude = np.stack(scene["/earth/usv_0"]["GeoPoints:positions"][2])[0]
+        latitude, longitude = np.stack(scene["/earth/usv_1"]["GeoPoints:positions"][2])[0]
         assert (abs(longitude) <= 180).all()
         back = Site(trace.scenario).frame.to_local(longitude, latitude)
         np.testing.assert_allclose(back, trace.boat_position[2, 1, 0], atol=1e-6)
@@ -248,10 +249,48 @@ class TestRerun:
         calm = replace(synthetic_trace(steps=2, sea=False), fix=np.full((2, 1, 2, 2), np.nan))
         for form in ("rrd", "mcap"):
             export_trace(calm, form, tmp_path / f"calm.{form}")
-        assert not {"/sea", "/auv_0/fix", "/auv_0/navsat"} & messages(tmp_path / "calm.mcap").keys()
+        assert not {"/sea", "/auv_1/fix", "/auv_1/navsat"} & messages(tmp_path / "calm.mcap").keys()
         found = {key if isinstance(key, str) else key[0] for key in entities(tmp_path / "calm.rrd")}
-        assert not {"/scene/sea", "/scene/fixes/auv_0", "/earth/auv_0"} & found
-        assert {"/scene/auv_1", "/scene/usv_0", "/error/auv_0"} < found
+        assert not {"/scene/sea", "/scene/fixes/auv_1", "/earth/auv_1"} & found
+        assert {"/scene/auv_2", "/scene/usv_1", "/error/auv_1"} < found
+
+
+def test_numbers_of_boats_and_nodes_begin_at_one(trace):
+    auvs = tables(trace)["auvs"]
+    np.testing.assert_array_equal(auvs["target"], trace.target.ravel() + 1)
+    np.testing.assert_array_equal(auvs["fix_boat"], trace.fix_boat.ravel() + 1)
+    assert {*auvs["auv"].tolist()} == {1, 2}
+    assert {*auvs["world"].tolist()} == {0, 1}
+
+
+def test_targets_that_move_have_their_ways_and_estimates(tmp_path):
+    """Of three targets of `tracking`, the second is not known at first; no export has them as nodes on the bed."""
+    made, random = synthetic_trace(steps=5, auvs=3, nodes=3, area=(2400.0, 2400.0)), np.random.default_rng(2)
+    way, covariance = random.uniform(0, 2400, (5, 1, 3, 2)), np.tile([9.0, 3.0, 4.0], (5, 1, 3, 1))
+    covariance[:2, :, 1] = 0.0
+    tracked = way + 5.0
+    trace = replace(
+        made, scenario=Scenario.load("tracking"), node_way=way, node_estimate=tracked, node_covariance=covariance
+    )
+    for form in ("mcap", "rrd"):
+        export_trace(trace, form, tmp_path / f"tracking.{form}")
+    bag, scene = messages(tmp_path / "tracking.mcap"), entities(tmp_path / "tracking.rrd")
+    assert {topic.split("/")[1] for topic in bag} >= {"target_A", "target_B", "target_C"}
+    assert "/nodes" not in bag
+    assert ("/scene/nodes", "constant") not in scene
+    for m, name in enumerate("ABC"):
+        places = [numbers(message.point) for _, message in bag[f"/target_{name}/position"]]
+        np.testing.assert_allclose(np.array(places)[:, :2], way[:, 0, m])
+        estimates = bag[f"/target_{name}/estimate"]
+        first = 2 if name == "B" else 0
+        assert [time for time, _ in estimates] == [round(t * 1e9) for t in trace.time[first:]]
+        for t, (_, message) in enumerate(estimates, first):
+            np.testing.assert_allclose(numbers(message.pose.pose.position)[:2], tracked[t, 0, m])
+            np.testing.assert_allclose(np.reshape(message.pose.covariance, (6, 6))[:2, :2], [[9, 3], [3, 4]])
+        drawn = np.array([row[0] for row in scene[f"/scene/target_{name}"]["Points3D:positions"]])
+        np.testing.assert_allclose(drawn[:, :2], way[:, 0, m], rtol=1e-6)
+        ellipses = scene[f"/scene/tracked/target_{name}"]["Ellipsoids3D:centers"]
+        np.testing.assert_allclose([row[0][:2] for row in ellipses], tracked[first:, 0, m], rtol=1e-6)
 
 
 class TestCommand:

@@ -13,12 +13,13 @@ from tests.usvauv_env.record.made_traces import keeping_station, paint, syntheti
 from tests.usvauv_env.render.reference_frames import LIMITS, cases, differences, drawn
 from usvauv.env import Scenario
 from usvauv.env.record.metrics import episode_metrics
+from usvauv.env.record.tracking_metrics import middle_depth
 from usvauv.env.render import legend, shapes, style
 from usvauv.env.render.frames import frames_of
 from usvauv.env.render.layout import Arrangement
 from usvauv.env.render.legend import ENTRIES, InPicture
 from usvauv.env.render.map import Popups
-from usvauv.env.render.mission import Playback, error_axes
+from usvauv.env.render.mission import RHYTHM, Playback, error_axes
 from usvauv.env.render.sea_surface import elevation_limit
 from usvauv.env.render.style import CATEGORICAL, CATEGORICAL_ON_WHITE, web
 from usvauv.env.scenario.environment import Area
@@ -105,6 +106,33 @@ class TestMap:
         inside = (np.linalg.solve(error_axes(np.array([4.0, -1.9, 1.0])).T, errors.T) ** 2).sum(0) < 1
         assert inside.mean() == pytest.approx(1 - np.exp(-2), abs=0.01)
 
+    def test_of_targets_that_move_it_shows_where_they_get_and_ranges_to_them(self):
+        """Ways within 400 m of an area of 2400 m; a range of 50 m to a target 30 m deeper is 40 m across."""
+        made, random = synthetic_trace(steps=30, auvs=3, nodes=3, area=(2400.0, 2400.0)), np.random.default_rng(1)
+        ways = {
+            name: random.uniform(1000, 1400, getattr(made, name).shape) for name in ("auv_position", "boat_position")
+        }
+        way, ranges = random.uniform(1000, 1400, (30, 1, 3, 2)), np.zeros((30, 1, 3, 3))
+        scenario = Scenario.load("tracking")
+        ranges[7, 0, 2, 1] = 50.0
+        tracks = {
+            "node_way": way,
+            "node_estimate": way,
+            "node_covariance": np.ones((30, 1, 3, 3)),
+            "node_range": ranges,
+        }
+        moving = replace(made, scenario=scenario, **tracks, **ways)
+        moving = replace(moving, auv_depth=np.full((30, 1, 3), middle_depth(moving) - 30.0))
+        (low, high), every = frames_of([moving], (640, 360)).map.view.bounds, np.concatenate([*ways.values(), way], 2)
+        assert (low <= every.min((0, 1, 2))).all()
+        assert (high >= every.max((0, 1, 2))).all()
+        assert (high - low < 1000).all()
+        play = Playback(moving)
+        assert play.ranges(6.0) == []
+        ((auv, target, place, across, fresh),) = play.ranges(17.0)
+        assert (auv, target, across, fresh) == (2, 1, pytest.approx(40.0), pytest.approx(np.exp(-1.0)))
+        np.testing.assert_allclose(place, moving.own_position[7, 0, 2])
+
     def test_symbols_end_at_its_border(self):
         """An AUV in the corner, in a service with data, and its estimate beyond: nothing of them is beside the map."""
         made = synthetic_trace(steps=3, auvs=1)
@@ -130,7 +158,8 @@ class TestMap:
             for t in range(130):
                 popups.draw(np.zeros((200, 200, 3), np.uint8), t, np.full((1, 2), 100.0), np.zeros((1, 2)))
         sums = [float(text.split()[0]) for text in said]
-        np.testing.assert_allclose(sums, 0.06 * (np.arange(130) % 60 + 1), atol=0.006)
+        last = np.arange(130) % 60 // RHYTHM * RHYTHM  # step of the sum that is written
+        np.testing.assert_allclose(sums, 0.06 * (last + 1), atol=0.006)
 
 
 class TestLegend:

@@ -33,6 +33,12 @@ def trace() -> Trace:
     return record(World(Scenario.load("extreme", STORM), 1, 3, fine_sea=True), still, "still", surface=True)
 
 
+def vehicles(trace: Trace) -> dict[str, np.ndarray]:
+    """What a trace has of vehicles that move, by name."""
+    names = "boat_position", "boat_heading", "boat_goal", "auv_position", "auv_velocity", "estimate"
+    return {name: getattr(trace, name) for name in (*names, "foreseen_position", "estimate_covariance")}
+
+
 class TestSea:
     def test_at_a_step_it_is_the_recorded_one(self, trace):
         sea = RecordedSea(trace)
@@ -115,14 +121,46 @@ class TestSea:
         np.testing.assert_array_equal(Playback(boat).boats.values[:, 0], circling)
 
     def test_in_fast_motion_a_map_is_like_the_one_before(self, trace):
-        """Vehicles, which move by their own lengths, are held: sea, current and pings move."""
-        moving = "boat_position", "boat_heading", "boat_goal", "auv_position", "auv_velocity", "estimate"
-        moving += "foreseen_position", "estimate_covariance"
-        held = {name: np.repeat(getattr(trace, name)[:1], STEPS, axis=0) for name in moving}
-        frames, shown = frames_of([replace(trace, **held)], (640, 360), speed_up=30.0), []
-        for t in range(STEPS):
-            shown.append(frames.layout.map.of(frames.frame(t)).mean(axis=-1).ravel())
-        assert min(np.corrcoef(one, other)[0, 1] for one, other in pairwise(shown)) > 0.985
+        """AUVs go 1.5 m and the boat 0.8 m a frame, in a storm with a current and pings; one with vehicles held."""
+        t = np.arange(STEPS)[:, None, None, None]
+        held = {name: np.repeat(value[:1], STEPS, axis=0) for name, value in vehicles(trace).items()}
+        auvs, boats = np.array([[60.0, 50.0], [140.0, 150.0]]), np.array([[90.0, 100.0]])
+        places = auvs + t * np.array([[1.5, 0.0], [0.0, 1.5]])
+        way = dict.fromkeys(("auv_position", "estimate", "foreseen_position"), places)
+        boat = boats + t * np.array([0.7, 0.4])
+        moved = held | way | {"boat_position": boat, "boat_goal": boat + 30.0}
+        for changed, least in ((held, 0.993), (moved, 0.93)):
+            frames, shown = frames_of([replace(trace, **changed)], (640, 360), speed_up=30.0), []
+            for step in range(STEPS):
+                shown.append(frames.layout.map.of(frames.frame(step)).mean(axis=-1).ravel())
+            alike = [np.corrcoef(one, other)[0, 1] for one, other in pairwise(shown)]
+            assert np.mean(alike) > least
+
+    def test_in_fast_motion_numbers_stay_for_some_frames_and_are_those_of_the_last(self):
+        made = synthetic_trace(steps=47)
+        frames, seen = frames_of([made], (640, 360), speed_up=30.0), []
+        boxes = [frames.layout.boxes[name] for name in ("title", "tiles")]
+        for t in range(47):
+            picture = frames.frame(t)
+            seen.append(np.concatenate([box.of(picture).ravel() for box in boxes]))
+        changes = [t for t in range(1, 47) if (seen[t] != seen[t - 1]).any()]
+        assert changes == [6, 16, 26, 36, 46]
+        last = frames_of([made], (640, 360), speed_up=30.0, pace=1 / 30).frame(46)
+        np.testing.assert_array_equal(seen[-1], np.concatenate([box.of(last).ravel() for box in boxes]))
+
+    def test_in_fast_motion_a_vehicle_turns_calmly_and_keeps_its_heading_where_it_gets_nowhere(self):
+        """An AUV goes east, circles on the spot for 60 steps, then goes north; its turn takes a third of a second."""
+        made = synthetic_trace(steps=120, auvs=1)
+        angle = np.concatenate([np.zeros(30), 0.7 * np.arange(60), np.full(30, np.pi / 2)])
+        velocity = 2.0 * np.stack([np.cos(angle), np.sin(angle)], -1)[:, None, None]
+        spinning = replace(made, auv_velocity=velocity.astype(np.float32))
+        heading = Playback(spinning, speed_up=30.0).attitude.values[:, 0, 0]
+        assert np.abs(np.diff(heading)).max() < 0.25
+        np.testing.assert_allclose(heading[:20], 0.0, atol=0.01)
+        assert np.ptp(heading[40:80]) < 0.1
+        np.testing.assert_allclose(np.remainder(heading[-10:], 2 * np.pi), np.pi / 2, atol=0.01)
+        true = Playback(spinning, pace=1 / 30).attitude.values[:, 0, 0]
+        assert np.abs(np.remainder(true - angle + np.pi, 2 * np.pi) - np.pi).max() < 1e-5
 
 
 class TestSeries:

@@ -97,7 +97,9 @@ class TestContent:
         path = tmp_path / "moment.png"
         for at, t in ((None, 11), (3.9, 2), (0.0, 0), (12.0, 11)):
             assert write_video(trace, path, size=SMALL, at=at).frames == 1
-            np.testing.assert_array_equal(cv2.imread(str(path)), frames_of([trace], SMALL, speed_up=30.0).frame(t))
+            np.testing.assert_array_equal(
+                cv2.imread(str(path)), frames_of([trace], SMALL, speed_up=30.0, end=t).frame(t)
+            )
 
     @pytest.mark.parametrize(
         ("options", "first", "pace", "count"),
