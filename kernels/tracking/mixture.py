@@ -26,8 +26,8 @@ from usvauv.kernels.tracking.hypotheses import (
     wide,
 )
 
-ALIKE = 1.0
-LIGHT = 0.011  # by simulations: smaller ones make filters too confident, larger ones lose turns among the straight ways
+ALIKE = 0.5
+LIGHT = 0.015  # both by simulations: smaller ones make filters too confident, larger ones lose turns among the straight
 AGES = 0.25  # squared distance of two hypotheses whose last turns are a step apart
 LEAST = 1e-9  # m²/s²
 PLACE = CAPACITY - 1  # last bits of a weight that have the hypothesis's place

@@ -65,7 +65,7 @@ USUAL = 2.5  # of a range's logarithmic likelihood, see above
 LOST = 8.0
 LIKELIEST_TURN = 0.5  # greatest probability of a turn in a step
 LEAST_SPEED_VARIANCE = 1e-4  # m²/s²
-FORGOTTEN = 0.0025  # weight, over the heaviest, by simulations: lighter ones make those that take them in too wide
+FORGOTTEN = math.exp(-8.0)  # weight, over the heaviest
 PLACE = [WorkColumn.x, WorkColumn.y, WorkColumn.xx, WorkColumn.xy, WorkColumn.yy]
 SLOPES = [WorkColumn.xu, WorkColumn.xv, WorkColumn.yu, WorkColumn.yv]
 # Columns of the covariances of x, y, u and v with u and with v.

@@ -208,7 +208,7 @@ class TestRules:
         squared = outcome.nees[np.isfinite(outcome.nees)]
         unawares = squared > 20  # of a χ² of two degrees of freedom 2e-9
         assert unawares.mean() < 0.006
-        assert squared[~unawares].mean() == pytest.approx(1, abs=0.12)
+        assert squared[~unawares].mean() == pytest.approx(1, abs=0.14)
         assert np.mean(squared < -math.log(0.05)) == pytest.approx(0.95, abs=0.015)
 
     @pytest.mark.slow
