@@ -7,12 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
+from usvauv.cli import terminal
 from usvauv.env.accuracy.boat_place import OBJECTIVE_NAMES, BoatPlace, Landscape, Plan
 from usvauv.env.render import style
 from usvauv.env.render.style import CATEGORICAL, ON_DARK, SEA_COLOURS, save_figure, style_axes, web
 
 TEXT, MUTED, OUTLINE = ON_DARK.text, ON_DARK.muted, web(style.OUTLINE)
 SIGMAS = 2
+LONGEST_NAME = 10  # characters
 # Upper bounds on a drawn semi-major axis over the shorter side of the area: from the optimum, from any place.
 LARGEST_BEST, LARGEST = 0.12, 0.25
 FACTORS = (1.05, 1.1, 1.25, 1.5, 2, 3, 5, 10, 20, 50)
@@ -145,11 +147,12 @@ def draw_places(result: Plan, axes: style.Axes) -> float:
                 ellipse.set_path_effects(shadow)
             axes.add_patch(ellipse)
     above = {"clip_on": False, "mec": OUTLINE}
+    names = terminal.shortened([auv.name for auv in result.auvs], LONGEST_NAME)
     for k, auv in enumerate(result.auvs):
         colour = web(style.auv_colour(k))
         axes.plot(auv.x, auv.y, "o", ms=7, mfc=colour, mew=1, zorder=5, **above)
-        label = axes.annotate(str(k + 1), (auv.x, auv.y), (6, 6), textcoords="offset points", zorder=6)
-        label.set(color=colour, fontsize=11, fontweight="bold", path_effects=shadow)
+        label = axes.annotate(names[auv.name], (auv.x, auv.y), (6, 6), textcoords="offset points", zorder=6)
+        label.set(parse_math=False, color=colour, fontsize=11, fontweight="bold", path_effects=shadow)
     for i, place in enumerate(others):
         letter, colour = look(i)
         axes.plot(place.x, place.y, "s", ms=13, mfc=colour, mew=1.2, zorder=7, **above)
@@ -183,9 +186,10 @@ def draw_legend(result: Plan, scale: float, figure: style.Figure, corner: tuple[
         letter, colour = look(i)
         entries.append((mark("s", colour, 9), f"{letter} ({place.x:g}, {place.y:g})   {error_of(place, objective)}"))
     entries.append(heading("AUV: 1-σ from the optimum"))
+    names = terminal.shortened([auv.name for auv in result.auvs], LONGEST_NAME)
     for k, (auv, error) in enumerate(zip(result.auvs, best.errors, strict=True)):
         size = f"{metres(error.major)} × {metres(error.minor)} m" if error.located else f"{error.good:.0%} good"
-        text = f"{k + 1}, {auv.depth:g} m deep   {size}"
+        text = f"{names[auv.name]}, {auv.depth:g} m deep   {size}"
         entries.append((mark("o", web(style.auv_colour(k)), 7), text))
     entries.append(heading(f"{SIGMAS}-σ ellipses, drawn × {scale:g}"))
     entries.append((line(TEXT, "-"), "from the optimum"))
@@ -201,5 +205,6 @@ def draw_legend(result: Plan, scale: float, figure: style.Figure, corner: tuple[
         handles, texts, loc="upper left", bbox_to_anchor=corner, frameon=False, labelcolor=TEXT, fontsize=9.5
     )
     for handle, text in zip(handles, legend.get_texts(), strict=True):
+        text.set_parse_math(False)
         if handle.get_color() == "none":
             text.set(color=MUTED, x=-HEADING_OUTDENT)

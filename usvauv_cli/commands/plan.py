@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from usvauv.env.scenario import Scenario
 
 FORMATS = (".png", ".pdf", ".svg", ".geojson")
-LONGEST_NAME = 40  # characters of a name in the table
+LONGEST_NAME = 16  # characters of a name in a table
 MOST_DRAWN = 200  # places to compare with, each a row of the figure's legend
 
 
@@ -163,7 +163,7 @@ def plan(
     uncertainty = [found.uncertainty for found in estimates]
     planner = setting.planner
     result, landscape = solve(
-        setting, auvs, others, planner.objective, planner.measurement, gradient, arch, uncertainty
+        setting, auvs, others, planner.objective, planner.measurement, gradient, arch, uncertainty, names_of(estimates)
     )
     first = read.warnings if read else [f"--auv: {hint}"] if hint else []
     result = replace(result, warnings=[*first, *result.warnings])
@@ -247,16 +247,20 @@ def expectation(place: BoatPlace) -> str:
     return f"the error of a fix is unbounded{of}" if place.rms is None else f"rms error of a fix {place.rms:.2f} m{of}"
 
 
+def names_of(estimates: list[PositionEstimate]) -> list[str]:
+    """The AUVs' names in the log, printable."""
+    return ["".join(c if c.isprintable() else repr(c)[1:-1] for c in found.name) for found in estimates]
+
+
 def print_estimates(estimates: list[PositionEstimate]) -> None:
     """Print where each AUV is by its fixes, and how much they scatter."""
-    names = ["".join(c if c.isprintable() else repr(c)[1:-1] for c in found.name) for found in estimates]
-    short = terminal.shortened(names, LONGEST_NAME)
+    short = terminal.shortened(names_of(estimates), LONGEST_NAME)
     rows = [
-        (str(k), short[name], str(found.fixes), f"{found.x:.1f}", f"{found.y:.1f}", f"{found.depth:.1f}",
+        (short[name], str(found.fixes), f"{found.x:.1f}", f"{found.y:.1f}", f"{found.depth:.1f}",
          metres(found.noise), f"{found.age:.0f}", metres(found.uncertainty))
-        for k, (found, name) in enumerate(zip(estimates, names, strict=True), 1)
+        for found, name in zip(estimates, names_of(estimates), strict=True)
     ]  # fmt: skip
-    headings = ("AUV", "in the log", "fixes", "x m", "y m", "depth m", "noise rms m", "age s", "now ± m")
+    headings = ("AUV", "fixes", "x m", "y m", "depth m", "noise rms m", "age s", "now ± m")
     terminal.print_table(headings, rows)
     typer.echo()
 
@@ -268,6 +272,7 @@ def print_table(result: Plan) -> None:
     from usvauv.env.site.positions import coordinates
 
     best = result.optimum
+    short = terminal.shortened([auv.name for auv in result.auvs], LONGEST_NAME)
     places = [("optimum", best), ("centroid", result.centroid), *(("compare", p) for p in result.compare)]
     boats = [
         (
@@ -279,14 +284,14 @@ def print_table(result: Plan) -> None:
         for name, place in places
     ]
     fixes = [
-        (name if k == 1 else "", str(k), f"{error.range:.1f}", metres(error.major), metres(error.minor),
+        (name if k == 0 else "", short[auv.name], f"{error.range:.1f}", metres(error.major), metres(error.minor),
          f"{error.detected:.1%}", f"{error.good:.1%}")
-        for name, place in places for k, error in enumerate(place.errors, 1)
+        for name, place in places for k, (auv, error) in enumerate(zip(result.auvs, place.errors, strict=True))
     ]  # fmt: skip
     where = f"x = {best.x:.2f} m, y = {best.y:.2f} m"
     on_earth = [
         (name, coordinates(place.latitude, place.longitude))
-        for name, place in (*places, *((f"AUV {k}", auv) for k, auv in enumerate(result.auvs, 1)))
+        for name, place in (*places, *((f"AUV {short[auv.name]}", auv) for auv in result.auvs))
         if place.latitude is not None and place.longitude is not None
     ]
     if on_earth:
@@ -306,7 +311,7 @@ def print_table(result: Plan) -> None:
     for name, place in places:
         if name != "centroid":
             typer.echo()
-            headings = [f"error by cause, {name}, rms m", *(f"AUV {k}" for k in range(1, len(place.errors) + 1))]
+            headings = [f"error by cause, {name}, rms m", *(f"AUV {short[auv.name]}" for auv in result.auvs)]
             causes = [(cause, *map(metres, values)) for cause, values in place.budget.items() if any(values)]
             terminal.print_table(headings, causes)
     for name, there in on_earth:

@@ -62,8 +62,12 @@ class BoatPlace:
 
 @dataclass(frozen=True)
 class AuvPosition:
-    """Position of an AUV, m, depth positive down; latitude and longitude as in `BoatPlace`; and its carrier, Hz."""
+    """Position of an AUV, m, depth positive down; latitude and longitude as in `BoatPlace`; and its carrier, Hz.
 
+    Its name is that of `solve`.
+    """
+
+    name: str
     x: float
     y: float
     latitude: float | None
@@ -119,6 +123,7 @@ def solve(
     slope: tuple[float, float] = (0.0, 0.0),
     arch: str = "auto",
     uncertainty: Sequence[float] = (),
+    names: Sequence[str] = (),
 ) -> tuple[Plan, Landscape]:
     """Find the best place of the boat for a layout of AUVs, and predict their fixes from there and elsewhere.
 
@@ -131,7 +136,9 @@ def solve(
         arch: architecture of the kernels, see `usvauv.kernels.runtime.start`.
         uncertainty: horizontal rms of the error of each position, m; probabilities of fixes are means over it. Default:
             the positions are exact.
+        names: of the AUVs. Default: their numbers, from 1 on.
     """
+    names = names or [str(k) for k in range(1, len(auvs) + 1)]
     device = runtime.start(arch).device
     site = Site(scenario)
     link = torch.from_numpy(link_table(site)).to(device)
@@ -208,13 +215,13 @@ def solve(
         slope=slope,
         area={"width": width, "length": length, "depth": scenario.area.depth},
         auvs=[
-            AuvPosition(x, y, *geographic(x, y), depth, scenario.usbl.carrier(k, len(auvs)))
-            for k, (x, y, depth) in enumerate(auvs)
+            AuvPosition(name, x, y, *geographic(x, y), depth, scenario.usbl.carrier(k, len(auvs)))
+            for k, (name, (x, y, depth)) in enumerate(zip(names, auvs, strict=True))
         ],
         optimum=places[0],
         centroid=places[1],
         compare=places[2:],
-        warnings=warnings_of(scenario, expect, link, auvs, (optimum[0], optimum[1])),
+        warnings=warnings_of(scenario, expect, link, auvs, (optimum[0], optimum[1]), names),
     )
     return plan, landscape
 
@@ -258,15 +265,20 @@ def deviations(errors: Sequence[FixError]) -> list[float] | None:
 
 
 def warnings_of(
-    scenario: Scenario, expect: Expect, link: torch.Tensor, auvs: Sequence[Position], boat: tuple[float, float]
+    scenario: Scenario,
+    expect: Expect,
+    link: torch.Tensor,
+    auvs: Sequence[Position],
+    boat: tuple[float, float],
+    names: Sequence[str],
 ) -> list[str]:
-    """One line for each reason for which AUVs are not located; the first AUV is number 1.
+    """One line for each reason for which AUVs are not located.
 
     Every remedy is tried: it alone makes all AUVs of its line located.
 
     Args:
         expect: `fix_errors.predict` as a function of link table, AUVs and boat.
-        link, auvs, boat: as for that.
+        link, auvs, boat: as for that. names: of the AUVs.
     """
     errors = expect(link, auvs, boat)
     reasons = [None if error.located else reason(error) for error in errors]
@@ -275,7 +287,7 @@ def warnings_of(
         group = [k for k, of_auv in enumerate(reasons) if of_auv == why]
         if group:
             share = ", ".join(f"{errors[k].good:.1%}" for k in group)
-            who = f"AUV{'s' * (len(group) > 1)} {', '.join(str(k + 1) for k in group)}"
+            who = f"AUV{'s' * (len(group) > 1)} {', '.join(names[k] for k in group)}"
             what = " or ".join(remedies(scenario, expect, link, auvs, boat, group))
             lines.append(
                 f"{who} not located from the optimum, {share} of fixes good (least {LEAST_GOOD:.0%}):"

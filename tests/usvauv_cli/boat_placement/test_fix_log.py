@@ -407,6 +407,7 @@ class TestCommand:
         assert (code, err) == (0, "warning: --log log.csv: left out: 5 × 'surfaced', at the surface, depth 0.0 m\n")
         said = json.loads((tmp_path / "plan.json").read_text())
         assert [auv["name"] for auv in said["log"]] == names[:1]
+        assert [auv["name"] for auv in said["auvs"]] == names[:1]
         assert said["left_out"] == {"'surfaced', at the surface, depth 0.0 m": 5}
         assert (tmp_path / "plan.png").exists()
         assert "Ω水中😀" in out

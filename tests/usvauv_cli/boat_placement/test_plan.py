@@ -186,7 +186,7 @@ class TestOutput:
         }
         assert result["area"] == {"width": 200, "length": 200, "depth": 120}
         unplaced = {"latitude": None, "longitude": None}
-        assert result["auvs"][1] == {"x": 150, "y": 120, "depth": 40, "carrier": 18000} | unplaced
+        assert result["auvs"][1] == {"name": "2", "x": 150, "y": 120, "depth": 40, "carrier": 18000} | unplaced
         assert (result["centroid"]["x"], result["centroid"]["y"]) == (105, 100)
         assert [(place["x"], place["y"]) for place in result["compare"]] == [(0, 0), (200, 200)]
         for place in (result["optimum"], result["centroid"], *result["compare"]):
