@@ -12,12 +12,12 @@ from usvauv.env import Scenario
 
 SHORT = "mission.duration=4"
 SMALLEST: dict[str, tuple[str, dict[str, object]]] = {  # options, and constants of the module
-    "benchmarks.sea": ("--largest 64", {}),
     "benchmarks.studies.buoy": ("", {}),
     "benchmarks.studies.eddies": ("--draws 1 --points 16", {"TIMES": (1,)}),
     "benchmarks.usbl": ("--seconds 0", {}),
     # In slow tests: half a minute to minutes, most of it for compiling.
     "benchmarks.curves": ("--worlds 1 --seconds 0", {"SIZE": 8, "TRIAD": 1 << 10}),
+    "benchmarks.sea": ("--largest 64", {}),
     "benchmarks.data_sheet": ("", {}),
     "benchmarks.digest": ("", {"MISSIONS": [("ideal", [], "fim")], "SEAS": [[]], "STEPS": 2}),
     "benchmarks.stream": ("--episodes 2", {}),
