@@ -28,7 +28,7 @@ from usvauv.kernels import runtime
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission.run import STEP
 
-BATCHES = (64, 4096)
+BATCHES = (1024, 4096)
 ROUNDS = 15
 PARTS = {
     "vehicles": ("_sail", "move_auvs"),
