@@ -78,6 +78,7 @@ def test_a_team_as_one_agent_of_stable_baselines3(short_missions):
     assert any((new != old).any() for new, old in zip(learner.actor.parameters(), actor, strict=True))
 
 
+@pytest.mark.slow
 def test_the_notebook_shows_a_table_and_plays_a_trace_and_nothing_else_is_printed(tmp_path, monkeypatch):
     nbformat, nbclient = pytest.importorskip("nbformat"), pytest.importorskip("nbclient")
     pytest.importorskip("ipykernel")

@@ -96,6 +96,7 @@ def test_metadata_are_complete(exported):
 
 
 class TestCommand:
+    @pytest.mark.slow
     def test_it_writes_a_shipped_policy_and_nothing_else(self, tmp_path, run_usvauv):
         code, out, err = run_usvauv("export", "sac-extreme", "extreme", "--set", "auv.speed_max=2.2")
         assert (code, err) == (0, "")

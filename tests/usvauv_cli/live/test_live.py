@@ -204,6 +204,7 @@ def in_tabs():
     return run
 
 
+@pytest.mark.slow
 def test_sliders_and_choices_in_a_tab_change_the_world(running, in_tabs):
     asked = []
 

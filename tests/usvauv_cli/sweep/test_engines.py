@@ -184,6 +184,7 @@ class TestRayEngine:
         cluster.shutdown()
         signal.signal(signal.SIGTERM, before)  # which a node took for itself
 
+    @pytest.mark.slow
     def test_does_again_what_a_removed_node_had_and_nothing_else(self, cluster, tmp_path):
         node = cluster.add_node(num_cpus=1)
         cluster.wait_for_nodes()

@@ -163,6 +163,7 @@ class TestTogether:
             share.append(found.mean(0))
         return np.mean(share, 0)
 
+    @pytest.mark.slow
     def test_pure_aloha(self):
         """Any overlap destroys both: (1 − 2L/W)^(K − 1) far from the window's ends, e^{−2G} for many AUVs."""
         G = 0.5
