@@ -91,7 +91,6 @@ def act(
         first_group, end_of_groups = groups_of(part, room.shape[0], count, networks)
         for group in range(first_group, end_of_groups):
             network, rows = rows_of(group, count, networks)
-            load(seen, rows, room, part)
             heading, speed = see(seen, rows, room, part, auvs, tables, start)
             encode(room, part, auvs, tables, rule, unit, mean.shape[0], first)
             for f in range(mean.shape[0]):
