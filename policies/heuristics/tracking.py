@@ -89,8 +89,7 @@ class GreedyInformation(Circle):
 
     def __init__(self, name: str, world: World, argument: float) -> None:
         super().__init__(name, world, argument)
-        defaults = {name: quantity.default for name, quantity in self.scenario.task_definition.parameters}
-        self.numbers = defaults | self.scenario.task_parameters.numbers
+        self.numbers = self.scenario.task_numbers
         angle = torch.arange(COURSES, dtype=torch.float32, device="cpu") * (2.0 * math.pi / COURSES)
         self.courses = torch.stack((angle.cos(), angle.sin()), -1)
         self.times = self.numbers["interval"] * torch.arange(1.0, RANGES + 1.0, device="cpu")

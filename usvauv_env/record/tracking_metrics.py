@@ -21,8 +21,7 @@ TASKS = "tracking", "tracking-plain"
 
 def number(trace: Trace, name: str) -> float:
     """A number of the task in this scenario."""
-    default = dict(trace.scenario.task_definition.parameters)[name].default
-    return trace.scenario.task_parameters.numbers.get(name, default)
+    return trace.scenario.task_numbers[name]
 
 
 def letter(target: int) -> str:

@@ -100,6 +100,12 @@ class Scenario(Section):
             )
         return name
 
+    @property
+    def task_numbers(self) -> dict[str, float]:
+        """The numbers of the task by name: those of `task_parameters`, else its defaults."""
+        defaults = {name: quantity.default for name, quantity in numbers_of(self.task).items()}
+        return defaults | self.task_parameters.numbers
+
     def _problems(self) -> Iterator[str]:
         allowed = numbers_of(self.task)
         for name, value in self.task_parameters.numbers.items():

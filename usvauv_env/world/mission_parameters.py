@@ -218,7 +218,7 @@ def kernel_tables(site: Site, strategy: StrategyChoice) -> dict[str, np.ndarray]
         "fixed_vortex": fixed_vortices(s),
         "strategy_arguments": strategy.numbers or [0.0],
         "rule_numbers": target_rules.parse(s.nodes.target_rule)[1] or [0.0],
-        "task_parameters": [given.get(name, number.default) for name, number in task.parameters] or [0.0],
+        "task_parameters": [s.task_numbers[name] for name, _ in task.parameters] or [0.0],
         "otter": otter_table(site) if s.boat.model == "otter" else [0.0],
         "reward_weights": weights,
         "bed": site.bed,

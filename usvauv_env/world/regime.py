@@ -252,8 +252,7 @@ def _channel(site: Site) -> Iterator[Finding]:
 
 def _messages(scenario: Scenario) -> Iterator[Finding]:
     """The share of the channel that messages between AUVs take."""
-    numbers = {name: quantity.default for name, quantity in scenario.task_definition.parameters}
-    numbers |= scenario.task_parameters.numbers
+    numbers = scenario.task_numbers
     if numbers.get("message_time", 0.0) > 0.0 and scenario.channel.schedule != "every-step":
         share = scenario.auv.count * numbers["message_time"] / numbers["interval"]
         check, limit = "messages between AUVs take of the channel", "below 1, or the boat locates nobody"
