@@ -56,7 +56,7 @@ class TestLists:
             (
                 "policies",
                 [*heuristics, *trained()],
-                {"ppo-wide-torpedo": "Default in wide-torpedo.", "keep": "Default in station-keeping"},
+                {"keep": "Default in station-keeping", "circle[:RADIUS]": "reference.circle_radius."},
             ),
             (
                 "boats",
