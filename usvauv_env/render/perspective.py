@@ -422,7 +422,7 @@ class BelowSurface:
             shapes.strokes(canvas.picture, shapes.dashes(foreseen, begin, 3 * layout.unit), dim)
             shapes.foreseen(canvas.picture, foreseen, 6 * layout.unit, colour, 1.6 * layout.unit, layout.zoom)
         if np.hypot(*(fix - begin)) > 5 * layout.unit:
-            shapes.fix(canvas.picture, fix, 4 * layout.unit, style.WHITE, 1.5 * layout.unit, layout.zoom)
+            shapes.fix(canvas.picture, fix, 4 * layout.unit, colour, 1.5 * layout.unit, layout.zoom)
         heading, pitch, _ = self._play.attitude.at(t)[auv].tolist()
         climb = self._scene.depths * math.tan(pitch)  # as steep as its way is drawn
         axes = turned(heading, climb * np.array([math.cos(heading), math.sin(heading)]))

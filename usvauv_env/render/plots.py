@@ -230,8 +230,8 @@ class FixInsets:
         self._scale = self._radius / max(1.1 * reach, 1e-6)
         ring = nice(0.75 * self._radius / self._scale)
         scale = self._scale / view.per_metre
-        shown = f"{scale:.0f} × magnified" if scale >= 1 else f"{1 / scale:.0f} × smaller than on the map"
-        note = f"{shown}, inner ring {ring:g} m"
+        magnified = f"{scale:.0f} × magnified, " if scale >= 1.5 else ""
+        note = f"{magnified}inner ring {ring:g} m"
         write_heading(still, layout, card, "Fixes around the true position", note)
         unit, zoom = layout.unit, layout.zoom
         for centre, ink in zip(self._centres, inks, strict=True):

@@ -24,6 +24,7 @@ from usvauv.kernels.flow.vortex import ENDLESS, Eddies
 from usvauv.kernels.types import Level
 
 RELIEF_PIXELS = 160  # largest side of the relief as it is shaded, before it is enlarged
+SMOOTHED = 0.015  # of the map's longer side, standard deviation of what its surface is smoothed with
 LIGHT = np.array([-0.55, 0.55, 0.63], np.float32)  # unit vector to the light: east, north, up
 
 
@@ -122,12 +123,15 @@ class SeaSurface:
         return cv2.resize(field, shape, interpolation=cv2.INTER_AREA)
 
     def paint(self, picture: np.ndarray, field: np.ndarray) -> None:
-        """Draw a surface (Y, X) m of what the map shows, row 0 in the south, over it."""
+        """Draw a surface (Y, X) m of what the map shows, row 0 in the south, over it.
+
+        Waves that are short beside the map are smoothed away: they would be a pattern under what is drawn on it.
+        """
         region = self._view.rectangle.of(picture)
         if self._flat:
             region[:] = style.SEA[2]
             return
-        small = self.relief(field)
+        small = self.relief(cv2.GaussianBlur(field, (0, 0), SMOOTHED * max(field.shape)))
         region[:] = cv2.resize(small, (region.shape[1], region.shape[0]), interpolation=cv2.INTER_CUBIC)
 
     def relief(self, field: np.ndarray) -> np.ndarray:
