@@ -28,7 +28,7 @@ from usvauv.env.render.scene import (
 from usvauv.env.render.sea_surface import TEXELS, MapView, SeaShading, colour_scale, elevation_limit
 from usvauv.env.render.style import Theme, shorten, text_width, write
 
-OPACITY = 0.78  # of the surface over the scene below
+OPACITY = 0.65  # of the surface over the scene below
 LEAST_WITH_WORDS = 150  # height in pixels of the design; pictures below it have no scale and no note
 FINE = 320  # cells along the longer side, of the sea in a view that goes along with a vehicle
 BOAT_LENGTH = 0.085  # as drawn, of the area's longer side
