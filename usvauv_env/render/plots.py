@@ -99,7 +99,8 @@ class Plot:
                 continue
             above = row
             shapes.stroke(still, np.array([(box.left, row), (box.right, row)]), self._theme.line)
-            write(still, f"{tick:g}", (box.left - 5 * unit, row + 0.36 * size), size, self._theme.muted, anchor="right")
+            words = f"{tick:g}".replace("-", "−")
+            write(still, words, (box.left - 5 * unit, row + 0.36 * size), size, self._theme.muted, anchor="right")
         for time, words in self._time_ticks():
             column = float(self.x(time))
             shapes.stroke(still, np.array([(column, box.bottom), (column, box.bottom + 3 * unit)]), self._theme.line)
