@@ -33,7 +33,6 @@ class Circle(Clear):
         speed: through the water, m/s.
     """
 
-    reference = "circle_radius"
     parameter = ("RADIUS", "m")
     reference = "circle_radius"
 
@@ -45,8 +44,7 @@ class Circle(Clear):
     def parse(cls, text: str | None, scenario: Scenario) -> float:
         if scenario.task_definition.pair_columns is not PairColumn:
             raise ValueError(f"needs the task tracking, which scenario {scenario.name!r} does not have")
-        default = getattr(scenario.reference, cls.reference)
-        radius = default if text is None else number(text, "a distance in m, such as 60")
+        radius = scenario.reference.circle_radius if text is None else number(text, "a distance in m, such as 60")
         if not (math.isfinite(radius) and radius > 0.0):
             raise ValueError(f"the {cls.parameter[0].lower()} must be above 0 m")
         return radius
