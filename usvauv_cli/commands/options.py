@@ -158,7 +158,7 @@ def preparing(scenario: Scenario, arch: str, quiet: bool = False) -> None:
     from usvauv.kernels import runtime
 
     seconds = 6 if runtime.start(arch).on_cpu else 25
-    line = f"preparing {scenario.name}; its kernels are compiled the first time, for about {seconds} s …"
+    line = f"preparing {scenario.name}; the first time some {seconds} s longer, to compile its kernels …"
     if not quiet:
         print(line, file=sys.stderr, flush=True)
 
