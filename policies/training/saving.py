@@ -12,7 +12,7 @@ from torch import Tensor
 
 from usvauv.policies import checkpoint
 from usvauv.policies.checkpoint import BEST, ENDING, FORMAT, LAST, POLICY, TRAINING, Checked, Count, Figure
-from usvauv.policies.policy import PolicyError
+from usvauv.policies.names import PolicyError
 from usvauv.policies.training.training_run import TrainingRun
 
 

@@ -24,8 +24,9 @@ from usvauv.policies.checkpoint import TENSORBOARD
 from usvauv.policies.cuda_graph import Recorded
 from usvauv.policies.frames import frames
 from usvauv.policies.learned import Standardizer
+from usvauv.policies.names import PolicyError
 from usvauv.policies.networks import stack, unstack
-from usvauv.policies.policy import PolicyError, by_component
+from usvauv.policies.policy import by_component
 from usvauv.policies.training.meter import LOGS, scalar_writer, wandb_writer
 from usvauv.policies.training.replay import Replay
 from usvauv.policies.training.saving import save, save_best

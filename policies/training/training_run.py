@@ -16,7 +16,7 @@ from usvauv.policies.algorithms import Sizes, algorithms
 from usvauv.policies.config import TrainingConfig
 from usvauv.policies.frames import frames
 from usvauv.policies.learned import LearnedPolicy, Standardizer
-from usvauv.policies.policy import PolicyError
+from usvauv.policies.names import PolicyError
 from usvauv.policies.training.exploration import CorrelatedNoise, TrainingWorld
 from usvauv.policies.training.meter import Meter
 from usvauv.policies.training.replay import Replay

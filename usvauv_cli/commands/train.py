@@ -109,7 +109,7 @@ def train(
     from usvauv.kernels import runtime
     from usvauv.policies.checkpoint import LAST, clean, path_of, provenance
     from usvauv.policies.inputs import changed, digests
-    from usvauv.policies.loading import default_heuristic
+    from usvauv.policies.names import default_heuristic
     from usvauv.policies.training.figures import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
     from usvauv.policies.training.meter import check_log
 

@@ -203,15 +203,17 @@ def successor(worlds: ti.template(), w, i):
     return ti.cast(worlds.node.successor[w, i], ti.i32)
 
 
-TOUR = TargetRule(
-    follow,
-    prepare=prepare_tour,
-    foreseen=successor,
-    about="All AUVs follow one closed tour of the nodes, spaced along it",
-)
-SECTORS = TargetRule(
-    follow,
-    prepare=prepare_sectors,
-    foreseen=successor,
-    about="Each AUV follows a closed tour of its own part of the nodes",
-)
+@func
+def tour(worlds: ti.template(), w, k):
+    """All AUVs follow one closed tour of the nodes, spaced along it."""
+    return follow(worlds, w, k)
+
+
+@func
+def sectors(worlds: ti.template(), w, k):
+    """Each AUV follows a closed tour of its own part of the nodes."""
+    return follow(worlds, w, k)
+
+
+TOUR = TargetRule(tour, prepare=prepare_tour, foreseen=successor)
+SECTORS = TargetRule(sectors, prepare=prepare_sectors, foreseen=successor)
