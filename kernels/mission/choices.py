@@ -31,7 +31,9 @@ RULE_NUMBERS = {  # of the rules that ship
 HERE = "usvauv.kernels.mission.target_rules"
 
 Urgency = Annotated[Callable[..., float], "worlds, w, b, k"]
-schedules: Registry[Urgency] = Registry("schedule", form=Urgency, shipped={"turns": "usvauv.kernels.mission.channel"})
+schedules: Registry[Urgency] = Registry(
+    "schedule", form=Urgency, shipped={"turns": "usvauv.kernels.mission.link.channel"}
+)
 
 
 def no_workspace(num_nodes: int, num_auvs: int) -> int:

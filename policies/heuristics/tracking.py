@@ -36,7 +36,6 @@ class Circle(Clear):
 
     reference = "circle_radius"
     parameter = ("RADIUS", "m")
-    reference = "circle_radius"
 
     def __init__(self, name: str, world: HeuristicWorld, argument: float) -> None:
         super().__init__(name, world, argument)

@@ -15,8 +15,8 @@ the boats wait with the next one. What is in them counts at once.
 import taichi as ti
 
 from usvauv.kernels.functions import func
+from usvauv.kernels.mission.auvs.motion import own_covariance, own_position
 from usvauv.kernels.mission.columns import Draw, Schedule
-from usvauv.kernels.mission.motion import own_covariance, own_position
 from usvauv.kernels.mission.worlds import normals, uniforms
 from usvauv.kernels.positioning.sonar import path_loss, power_of_10
 from usvauv.kernels.tracking import bearings, range_filter
@@ -92,7 +92,7 @@ def measure(worlds: ti.template(), w, k, i):
 
 @func
 def take_channel(worlds: ti.template(), w):
-    """The messages of all AUVs that have heard a target take the channel, see `usvauv.kernels.mission.channel`."""
+    """The messages of all AUVs that have heard a target take the channel, see `usvauv.kernels.mission.link.channel`."""
     if ti.static(worlds.program.schedule != Schedule.every_step):
         pair, free = ti.static(worlds.task_pair, worlds.tally.channel_free)
         for k in range(worlds.auv.shape[1]):
