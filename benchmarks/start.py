@@ -26,7 +26,7 @@ from typing import Any, NamedTuple
 from unittest import mock
 
 CACHE = "TI_OFFLINE_CACHE_FILE_PATH"
-IMPORTS = ("numpy", "taichi", "torch", "usvauv.env", "usvauv.env, usvauv.policies")
+IMPORTS = ("numpy", "taichi", "torch", "usvauv.env.scenario", "usvauv.env.world.world")
 COMMANDS = (
     "policies",
     "plan --auv 60,80,100 --auv 140,120,100",

@@ -2,19 +2,54 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from functools import cache
 from importlib import import_module
 from itertools import cycle
+from pathlib import Path
+from pkgutil import resolve_name
 from types import UnionType
 from typing import Annotated, Any, Generic, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from usvauv.kernels.errors import UserError, blaming, choices, text_of, wrong_return
 
 T = TypeVar("T")
+SOURCE = Path(__file__).parents[1]  # of the packages
+
+
+@cache
+def _parsed(module: str) -> ast.Module:
+    """The source of a module of the packages."""
+    return ast.parse(SOURCE.joinpath(*module.split(".")[1:]).with_suffix(".py").read_text(encoding="utf-8"))
+
+
+def declared(place: str) -> dict[str, Any]:
+    """What the source of a function or class of the packages says, without importing its module.
+
+    Args:
+        place: "module:name".
+
+    Returns:
+        its docstring as "__doc__", and of a class the attributes with a literal value, also those of its bases.
+    """
+    module, _, name = place.partition(":")
+    body = _parsed(module).body
+    item = next(node for node in body if isinstance(node, ast.ClassDef | ast.FunctionDef) and node.name == name)
+    found: dict[str, Any] = {}
+    if isinstance(item, ast.ClassDef):
+        modules = {each.name: node.module for node in body if isinstance(node, ast.ImportFrom) for each in node.names}
+        for base in map(ast.unparse, item.bases):
+            found |= declared(f"{modules.get(base, module)}:{base}")
+        for node in item.body:
+            if isinstance(node, ast.Assign | ast.AnnAssign) and node.value:
+                with suppress(ValueError):  # no literal
+                    target = node.target if isinstance(node, ast.AnnAssign) else node.targets[0]
+                    found[ast.unparse(target)] = ast.literal_eval(node.value)
+    return found | {"__doc__": ast.get_docstring(item)}
 
 
 def _arguments(function: Callable[..., Any]) -> str:
@@ -98,10 +133,12 @@ class Registry(Mapping[str, T], Generic[T]):
     Args:
         kind: what an item is, in the singular, for error messages, e.g. "boat strategy".
         error: the class of the error for an unknown name.
-        form: what an item is: a class of which it is an instance or a subclass, or a function, see `_misfit`.
+        form: what an item is: a class of which it is an instance or a subclass, or a function, see `_misfit`; or such a
+            class as "module:name", imported when an item is registered.
         documented: item → the function or class whose docstring says what it is; default: the item.
-        shipped: names of items of the packages → module that registers each; it is imported when an item is first
-            used, so that names are known without Taichi.
+        shipped: names of items of the packages → module that registers each, which is imported when an item is first
+            used, so that names are known without Taichi; as "module:name" with what `documented` returns, so that
+            lists are, too.
 
     Raises:
         error: an unknown name; the message lists the known ones.
@@ -137,7 +174,7 @@ class Registry(Mapping[str, T], Generic[T]):
             raise self._error(f"{self.kind} {name!r}: is registered already")
         if not isinstance(name, str) or not name:
             raise self._error(f"{self.kind} {name!r}: the name must be text")
-        if problem := _misfit(item, self._form):
+        if problem := _misfit(item, resolve_name(self._form) if isinstance(self._form, str) else self._form):
             raise self._error(f"{self.kind} {name!r}: {problem}")
         self._items[name] = item
         if not own:
@@ -149,10 +186,15 @@ class Registry(Mapping[str, T], Generic[T]):
         """An item of a plugin in words, with the file that registered it; empty for one of the packages."""
         return f"{self.kind} {name!r} of {self._files[name]}" if name in self._files else ""
 
+    def attribute(self, name: str, attribute: str) -> Any:
+        """An attribute of what documents an item, None without it; of a shipped item by `declared`."""
+        if name in self._shipped:
+            return declared(self._shipped[name]).get(attribute)
+        return getattr(self._documented(self[name]), attribute, None)
+
     def meaning(self, name: str) -> str:
-        """What an item is, in a sentence: its own text `about` where it has one, else the first of its docstring."""
-        item = self[name]
-        text = getattr(item, "about", "") or inspect.getdoc(self._documented(item)) or ""
+        """What an item is, the first sentence of its docstring."""
+        text = inspect.cleandoc(self.attribute(name, "__doc__") or "")
         return " ".join(text.partition("\n\n")[0].split()).partition(". ")[0].removesuffix(".").replace("`", "")
 
     def file(self, name: str) -> str:
@@ -196,7 +238,7 @@ class Registry(Mapping[str, T], Generic[T]):
         if name not in self:
             raise self._error(f"{self.kind} {name!r}: {choices(name, self)}")
         if name not in self._items:
-            import_module(self._shipped[name])
+            import_module(self._shipped[name].partition(":")[0])
         return self._items[name]
 
     def __contains__(self, name: object) -> bool:

@@ -50,13 +50,11 @@ from usvauv.policies.algorithms import Sizes, algorithms
 from usvauv.policies.config import TrainingConfig
 from usvauv.policies.frames import frames
 from usvauv.policies.learned import LearnedPolicy, Standardizer
-from usvauv.policies.policy import PolicyError
+from usvauv.policies.names import ENDING, METADATA, POLICY, PolicyError
 
 FORMAT = 2  # 1 had a guided frame without repulsion
-POLICY, TRAINING = "policy", "training"
+TRAINING = "training"  # beside the part `POLICY`
 LAST, BEST, TENSORBOARD, WANDB = "last", "best", "tensorboard", "wandb"
-ENDING = ".safetensors"
-METADATA = "usvauv"  # name of the JSON; with several entries a file's bytes would depend on chance
 CPU = torch.device("cpu")
 ATTEMPTS = 20  # to read a file that is being replaced
 

@@ -12,7 +12,7 @@ from usvauv.env.world.observation_layout import ObservationLayout
 from usvauv.kernels.errors import choices
 from usvauv.policies.algorithms import algorithms
 from usvauv.policies.frames import PASSING_TERMS, frames
-from usvauv.policies.policy import PolicyError
+from usvauv.policies.names import PolicyError
 
 MOST_LAYERS, WIDEST = 16, 8192
 MOST = 1_000_000_000

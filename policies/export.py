@@ -18,7 +18,7 @@ from usvauv.env.storage.files import atomic_write
 from usvauv.env.world.agents import observed
 from usvauv.env.world.observation_layout import commanded
 from usvauv.policies.learned import LearnedPolicy
-from usvauv.policies.policy import PolicyError
+from usvauv.policies.names import PolicyError
 
 NEEDED = ("onnx", "onnxscript")
 EXAMPLE_WORLDS = 3  # any number except 1, which the exporter treats as a constant

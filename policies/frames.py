@@ -38,7 +38,7 @@ from usvauv.policies.guidance import (
 from usvauv.policies.heuristics.passing import Pass
 from usvauv.policies.heuristics.tracking import Circle
 from usvauv.policies.heuristics.travel import Helm
-from usvauv.policies.policy import PolicyError
+from usvauv.policies.names import PolicyError
 from usvauv.policies.steering import BORDER_MARGIN, PRICE_GAIN, Rules, reach, steering
 
 PASSING_TERMS = ("current", "service", "next", "attitude", "motion")  # which `PassingFrame` needs

@@ -13,7 +13,7 @@ from usvauv.env import plugins
 from usvauv.env.scenario import Scenario
 from usvauv.env.storage.files import readable
 from usvauv.policies.loading import source
-from usvauv.policies.policy import PolicyError
+from usvauv.policies.names import PolicyError
 
 
 def digests(scenarios: Iterable[Scenario], policies: Iterable[str] = ()) -> dict[str, str]:

@@ -15,8 +15,9 @@ from usvauv.env.scenario import Scenario
 from usvauv.kernels import runtime
 from usvauv.kernels.network import CLIP, Actors
 from usvauv.policies.frames import frames
+from usvauv.policies.names import PolicyError
 from usvauv.policies.networks import DeterministicActor, GaussianActor, StackedMLP, stack, unstack
-from usvauv.policies.policy import Policy, PolicyError, by_pieces
+from usvauv.policies.policy import Policy, by_pieces
 
 LEAST_DEVIATION = 1e-3  # of a feature that is scaled
 

@@ -9,7 +9,6 @@ import sys
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +19,11 @@ from usvauv.env.record.evaluation import Act, act_of
 from usvauv.env.scenario import Scenario
 from usvauv.env.world.world import World
 from usvauv.kernels.errors import blaming, choices, with_place, wrong_return
-from usvauv.policies.checkpoint import BEST, ENDING, LAST, POLICY, load_policy, path_of, read
+from usvauv.policies.checkpoint import BEST, LAST, load_policy, path_of
 from usvauv.policies.heuristics import heuristics
 from usvauv.policies.learned import LearnedPolicy
-from usvauv.policies.policy import Policy, PolicyError
+from usvauv.policies.names import ENDING, PolicyError, default_heuristic, shipped, trained
+from usvauv.policies.policy import Policy
 
 IDENTIFIER = r"[^\W\d]\w*"
 IMPORTED = re.compile(rf"{IDENTIFIER}(\.{IDENTIFIER})*:{IDENTIFIER}")  # MODULE:CLASS
@@ -88,27 +88,9 @@ def _file(module: str) -> str:
     return getattr(sys.modules.get(module), "__file__", None) or f"module {module}"
 
 
-def shipped() -> dict[str, Path]:
-    """Name → file of the trained policies inside the package."""
-    return {path.stem: path for path in Path(str(resources.files("usvauv.policies") / "trained")).glob(f"*{ENDING}")}
-
-
-def trained() -> list[str]:
-    """Names of the trained policies inside the package, the highest score first."""
-    scores = {name: read(path, POLICY)[0]["score"] for name, path in shipped().items()}
-    return sorted(scores, key=lambda name: (-scores[name], name))
-
-
 def available() -> list[str]:
     """Names for `load`: the trained policies, the highest score first, then the heuristics."""
     return [*trained(), *heuristics]
-
-
-def about(name: str) -> str:
-    """Description of a trained policy in the package, one sentence, from its checkpoint."""
-    made = read(shipped()[name], POLICY)[0]
-    where, boat = made["scenario"]["name"], made["usv"]
-    return f"{made['algorithm'].upper()}, trained in {where} with {made['num_auvs']} AUVs and the boat {boat}"
 
 
 def default(scenario: Scenario) -> str:
@@ -118,13 +100,6 @@ def default(scenario: Scenario) -> str:
             check(own, scenario)
             return own
     return default_heuristic(scenario)
-
-
-def default_heuristic(scenario: Scenario) -> str:
-    """The default among the policies that are not learned."""
-    if scenario.auv.action == "fins":
-        return "helm"
-    return "pass" if scenario.collects_in_passing else scenario.task_definition.heuristic
 
 
 def load(name: str | Path, world: World) -> Policy:

@@ -16,14 +16,9 @@ from torch import Tensor
 from usvauv.env.scenario import Scenario
 from usvauv.env.world.observation_layout import ObservationLayout
 from usvauv.kernels import runtime
-from usvauv.kernels.errors import UserError
 
 PIECE = 2048  # AUVs for which waking a thread saves time
 LARGEST_PIECE = 8192  # AUVs for which a layer of 128 stays in the cache
-
-
-class PolicyError(UserError, ValueError):
-    """A policy cannot be used; the message is one line with its name and what is allowed."""
 
 
 class Policy:

@@ -3,22 +3,32 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 from usvauv.kernels.errors import choices
 from usvauv.kernels.registry import Registry
 
 LARGEST = 1e6  # of a rule's numbers
 RETIRED = ("learned",)  # since 0.4
-ARGUMENTS: dict[str, tuple[tuple[str, float], ...]] = {  # of the rules that ship, see `TargetRule.arguments`
-    "greedy": (("ALPHA", 0.015),),
-    "nearest": (("PACKETS", 1000.0),),
-    "rate": (("SECONDS", 10.0),),
-    "rollout": (("HORIZON", 90.0),),
-    "tour": (),
-    "sectors": (),
-    "demonstration": (("ALPHA", 0.05),),
+
+
+class Numbers(NamedTuple):
+    """`arguments` and `units` of a `TargetRule`."""
+
+    arguments: tuple[tuple[str, float], ...] = ()
+    units: tuple[str, ...] = ()
+
+
+RULE_NUMBERS = {  # of the rules that ship
+    "greedy": Numbers((("ALPHA", 0.015),), ("1/(m s)",)),
+    "nearest": Numbers((("PACKETS", 1000.0),), ("",)),
+    "rate": Numbers((("SECONDS", 10.0),), ("s",)),
+    "rollout": Numbers((("HORIZON", 90.0),), ("s",)),
+    "tour": Numbers(),
+    "sectors": Numbers(),
+    "demonstration": Numbers((("ALPHA", 0.05),), ("1/(m s)",)),
 }
+HERE = "usvauv.kernels.mission.target_rules"
 
 Urgency = Annotated[Callable[..., float], "worlds, w, b, k"]
 schedules: Registry[Urgency] = Registry(
@@ -46,7 +56,6 @@ class TargetRule:
         foreseen: a Taichi function (worlds, w, i) → an AUV's predicted target after node i; node i, or None, if it
             cannot be predicted.
         units: of the arguments, one each; "" for a number.
-        about: one sentence about what it does; default: the docstring of `choose`.
     """
 
     choose: Annotated[Callable[..., Any], "worlds, w, k"]
@@ -55,25 +64,29 @@ class TargetRule:
     workspace: Annotated[Callable[[int, int], int], "num_nodes, num_auvs"] = no_workspace
     foreseen: Annotated[Callable[..., Any], "worlds, w, i"] | None = None
     units: tuple[str, ...] = ()
-    about: str = ""
 
 
 target_rules: Registry[TargetRule] = Registry(
     "target rule",
     form=TargetRule,
     documented=lambda rule: rule.choose,
-    shipped=dict.fromkeys(ARGUMENTS, "usvauv.kernels.mission.target_rules"),
+    shipped={
+        **{name: f"{HERE}.rule:{name}" for name in ("greedy", "nearest", "rate")},
+        "rollout": f"{HERE}.rollout:rollout",
+        **{name: f"{HERE}.tour:{name}" for name in ("tour", "sectors")},
+        "demonstration": f"{HERE}.rule:demonstration",
+    },
 )
 
 
-def arguments_of(name: str) -> tuple[tuple[str, float], ...]:
-    """Names and defaults of a rule's numbers."""
-    return ARGUMENTS[name] if name in ARGUMENTS else target_rules[name].arguments
+def numbers_of(name: str) -> Numbers | TargetRule:
+    """What a rule's numbers are; of one that ships without Taichi."""
+    return RULE_NUMBERS[name] if name in RULE_NUMBERS else target_rules[name]
 
 
 def usage(name: str) -> str:
     """A rule's name, followed by its optional numbers in brackets."""
-    arguments = ",".join(argument for argument, _ in arguments_of(name))
+    arguments = ",".join(argument for argument, _ in numbers_of(name).arguments)
     return f"{name}[:{arguments}]" if arguments else name
 
 
@@ -92,7 +105,7 @@ def rule_and_numbers(text: str) -> tuple[str, tuple[float, ...]]:
         given = [float(part) for part in rest.split(",")] if colon else []
     except ValueError:
         given = [math.nan]
-    defaults = [default for _, default in arguments_of(name)]
+    defaults = [default for _, default in numbers_of(name).arguments]
     if len(given) > len(defaults) or not all(0 <= number <= LARGEST for number in given):
         raise ValueError(f"{text!r}: expected {usage(name)} with numbers from 0 to {LARGEST:g}")
     return name, (*given, *defaults[len(given) :])

@@ -17,6 +17,7 @@ from usvauv.kernels.flow import airy
 from usvauv.kernels.flow.vortex import Vortex
 from usvauv.kernels.flow.vortex_motion import VortexDrift
 from usvauv.kernels.functions import LANES, beyond, func, lanes, lanes_below_zero
+from usvauv.kernels.mission.boats.boat_strategies import Strategy
 from usvauv.kernels.mission.columns import (
     AuvColumn,
     BeliefColumn,
@@ -43,22 +44,6 @@ from usvauv.kernels.taichi_internals import impl
 from usvauv.kernels.types import Columns, vec4
 from usvauv.kernels.vehicles import otter_numbers
 from usvauv.kernels.vehicles.otter import HullColumn
-
-
-class Strategy(NamedTuple):
-    """Taichi functions of a boat strategy.
-
-    Attributes:
-        start: (worlds, w, b) → vec2, initial position of boat b, m; estimated positions are then the true ones.
-        goal: (worlds, w, b) → vec2, its next goal, m.
-        foresees: the AUVs are predicted before each goal, see `usvauv.kernels.mission.boats.foresight`.
-        weigh: (worlds, w, b, n), writes the loss of goal n of K + 2 if `goal` will compare them; None: `goal` does all.
-    """
-
-    start: Annotated[Callable[..., Any], "worlds, w, b"]
-    goal: Annotated[Callable[..., Any], "worlds, w, b"]
-    foresees: bool = False
-    weigh: Annotated[Callable[..., Any], "worlds, w, b, n"] | None = None
 
 
 class Program(NamedTuple):

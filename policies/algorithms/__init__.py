@@ -9,8 +9,8 @@ from usvauv.policies.algorithms.deterministic import DDPG, TD3, DeterministicLea
 from usvauv.policies.algorithms.learner import Batch, Learner, Rollout, Settings
 from usvauv.policies.algorithms.ppo import PPO
 from usvauv.policies.algorithms.sac import SAC
+from usvauv.policies.names import PolicyError
 from usvauv.policies.networks import Sizes
-from usvauv.policies.policy import PolicyError
 
 algorithms: Registry[type[Learner]] = Registry("algorithm", PolicyError, Learner)
 algorithms.register("sac", SAC)

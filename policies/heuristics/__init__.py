@@ -1,26 +1,34 @@
 """Policies without learning.
 
-Public: `heuristics`, the classes by name, and `Heuristic`, the base class of a new one.
+Public: `heuristics`, the classes by name, each registered where it is defined and imported when it is first used.
 """
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 from usvauv.kernels.registry import Registry
-from usvauv.policies.heuristics.passing import Loiter, Pass
-from usvauv.policies.heuristics.random_actions import Random
-from usvauv.policies.heuristics.tracking import Circle, GreedyInformation
-from usvauv.policies.heuristics.travel import Clear, Crab, Helm, Keep, Pace, Straight
-from usvauv.policies.policy import Heuristic, PolicyError
+from usvauv.policies.names import PolicyError
 
-heuristics: Registry[type[Heuristic]] = Registry("policy", PolicyError, Heuristic)
-heuristics.register("straight", Straight)
-heuristics.register("helm", Helm)
-heuristics.register("crab", Crab)
-heuristics.register("pace", Pace)
-heuristics.register("clear", Clear)
-heuristics.register("loiter", Loiter)
-heuristics.register("pass", Pass)
-heuristics.register("keep", Keep)
-heuristics.register("circle", Circle)
-heuristics.register("greedy-information", GreedyInformation)
-heuristics.register("random", Random)
+if TYPE_CHECKING:
+    from usvauv.policies.policy import Heuristic
 
-__all__ = ["Heuristic", "heuristics"]
+SHIPPED = {
+    "straight": "travel:Straight",
+    "helm": "travel:Helm",
+    "crab": "travel:Crab",
+    "pace": "travel:Pace",
+    "clear": "travel:Clear",
+    "loiter": "passing:Loiter",
+    "pass": "passing:Pass",
+    "keep": "travel:Keep",
+    "circle": "tracking:Circle",
+    "greedy-information": "tracking:GreedyInformation",
+    "random": "random_actions:Random",
+}
+heuristics: Registry[type[Heuristic]] = Registry(
+    "policy",
+    PolicyError,
+    "usvauv.policies.policy:Heuristic",
+    shipped={name: f"usvauv.policies.heuristics.{place}" for name, place in SHIPPED.items()},
+)

@@ -18,6 +18,7 @@ from usvauv.kernels.guidance.lanes import Start
 from usvauv.kernels.guidance.passing import BORDER, loiter, passing
 from usvauv.kernels.vehicles.definition import vehicles
 from usvauv.policies.guidance import command, components, unit
+from usvauv.policies.heuristics import heuristics
 from usvauv.policies.heuristics.travel import Clear
 from usvauv.policies.policy import HeuristicWorld
 from usvauv.policies.steering import Rules, steering
@@ -156,3 +157,7 @@ class Pass(Loiter):
         here, offset = self.vector(observation, "position"), self.vector(observation, "target")
         following, service = self.vector(observation, "next"), observation[..., self.layout.slice("service")]
         return passing(here, offset, following, course.unbind(-1), current.unbind(-1), *service.unbind(-1), self.task)
+
+
+heuristics.register("loiter", Loiter)
+heuristics.register("pass", Pass)

@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from usvauv.env.world.world import World
+from usvauv.policies.heuristics import heuristics
 from usvauv.policies.policy import Heuristic
 
 SEED = 0
@@ -45,3 +46,6 @@ def mix(x: Tensor) -> Tensor:
 def signed(constant: int) -> int:
     """Two's complement of a 64-bit constant, for torch's int64."""
     return constant - (1 << 64) if constant >= 1 << 63 else constant
+
+
+heuristics.register("random", Random)

@@ -12,6 +12,7 @@ from usvauv.env.world.world import World
 from usvauv.kernels.mission.columns import AuvColumn
 from usvauv.kernels.mission.tasks.tracking import PairColumn
 from usvauv.policies.guidance import command, follow_circle, unit
+from usvauv.policies.heuristics import heuristics
 from usvauv.policies.heuristics.travel import Clear
 from usvauv.policies.policy import HeuristicWorld, number
 
@@ -33,8 +34,8 @@ class Circle(Clear):
         speed: through the water, m/s.
     """
 
-    parameter = ("RADIUS", "m")
     reference = "circle_radius"
+    parameter = ("RADIUS", "m")
 
     def __init__(self, name: str, world: HeuristicWorld, argument: float) -> None:
         super().__init__(name, world, argument)
@@ -44,7 +45,8 @@ class Circle(Clear):
     def parse(cls, text: str | None, scenario: Scenario) -> float:
         if scenario.task_definition.pair_columns is not PairColumn:
             raise ValueError(f"needs the task tracking, which scenario {scenario.name!r} does not have")
-        radius = scenario.reference.circle_radius if text is None else number(text, "a distance in m, such as 60")
+        usual = getattr(scenario.reference, cls.reference)
+        radius = usual if text is None else number(text, "a distance in m, such as 60")
         if not (math.isfinite(radius) and radius > 0.0):
             raise ValueError(f"the {cls.parameter[0].lower()} must be above 0 m")
         return radius
@@ -146,3 +148,7 @@ class GreedyInformation(Circle):
             going[:, k] = options[torch.arange(len(best), device=best.device), k, best]
         heading = self.reach(self.clear(unit(going), observation), current)
         return command(heading, self.speed, self.scenario)
+
+
+heuristics.register("circle", Circle)
+heuristics.register("greedy-information", GreedyInformation)

@@ -11,6 +11,7 @@ from torch import Tensor
 from usvauv.env.scenario import Scenario
 from usvauv.kernels.mission.observation import DEPTH_UNIT
 from usvauv.policies.guidance import SpeedToFly, angle, clear_of_others, command, components, crab, unit
+from usvauv.policies.heuristics import heuristics
 from usvauv.policies.policy import Heuristic, HeuristicWorld, by_pieces, number
 
 
@@ -159,3 +160,11 @@ class Keep(Heuristic):
         velocity = offset / step - self.world.current().to(observation)
         speed = velocity.norm(dim=-1).clamp(auv.speed_min, auv.speed_max)
         return command(unit(velocity), speed, self.scenario)
+
+
+heuristics.register("straight", Straight)
+heuristics.register("helm", Helm)
+heuristics.register("crab", Crab)
+heuristics.register("pace", Pace)
+heuristics.register("clear", Clear)
+heuristics.register("keep", Keep)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated
@@ -12,7 +11,7 @@ from torch import Tensor
 
 from usvauv.policies import checkpoint
 from usvauv.policies.checkpoint import BEST, ENDING, FORMAT, LAST, POLICY, TRAINING, Checked, Count, Figure
-from usvauv.policies.policy import PolicyError
+from usvauv.policies.names import PolicyError
 from usvauv.policies.training.training_run import TrainingRun
 
 
@@ -26,7 +25,6 @@ class Counters(Checked):
     seconds: Annotated[Figure, Field(ge=0)]
     gain: Figure
     scale: Annotated[Figure, Field(ge=0)]
-    best: Figure | None
     evaluation: dict[str, Figure]
     history: list[dict[str, Figure]]
 
@@ -42,7 +40,6 @@ def save(run: TrainingRun) -> None:
         "format": FORMAT,
         "steps": run.steps,
         "seconds": run.seconds,
-        "best": run.best if math.isfinite(run.best) else None,
         "evaluation": run.evaluation,
         "history": run.history,
         "updates": run.learner.updates,
@@ -93,7 +90,6 @@ def resume(run: TrainingRun) -> None:
         run.world.load_state(groups["world"])
         run.steps, run.seconds = counters["steps"], counters["seconds"]
         run.evaluation, run.history = counters["evaluation"], counters["history"]
-        run.best = -math.inf if counters["best"] is None else counters["best"]
     except (IndexError, KeyError, RuntimeError, TypeError, ValueError) as error:
         raise PolicyError(f"{last}: cannot be resumed: {str(error).strip().splitlines()[-1].strip()}") from None
     run.standardizer.copy_(checkpoint.load_policy(last, "training", device=run.world.device).standardizer)

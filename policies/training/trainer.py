@@ -24,8 +24,9 @@ from usvauv.policies.checkpoint import TENSORBOARD
 from usvauv.policies.cuda_graph import Recorded
 from usvauv.policies.frames import frames
 from usvauv.policies.learned import Standardizer
+from usvauv.policies.names import PolicyError
 from usvauv.policies.networks import stack, unstack
-from usvauv.policies.policy import PolicyError, by_component
+from usvauv.policies.policy import by_component
 from usvauv.policies.training.meter import LOGS, scalar_writer, wandb_writer
 from usvauv.policies.training.replay import Replay
 from usvauv.policies.training.saving import save, save_best
@@ -33,7 +34,7 @@ from usvauv.policies.training.training_run import TrainingRun, learning_bytes
 
 TINY = 1e-6
 GAIN_RATE = 0.002  # step size of the running mean of the reward, for each step of all worlds
-EVALUATIONS = 5  # evaluations in a training by default: each takes as long as some hundred updates
+EVALUATIONS = 3  # evaluations in a training by default: each takes as long as some hundred updates
 WINDOW = 100  # steps of all worlds between two reports
 
 Figures = list[dict[str, Any]]  # of each run, see `Trainer.train`
@@ -404,17 +405,15 @@ def renewed(run: TrainingRun, reward: Tensor, horizon_ended: Tensor, info: dict[
 
 
 def evaluate(run: TrainingRun) -> None:
-    """Evaluate the policy of a run, and keep it if it is the best so far."""
+    """Evaluate the policy of a run, and keep it as the best if it is, see `TrainingRun.kept`."""
     if run.evaluate is None:
         return
     run.check_finite()
     with naming(run):
         run.evaluation = {name: float(value) for name, value in run.evaluate(run.policy()).items()}
     run.history.append({"steps": run.steps, "updates": run.learner.updates, **run.evaluation})
-    if run.evaluation["arps"] > run.best:
-        run.best = run.evaluation["arps"]
-        if run.directory is not None:
-            save_best(run)
+    if run.kept is run.history[-1] and run.directory is not None:
+        save_best(run)
 
 
 def report(run: TrainingRun, total: int, rate: float) -> dict[str, Any]:

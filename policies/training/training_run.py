@@ -16,7 +16,7 @@ from usvauv.policies.algorithms import Sizes, algorithms
 from usvauv.policies.config import TrainingConfig
 from usvauv.policies.frames import frames
 from usvauv.policies.learned import LearnedPolicy, Standardizer
-from usvauv.policies.policy import PolicyError
+from usvauv.policies.names import PolicyError
 from usvauv.policies.training.exploration import CorrelatedNoise, TrainingWorld
 from usvauv.policies.training.meter import Meter
 from usvauv.policies.training.replay import Replay
@@ -43,7 +43,8 @@ class TrainingRun:
         config: settings; `config.num_worlds` must be the world's.
         directory: where the checkpoints `last` and `best` and `tensorboard` are kept; None: nothing is written.
         evaluate: policy → figures with at least "arps", on other worlds than the training ones. Also called before the
-            first step. The policy with the highest arps is kept as `best`.
+            first step. It can have "margin_half", half of a 95 % interval of the score's margin; `kept` says which
+            policy is kept as `best`.
         provenance: recorded in every checkpoint with the figures, such as command and commit.
 
     Attributes:
@@ -91,9 +92,23 @@ class TrainingRun:
         self.meter = Meter(world)
         self.steps = 0
         self.seconds = 0.0
-        self.best = -math.inf
         self.evaluation: dict[str, float] = {}
         self.history: list[dict[str, float]] = []
+
+    @property
+    def kept(self) -> dict[str, float]:
+        """The evaluation of the policy that is kept as `best`: the latest one above all before it, or below the highest
+        by less than a standard error of its margin.
+
+        The highest of a few noisy means is high by chance as well, and the later of two policies that differ by less
+        has learned more.
+        """
+        kept, highest = self.history[0], -math.inf
+        for row in self.history:
+            if row["arps"] > highest - 0.5 * row.get("margin_half", 0.0):
+                kept = row
+            highest = max(highest, row["arps"])
+        return kept
 
     def policy(self) -> LearnedPolicy:
         """The policy in training, for the world's scenario; it shares the run's networks and changes with them."""

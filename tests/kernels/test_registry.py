@@ -1,13 +1,19 @@
 """Names of plugins, and messages, which are one line that can be read, whatever they quote."""
 
+import inspect
+
 import pytest
 
 from usvauv.kernels.errors import LONGEST, UserError
+from usvauv.kernels.mission.boats.boat_strategies import boat_strategies
+from usvauv.kernels.mission.boats.boat_strategies import numbers_of as of_boats
+from usvauv.kernels.mission.choices import numbers_of as of_rules
 from usvauv.kernels.mission.choices import schedules, target_rules
 from usvauv.kernels.mission.tasks.task import tasks
 from usvauv.kernels.positioning.laws import absorption_laws, ambient_noise_laws, rate_laws
 from usvauv.kernels.registry import Registry
 from usvauv.kernels.vehicles.definition import vehicles
+from usvauv.policies.heuristics import heuristics
 
 
 class Wrong(UserError):
@@ -76,12 +82,44 @@ def test_what_cannot_be_printed_is_written_as_python_does():
 
 
 @pytest.mark.parametrize(
-    "registry", [absorption_laws, ambient_noise_laws, rate_laws, schedules, target_rules, tasks, vehicles]
+    "registry",
+    [
+        absorption_laws,
+        ambient_noise_laws,
+        boat_strategies,
+        heuristics,
+        rate_laws,
+        schedules,
+        target_rules,
+        tasks,
+        vehicles,
+    ],
 )
 def test_the_names_that_ship_are_those_that_their_modules_register(registry):
     """Else a name is refused before its module is imported, or is known without an item."""
     assert all(registry[name] is registry.get(name) for name in registry)
     assert {*registry._shipped} == {name for name in registry._items if not registry.file(name)}
+
+
+@pytest.mark.parametrize(
+    ("registry", "attributes"), [(boat_strategies, ()), (heuristics, ("parameter", "reference")), (target_rules, ())]
+)
+def test_what_lists_say_without_an_import_is_what_is_imported(registry, attributes):
+    for name, item in registry.items():
+        documented = registry._documented(item)
+        assert inspect.getdoc(documented) == registry.attribute(name, "__doc__")
+        for attribute in attributes:
+            assert registry.attribute(name, attribute) == getattr(documented, attribute, None), name
+
+
+@pytest.mark.parametrize(
+    ("registry", "numbers_of"),
+    [(boat_strategies, of_boats), (target_rules, of_rules)],
+)
+def test_numbers_that_lists_show_are_those_of_the_items(registry, numbers_of):
+    for name, item in registry.items():
+        numbers = numbers_of(name)
+        assert (numbers.arguments, numbers.units) == (item.arguments, item.units)
 
 
 def test_a_plugin_takes_no_name_that_ships():

@@ -246,7 +246,7 @@ def test_another_form_is_refused(real, damaged, name):
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("head", 40), ("size", 1e3), ("steps", True), ("gain", math.nan), ("best", "x"), ("history", {})],
+    [("head", 40), ("size", 1e3), ("steps", True), ("gain", math.nan), ("history", {})],
 )
 def test_a_wild_counter_is_refused(damaged, field, value):
     damaged(about={field: value})

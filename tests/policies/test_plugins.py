@@ -18,11 +18,10 @@ from usvauv.env import Scenario, World, plugins
 from usvauv.env.record.metrics import Metric, episode_metrics, task_metrics
 from usvauv.env.record.recorder import record
 from usvauv.kernels.errors import UserError
-from usvauv.kernels.mission.boats.boat_strategies import BoatStrategy, boat_strategies
+from usvauv.kernels.mission.boats.boat_strategies import BoatStrategy, Strategy, boat_strategies
 from usvauv.kernels.mission.observation import ObservationTerm, observation_terms
 from usvauv.kernels.mission.target_rules import TargetRule, target_rules
 from usvauv.kernels.mission.tasks.task import RewardTerm, tasks
-from usvauv.kernels.mission.worlds import Strategy
 from usvauv.kernels.positioning.laws import ambient_noise_laws
 from usvauv.kernels.types import vec2
 from usvauv.kernels.vehicles.definition import vehicles
@@ -30,7 +29,8 @@ from usvauv.policies import PolicyError, Trainer, TrainingRun
 from usvauv.policies.algorithms import algorithms
 from usvauv.policies.algorithms.deterministic import DDPG
 from usvauv.policies.frames import WorldFrame, frames
-from usvauv.policies.heuristics import Heuristic, heuristics
+from usvauv.policies.heuristics import heuristics
+from usvauv.policies.policy import Heuristic
 
 pytestmark = pytest.mark.usefixtures("own_registries")
 EXAMPLES = Path(__file__).parents[2] / "examples" / "plugins"

@@ -109,12 +109,26 @@ class TestTraining:
         assert all(torch.equal(first[name], again[name]) for name in first)
         assert not torch.equal(first["actor.weights.0"], other["actor.weights.0"])
 
+    @pytest.mark.parametrize(
+        ("scores", "half", "kept"),
+        [
+            ((1.0, 3.0, 2.0, 3.0, 2.9), None, 1),  # the first of two alike
+            ((1.0, 3.0, 2.6, 2.4), 1.0, 2),  # below the highest by less than a half of it, not below the one before
+            ((3.0, 2.4, 1.8), 1.0, 0),
+            ((0.0,), 1.0, 0),
+        ],
+    )
+    def test_the_latest_policy_is_kept_that_is_not_below_the_highest_beyond_its_error(self, scores, half, kept):
+        run = TrainingRun(ToyWorld(scenario(), 32, seed=1), LEARNING)
+        run.history = [{"arps": score} | ({"margin_half": half} if half else {}) for score in scores]
+        assert run.kept is run.history[kept]
+
     def test_figures_count_what_happened(self):
         toy = scenario()
         seen = []
         run = TrainingRun(ToyWorld(toy, 32, seed=1), dataclasses.replace(LEARNING, warmup=10_000))
         Trainer(run).train(3200, lambda figures: seen.extend(figures))
-        assert [figures["steps"] for figures in seen] == [640 * i for i in range(1, 6)]
+        assert [figures["steps"] for figures in seen] == [1088, 2144, 3200]
         last = seen[-1]
         assert last["steps"] == last["total"] == 3200
         assert last["updates"] == 0

@@ -39,7 +39,7 @@ from usvauv.cli import app
 from usvauv.cli.boat_placement import figure  # noqa: F401  imported once, for all forks
 from usvauv.cli.reproduction import page  # noqa: F401
 from usvauv.policies import checkpoint
-from usvauv.policies.policy import PolicyError
+from usvauv.policies.names import PolicyError
 
 app.parser()  # which imports the commands once, for all forks
 CPU = torch.device("cpu")

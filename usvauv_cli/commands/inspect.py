@@ -206,18 +206,21 @@ def policies(plugins: Plugins = None) -> None:
 
     `usvauv policies --plugin mine.py`
     """
-    from usvauv.policies import loading
     from usvauv.policies.heuristics import heuristics
+    from usvauv.policies.names import about, default_heuristic, trained
 
     def written(name: str) -> Item:
-        argument, unit = heuristics[name].parameter
-        field = getattr(heuristics[name], "reference", "")
+        argument, unit = heuristics.attribute(name, "parameter")
+        field = heuristics.attribute(name, "reference")
         default = f"; default: the scenario's reference.{field}" if field else ""
         return (f"{name}[:{argument}]", f"{argument} in {unit}{default}") if argument else (name, "")
 
-    _show_registered(heuristics, written, loading.default, "Not learned, shipped with usvauv:")
-    users = _users(loading.default)
-    learned = [(name, f"{loading.about(name)}. {users.get(name, '')}".rstrip()) for name in loading.trained()]
+    def default(scenario: Scenario) -> str:
+        return scenario.reference.policy or default_heuristic(scenario)
+
+    _show_registered(heuristics, written, default, "Not learned, shipped with usvauv:")
+    users = _users(default)
+    learned = [(name, f"{about(name)}. {users.get(name, '')}".rstrip()) for name in trained()]
     show("Learned, shipped with usvauv:", learned)
     run = "Checkpoint, or folder of a run of `usvauv train`, whose best checkpoint is used."
     show("Your own:", [("PATH", run), ("MODULE:CLASS", "Class of a Python file in this folder, or of a module.")])
@@ -230,11 +233,11 @@ def boats(plugins: Plugins = None) -> None:
 
     `usvauv boats`
     """
-    from usvauv.kernels.mission.boats.boat_strategies import boat_strategies, usage
+    from usvauv.kernels.mission.boats.boat_strategies import boat_strategies, numbers_of, usage
 
     def written(name: str) -> Item:
-        strategy = boat_strategies[name]
-        return usage(name), f"{', '.join(strategy.arguments)} in {strategy.units}" if strategy.units else ""
+        numbers = numbers_of(name)
+        return usage(name), f"{', '.join(numbers.arguments)} in {numbers.units}" if numbers.units else ""
 
     _show_registered(boat_strategies, written, lambda scenario: scenario.boat.strategy)
 
@@ -246,18 +249,19 @@ def targets(plugins: Plugins = None) -> None:
 
     `usvauv targets`
     """
-    from usvauv.kernels.mission.target_rules import target_rules, usage
+    from usvauv.kernels.mission.choices import numbers_of, target_rules, usage
+    from usvauv.kernels.mission.tasks.task import outline
 
     def written(name: str) -> Item:
-        rule = target_rules[name]
+        numbers = numbers_of(name)
         about = (
             f"{argument}{unit and f' in {unit}'}, default {default:g}"
-            for (argument, default), unit in zip_longest(rule.arguments, rule.units, fillvalue="")
+            for (argument, default), unit in zip_longest(numbers.arguments, numbers.units, fillvalue="")
         )
         return usage(name), "; ".join(about)
 
     def default(scenario: Scenario) -> str:
-        return scenario.nodes.target_rule if scenario.task_definition.targets == "nodes" else ""
+        return scenario.nodes.target_rule if outline(scenario.task).targets == "nodes" else ""
 
     _show_registered(target_rules, written, default)
 

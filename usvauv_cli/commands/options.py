@@ -122,7 +122,8 @@ Quiet = Annotated[
 ]
 # Arguments that do not decide what a result is.
 NOT_DECISIVE = ("out", "trace", "json_file", "report_folder", "onnx", "force", "resume", "quiet")
-BRIEF = ("scenarios", "policies", "boats", "targets", "plan", "replay", "export")  # commands soon done
+LISTS = ("scenarios", "policies", "boats", "targets")  # commands that need neither torch nor Taichi
+BRIEF = (*LISTS, "plan", "replay", "export")  # commands soon done
 MADE_BY = "user.usvauv"  # extended attribute of a result: the JSON of `_decisive`
 
 
@@ -170,7 +171,8 @@ def _load_plugins(context: typer.Context, files: list[Path] | None) -> list[Path
     """
     from usvauv.env import plugins
 
-    if files or all(parameter.name != "scenario" for parameter in context.command.params):
+    waits = context.command.name in LISTS or any(parameter.name == "scenario" for parameter in context.command.params)
+    if files or not waits:
         load_libraries(context.command.name in BRIEF, context.params.get("quiet", False))
     plugins.load_installed()
     for file in files or ():
@@ -194,7 +196,8 @@ def check_policy(name: str, scenario: Scenario) -> None:
     """Refuse a policy that cannot act in a scenario; say so where one that ships was trained with another number of
     AUVs than the scenario has.
     """
-    from usvauv.policies.loading import check, load_learned, shipped
+    from usvauv.policies.loading import check, load_learned
+    from usvauv.policies.names import shipped
 
     check(name, scenario)
     if name in shipped():

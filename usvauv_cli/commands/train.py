@@ -82,7 +82,7 @@ def train(
     beside them or in Weights & Biases.
 
     An untrained network steers much like a heuristic, most often `clear`. The policy is evaluated before training and
-    five times during it, in other worlds, against the scenario's default heuristic: its margin is shown with a 95 %
+    three times during it, in other worlds, against the scenario's default heuristic: its margin is shown with a 95 %
     interval. Ctrl-C ends the run cleanly; `--resume` continues it.
 
     **Examples:**
@@ -109,7 +109,7 @@ def train(
     from usvauv.kernels import runtime
     from usvauv.policies.checkpoint import LAST, clean, path_of, provenance
     from usvauv.policies.inputs import changed, digests
-    from usvauv.policies.loading import default_heuristic
+    from usvauv.policies.names import default_heuristic
     from usvauv.policies.training.figures import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
     from usvauv.policies.training.meter import check_log
 
@@ -213,7 +213,7 @@ def train(
             again = "".join(f" --plugin {file}" for file in plugins or ())
             done = min(run.steps for run in runs)
             typer.echo(f"stopped at {done} of {total} world-steps; continue with: --out {place} --resume{again}")
-        bests = [max(run.history, key=lambda row: row["arps"]) for run in runs]
+        bests = [run.kept for run in runs]
         learned = all(best["updates"] > 0 for best in bests)
         shown = training_table.evaluation(training_table.of_seeds([{"evaluation": best} for best in bests]), name)
         told = f"best policy{'' if learned else ', the untrained one'}: {shown}"

@@ -35,7 +35,7 @@ from usvauv.env.storage.files import atomic_write, inside, locked, writing
 from usvauv.env.storage.result_tables import write_rows
 from usvauv.kernels.errors import UserError
 from usvauv.policies import checkpoint
-from usvauv.policies.policy import PolicyError
+from usvauv.policies.names import PolicyError
 
 TABLE = "results.csv"
 FIRST = ("run", "method", "task", "training_seed")

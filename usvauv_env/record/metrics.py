@@ -19,7 +19,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from usvauv.env.record.headings import latest
+from usvauv.env.record.headings import largest_so_far, latest
 from usvauv.env.record.trace import Trace
 from usvauv.kernels.positioning.usbl import DETECTED, UNUSABLE, WRAPPED
 from usvauv.kernels.registry import Registry
@@ -213,7 +213,7 @@ def newest_birth(trace: Trace) -> np.ndarray:
     arrived = latest(trace.hovering <= 0)  # the last step of travelling, in which the service began
     t, w, k, i = served(trace)
     np.maximum.at(birth, (t, w, i), trace.time[0] + (arrived[t, w, k] - 1) * dt)
-    return np.maximum.accumulate(birth, axis=0)
+    return largest_so_far(birth)
 
 
 def age(trace: Trace) -> np.ndarray:

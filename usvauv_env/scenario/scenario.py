@@ -34,7 +34,7 @@ from usvauv.env.scenario.fields import (
 )
 from usvauv.env.storage.files import TextFileError, check_plain
 from usvauv.kernels.limits import MOST_EFFICIENT
-from usvauv.kernels.mission.tasks.task import Task, numbers_of, tasks
+from usvauv.kernels.mission.tasks.task import Task, outline, tasks
 from usvauv.kernels.vehicles.definition import vehicles
 from usvauv.kernels.vehicles.numbers import constants_of
 from usvauv.kernels.vehicles.stability import check_roll, substep
@@ -102,11 +102,11 @@ class Scenario(Section):
     @property
     def task_numbers(self) -> dict[str, float]:
         """The numbers of the task by name: those of `task_parameters`, else its defaults."""
-        defaults = {name: quantity.default for name, quantity in numbers_of(self.task).items()}
+        defaults = {name: quantity.default for name, quantity in outline(self.task).numbers.items()}
         return defaults | self.task_parameters.numbers
 
     def _problems(self) -> Iterator[str]:
-        allowed = numbers_of(self.task)
+        allowed = outline(self.task).numbers
         for name, value in self.task_parameters.numbers.items():
             if name not in allowed:
                 yield (f"task_parameters.{name}: allowed for task {self.task!r}: {', '.join(allowed) or 'none'}")
@@ -339,15 +339,14 @@ class Scenario(Section):
     @property
     def targets(self) -> int:
         """Number of possible targets: nodes, stations, or moving targets."""
-        return self.auv.count if self.task_definition.targets == "auvs" else self.nodes.count
+        return self.auv.count if outline(self.task).targets == "auvs" else self.nodes.count
 
     @property
     def numbers(self) -> str:
         """Its sizes in a few words: area, AUVs, nodes, significant height, boats."""
-        nodes = self.task == "data-collection" or self.task_definition.targets == "nodes"  # the first without Taichi
         teams = (
             (self.auv.count, "AUV", self.auv.vehicle),
-            (self.nodes.count if nodes else 0, "node", "none"),
+            (self.nodes.count if outline(self.task).targets == "nodes" else 0, "node", "none"),
             (self.boat.count, "boat", self.boat.vessel),
         )
         *vehicles_and_nodes, boats = (
@@ -401,7 +400,7 @@ class Scenario(Section):
         """
         if rule is None:
             return self
-        if self.task_definition.targets != "nodes":
+        if outline(self.task).targets != "nodes":
             raise ScenarioError(f"targets: {rule!r}: task {self.task!r} has no target rule")
         data = self.to_dict()
         data["nodes"]["target_rule"] = rule
@@ -492,7 +491,7 @@ class Scenario(Section):
         """The whole scenario as TOML, each field with its description as a comment; numbers of the task that have their
         defaults are comments.
         """
-        head, sections, task = [], [], numbers_of(self.task)
+        head, sections, task = [], [], outline(self.task).numbers
         for field, info in type(self).model_fields.items():
             value = getattr(self, field)
             if not isinstance(value, Section):

@@ -153,10 +153,7 @@ def plan(worlds: ti.template(), w, b) -> vec2:
 
 @func
 def go(worlds: ti.template(), w, b) -> vec2:
-    """Plans visits to its AUVs that keep them certain of their own positions, by rollouts of five minutes.
-
-    The goal, m, is that of the last plan, until a new one is due. Without an AUV the boat stays where it is.
-    """
+    """The goal of the last plan, until a new one is due, m. Without an AUV the boat stays where it is."""
     goal = boat_motion.boat_place(worlds, w, b)
     if boat_motion.num_served(worlds, w, b) > 0:
         goal = aim(worlds, w, b)

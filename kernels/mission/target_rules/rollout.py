@@ -8,7 +8,7 @@ by exp(−t/T), up to t = 3 T: with a sharp end the choice would depend on which
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission.choices import ARGUMENTS, TargetRule
+from usvauv.kernels.mission.choices import RULE_NUMBERS, TargetRule
 from usvauv.kernels.mission.columns import Information
 from usvauv.kernels.mission.target_rules import knowledge
 from usvauv.kernels.mission.target_rules.rule import data_per_time, travel_time
@@ -166,4 +166,4 @@ def workspace(num_nodes: int, num_auvs: int) -> int:
     return num_nodes + NUMBERS * num_auvs
 
 
-ROLLOUT = TargetRule(rollout, arguments=ARGUMENTS["rollout"], units=("s",), workspace=workspace)
+ROLLOUT = TargetRule(rollout, workspace=workspace, **RULE_NUMBERS["rollout"]._asdict())

@@ -5,7 +5,7 @@ from dataclasses import replace
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission.choices import ARGUMENTS, TargetRule, rule_and_numbers, target_rules
+from usvauv.kernels.mission.choices import RULE_NUMBERS, TargetRule, rule_and_numbers, target_rules
 from usvauv.kernels.mission.columns import Parameter
 from usvauv.kernels.mission.target_rules import knowledge
 from usvauv.kernels.types import vec2, vec3
@@ -131,9 +131,9 @@ def rate(worlds: ti.template(), w, k):
     return best_free(worlds, pace_of_data, w, k)
 
 
-GREEDY = TargetRule(greedy, arguments=ARGUMENTS["greedy"], units=("1/(m s)",))
-NEAREST = TargetRule(nearest, arguments=ARGUMENTS["nearest"], units=("",))
-RATE = TargetRule(rate, arguments=ARGUMENTS["rate"], units=("s",))
+GREEDY = TargetRule(greedy, **RULE_NUMBERS["greedy"]._asdict())
+NEAREST = TargetRule(nearest, **RULE_NUMBERS["nearest"]._asdict())
+RATE = TargetRule(rate, **RULE_NUMBERS["rate"]._asdict())
 
 
 @func
@@ -146,7 +146,9 @@ def slant_worth(worlds: ti.template(), w, k, i, alpha):
 
 @func
 def demonstration(worlds: ti.template(), w, k):
-    """The free node of the lowest index among the K with the largest λ b/C − α d, K the number of AUVs and d the slant
+    """The rule of the paper's demonstration, with the slant distance.
+
+    The free node of the lowest index among the K with the largest λ b/C − α d, K the number of AUVs and d the slant
     distance; where none of them is free, the free one with the largest value. At first the K nodes with the largest
     λ b/C, the best to the last AUV.
 
@@ -181,9 +183,4 @@ def demonstration(worlds: ti.template(), w, k):
     return chosen
 
 
-DEMONSTRATION = TargetRule(
-    demonstration,
-    arguments=ARGUMENTS["demonstration"],
-    units=("1/(m s)",),
-    about="The rule of the paper's demonstration, with the slant distance",
-)
+DEMONSTRATION = TargetRule(demonstration, **RULE_NUMBERS["demonstration"]._asdict())

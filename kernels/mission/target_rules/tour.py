@@ -28,10 +28,15 @@ def put(worlds: ti.template(), w, place, i):
 
 
 @func
+def spot(worlds: ti.template(), w, i) -> vec2:
+    """Where node i is, m."""
+    return vec2(worlds.node.x[w, i], worlds.node.y[w, i])
+
+
+@func
 def apart(worlds: ti.template(), w, i, j):
     """Distance between two nodes, m."""
-    node = ti.static(worlds.node)
-    return vec2(node.x[w, i] - node.x[w, j], node.y[w, i] - node.y[w, j]).norm()
+    return (spot(worlds, w, i) - spot(worlds, w, j)).norm()
 
 
 @func
@@ -51,22 +56,28 @@ def reverse(worlds: ti.template(), w, first, last):
 def shorten(worlds: ti.template(), w, first, count):
     """Exchange edges of the closed tour of `count` stops from place `first` on until none shortens it.
 
-    The stop at `first` stays there.
+    The stop at `first` stays there. One of the two new edges of a shorter tour is shorter than the old one that it
+    begins or ends with, so that few exchanges need roots.
     """
     improved = True
     while improved:
         improved = False
         for a in range(count - 2):
+            here = spot(worlds, w, stop(worlds, w, first + a))
+            after = spot(worlds, w, stop(worlds, w, first + a + 1))
+            there = spot(worlds, w, stop(worlds, w, first + a + 2))
             for b in range(a + 2, count):
-                i = stop(worlds, w, first + a)
-                after_i = stop(worlds, w, first + a + 1)
-                j = stop(worlds, w, first + b)
-                after_j = stop(worlds, w, first + (b + 1) % count)
-                now = apart(worlds, w, i, after_i) + apart(worlds, w, j, after_j)
-                then = apart(worlds, w, i, j) + apart(worlds, w, after_i, after_j)
-                if then < now - LEAST_GAIN:
-                    reverse(worlds, w, first + a + 1, first + b)
-                    improved = True
+                beyond = spot(worlds, w, stop(worlds, w, first + (b + 1) % count))
+                own = (here - after).norm_sqr()
+                other = (there - beyond).norm_sqr()
+                across = (here - there).norm_sqr()
+                back = (after - beyond).norm_sqr()
+                if across < own or back < other:
+                    if ti.sqrt(across) + ti.sqrt(back) < ti.sqrt(own) + ti.sqrt(other) - LEAST_GAIN:
+                        reverse(worlds, w, first + a + 1, first + b)
+                        after = there
+                        improved = True
+                there = beyond
 
 
 @func
@@ -87,9 +98,12 @@ def make_tour(worlds: ti.template(), w):
     for place in range(count - 2):
         here = stop(worlds, w, place)
         nearest = place + 1
+        least = apart(worlds, w, here, stop(worlds, w, nearest))
         for other in range(place + 2, count):
-            if apart(worlds, w, here, stop(worlds, w, other)) < apart(worlds, w, here, stop(worlds, w, nearest)):
+            away = apart(worlds, w, here, stop(worlds, w, other))
+            if away < least:
                 nearest = other
+                least = away
         i = stop(worlds, w, nearest)
         put(worlds, w, nearest, stop(worlds, w, place + 1))
         put(worlds, w, place + 1, i)
@@ -127,6 +141,8 @@ def enter(worlds: ti.template(), w, first, length):
             auv.target[w, nearest] = ti.cast(i, ti.f32)
             total += distance(worlds, w, nearest, i)
             entered += 1
+        if entered == num_auvs:
+            break
         travelled += apart(worlds, w, i, stop(worlds, w, first + place + 1))
     return total
 
@@ -203,15 +219,17 @@ def successor(worlds: ti.template(), w, i):
     return ti.cast(worlds.node.successor[w, i], ti.i32)
 
 
-TOUR = TargetRule(
-    follow,
-    prepare=prepare_tour,
-    foreseen=successor,
-    about="All AUVs follow one closed tour of the nodes, spaced along it",
-)
-SECTORS = TargetRule(
-    follow,
-    prepare=prepare_sectors,
-    foreseen=successor,
-    about="Each AUV follows a closed tour of its own part of the nodes",
-)
+@func
+def tour(worlds: ti.template(), w, k):
+    """All AUVs follow one closed tour of the nodes, spaced along it."""
+    return follow(worlds, w, k)
+
+
+@func
+def sectors(worlds: ti.template(), w, k):
+    """Each AUV follows a closed tour of its own part of the nodes."""
+    return follow(worlds, w, k)
+
+
+TOUR = TargetRule(tour, prepare=prepare_tour, foreseen=successor)
+SECTORS = TargetRule(sectors, prepare=prepare_sectors, foreseen=successor)

@@ -6,7 +6,7 @@ from usvauv.kernels.functions import func
 from usvauv.kernels.mission.auvs.motion import distance_to_target, travel
 from usvauv.kernels.mission.columns import Draw
 from usvauv.kernels.mission.tasks import rewards
-from usvauv.kernels.mission.tasks.task import Task, tasks
+from usvauv.kernels.mission.tasks.task import SHIPPED, Task, tasks
 from usvauv.kernels.mission.worlds import uniforms
 from usvauv.kernels.trigonometry import TWO_PI
 
@@ -56,7 +56,7 @@ tasks.register(
         update=nothing,
         finish=nothing,
         reward_terms=rewards.STANDARD,
-        targets="auvs",
-        heuristic="keep",
+        targets=SHIPPED["station-keeping"].targets,
+        heuristic=SHIPPED["station-keeping"].heuristic,
     ),
 )

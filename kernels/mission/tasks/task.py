@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal
+from types import MappingProxyType
+from typing import Annotated, Any, Literal, NamedTuple
 
 from usvauv.kernels.columns import Columns
 from usvauv.kernels.limits import Quantity
@@ -12,6 +13,7 @@ from usvauv.kernels.mission.tasks import tracking_numbers
 from usvauv.kernels.registry import Registry
 
 Function = Callable[..., Any]  # a Taichi function
+Targets = Literal["nodes", "auvs", "moving"]
 HEAVIEST = 1e6  # weight of a term of the reward
 
 
@@ -67,7 +69,7 @@ class Task:
     update: Annotated[Function, "worlds, w"]
     finish: Annotated[Function, "worlds, w"]
     reward_terms: tuple[RewardTerm, ...]
-    targets: Literal["nodes", "auvs", "moving"] = "nodes"
+    targets: Targets = "nodes"
     parameters: tuple[tuple[str, Quantity], ...] = ()
     observation: tuple[str, ...] = ()
     heuristic: str = "clear"
@@ -98,17 +100,25 @@ def weights_of(weights: Mapping[str, float]) -> dict[str, Quantity]:
     }
 
 
+class Outline(NamedTuple):
+    """What is known of a task that ships without Taichi, as in `Task`."""
+
+    numbers: Mapping[str, Quantity] = MappingProxyType({})
+    targets: Targets = "nodes"
+    heuristic: str = "clear"
+
+
 OF_TRACKING = {**dict(tracking_numbers.PARAMETERS), **weights_of(tracking_numbers.WEIGHTS)}
-SHIPPED: dict[str, dict[str, Quantity]] = {  # `Task.numbers` of the tasks that ship
-    "data-collection": {},
-    "station-keeping": {},
-    **dict.fromkeys(("tracking", "tracking-plain"), OF_TRACKING),
+SHIPPED = {
+    "data-collection": Outline(),
+    "station-keeping": Outline(targets="auvs", heuristic="keep"),
+    **dict.fromkeys(("tracking", "tracking-plain"), Outline(OF_TRACKING, "moving", "circle")),
 }
 
 
-def numbers_of(task: str) -> dict[str, Quantity]:
-    """`Task.numbers` of a task by name; of one that ships without Taichi."""
-    return SHIPPED[task] if task in SHIPPED else tasks[task].numbers
+def outline(task: str) -> Outline | Task:
+    """The outline of a task by name, or a task of a plugin, which has the same attributes."""
+    return SHIPPED[task] if task in SHIPPED else tasks[task]
 
 
 HERE = "usvauv.kernels.mission.tasks"

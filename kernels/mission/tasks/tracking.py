@@ -38,7 +38,7 @@ from usvauv.kernels.mission.columns import (
 )
 from usvauv.kernels.mission.observation import ObservationTerm, observation_terms
 from usvauv.kernels.mission.tasks import rewards
-from usvauv.kernels.mission.tasks.task import RewardTerm, Task, tasks
+from usvauv.kernels.mission.tasks.task import SHIPPED, RewardTerm, Task, tasks
 from usvauv.kernels.mission.tasks.tracking_measurements import (
     believed_place,
     forget,
@@ -410,10 +410,10 @@ TRACKING = Task(
     update=update,
     finish=finish,
     reward_terms=REWARD_TERMS,
-    targets="moving",
+    targets=SHIPPED["tracking"].targets,
     parameters=PARAMETERS,
     observation=("track",),
-    heuristic="circle",
+    heuristic=SHIPPED["tracking"].heuristic,
     node_columns=TargetColumn,
     pair_columns=PairColumn,
     room=ROOM,

@@ -7,8 +7,7 @@ Registries, and the class of their items:
 """
 
 from usvauv.kernels.mission.boats.boat_motion import serves
-from usvauv.kernels.mission.boats.boat_strategies import BoatStrategy, boat_strategies
+from usvauv.kernels.mission.boats.boat_strategies import BoatStrategy, Strategy, boat_strategies
 from usvauv.kernels.mission.choices import schedules
-from usvauv.kernels.mission.worlds import Strategy
 
 __all__ = ["BoatStrategy", "Strategy", "boat_strategies", "schedules", "serves"]

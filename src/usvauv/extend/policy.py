@@ -10,7 +10,8 @@ Registries, and the class of their items:
 from usvauv.policies.algorithms import Batch, DeterministicLearner, Learner, Rollout, Settings, Sizes, algorithms
 from usvauv.policies.frames import Frame, frames
 from usvauv.policies.guidance import SpeedToFly, clear_of_others, command, crab, rotate, unit, unrotate
-from usvauv.policies.heuristics import Heuristic, heuristics
+from usvauv.policies.heuristics import heuristics
+from usvauv.policies.policy import Heuristic
 
 __all__ = [
     "Batch",

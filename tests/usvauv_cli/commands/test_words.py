@@ -8,7 +8,7 @@ from usvauv.cli import terminal
 from usvauv.env import Scenario
 from usvauv.kernels.mission.boats.boat_strategies import boat_strategies
 from usvauv.kernels.mission.target_rules import target_rules
-from usvauv.policies import trained
+from usvauv.policies import default, trained
 from usvauv.policies.heuristics import heuristics
 
 PLUGIN = '''
@@ -23,6 +23,11 @@ def north(worlds: ti.template(), w, b) -> vec2:
     """Goes to the northern edge. Nobody knows why."""
     return vec2(0.0, 200.0)
 
+@ti.func
+def last(worlds: ti.template(), w, k):
+    """The last node"""
+    return worlds.node.shape[1] - 1
+
 class Lazy(Heuristic):
     """Stays where
     it is."""
@@ -34,7 +39,7 @@ class Lazy(Heuristic):
 
 boat_strategies.register("north", BoatStrategy(Strategy(start=north, goal=north), ("AUV",)))
 heuristics.register("lazy", Lazy)
-target_rules.register("last", TargetRule(north, arguments=(("AGE", 3.0),), units=("s",), about="The last node"))
+target_rules.register("last", TargetRule(last, arguments=(("AGE", 3.0),), units=("s",)))
 '''
 
 
@@ -78,6 +83,12 @@ class TestLists:
         assert not any(re.search(r"\b[bkw]\b", about) for about in rows.values())  # a name in a kernel is no word
         for name, part in parts.items():
             assert part in rows[name]
+
+    def test_the_default_policy_is_that_of_commands(self, run_usvauv):
+        rows = {name.partition("[")[0]: about for name, about in listed(run_usvauv("policies")[1]).items()}
+        for name in Scenario.shipped():
+            about = rows[default(Scenario.load(name)).partition(":")[0]]
+            assert name in about.partition("Default in ")[2].rstrip(".").split(", ")
 
     def test_which_policy_is_learned_and_in_what(self, run_usvauv):
         learned = run_usvauv("policies")[1].partition("Learned, shipped with usvauv:\n")[2].partition("Your own:")[0]
