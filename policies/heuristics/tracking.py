@@ -41,7 +41,7 @@ class Circle(Clear):
 
     @classmethod
     def parse(cls, text: str | None, scenario: Scenario) -> float:
-        if scenario.task_definition.pair_columns is not PairColumn:
+        if not issubclass(scenario.task_definition.pair_columns or object, PairColumn):
             raise ValueError(f"needs the task tracking, which scenario {scenario.name!r} does not have")
         radius = scenario.reference.circle_radius if text is None else number(text, "a distance in m, such as 60")
         if not (math.isfinite(radius) and radius > 0.0):

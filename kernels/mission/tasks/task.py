@@ -98,11 +98,12 @@ def weights_of(weights: Mapping[str, float]) -> dict[str, Quantity]:
     }
 
 
-OF_TRACKING = {**dict(tracking_numbers.PARAMETERS), **weights_of(tracking_numbers.WEIGHTS)}
+OF_TRACKING = weights_of(tracking_numbers.WEIGHTS)
 SHIPPED: dict[str, dict[str, Quantity]] = {  # `Task.numbers` of the tasks that ship
     "data-collection": {},
     "station-keeping": {},
-    **dict.fromkeys(("tracking", "tracking-plain"), OF_TRACKING),
+    "tracking": {**dict(tracking_numbers.PARAMETERS), **OF_TRACKING},
+    "tracking-plain": {**dict(tracking_numbers.PLAIN), **OF_TRACKING},
 }
 
 

@@ -149,15 +149,15 @@ def test_a_fading_signal_is_heard_as_often_as_the_sonar_equation_says():
 @pytest.mark.parametrize(
     "measured",
     [
-        ("ranges=0", "bearing_noise=0.05"),
-        ("ranges=1", "bearing_noise=0.05"),
-        ("depths_known=0", "bearing_noise=0"),
+        ("task_parameters.ranges=0", "task_parameters.bearing_noise=0.05"),
+        ("task_parameters.ranges=1", "task_parameters.bearing_noise=0.05"),
+        ("task=tracking", "task_parameters.depth_most=80"),
     ],
-    ids="-".join,
+    ids=("bearings", "both", "ranges, depths not known"),
 )
 def test_what_is_measured_in_missions_locates_targets_consistently(measured):
     """Squared errors are as large as the covariances say, where AUVs know their place."""
-    world = made(*(f"task_parameters.{one}" for one in measured))
+    world = made(*measured)
     policy, observation, squared = load("circle", world), world.observation, []
     for step in range(80):
         observation = world.step(policy.act(observation)).observation
