@@ -55,7 +55,7 @@ SETTINGS = {  # share of the AUVs' speed, and time between turns, s: 5 to 14 ste
     "expert": ((0.83, 0.86), (120.0, 420.0)),
 }
 TEAMS = (1, 3, 5)
-RULES = ("straight", "circle", "greedy-information")
+RULES = ("straight", "circle", "tree:1", "tree:3")
 SPEED = 0.986  # m/s, of the AUVs
 PUBLISHED = {
     (1, "easy"): "10.8 (13.4)",

@@ -6,7 +6,7 @@ Public: `heuristics`, the classes by name, and `Heuristic`, the base class of a 
 from usvauv.kernels.registry import Registry
 from usvauv.policies.heuristics.passing import Loiter, Pass
 from usvauv.policies.heuristics.random_actions import Random
-from usvauv.policies.heuristics.tracking import Circle, GreedyInformation
+from usvauv.policies.heuristics.tracking import Circle, Tree
 from usvauv.policies.heuristics.travel import Clear, Crab, Helm, Keep, Pace, Straight
 from usvauv.policies.policy import Heuristic, PolicyError
 
@@ -20,7 +20,7 @@ heuristics.register("loiter", Loiter)
 heuristics.register("pass", Pass)
 heuristics.register("keep", Keep)
 heuristics.register("circle", Circle)
-heuristics.register("greedy-information", GreedyInformation)
+heuristics.register("tree", Tree)
 heuristics.register("random", Random)
 
 __all__ = ["Heuristic", "heuristics"]
