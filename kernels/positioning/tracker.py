@@ -40,7 +40,8 @@ XX, XY, XU, XV, YY, YU, YV, UU, UV, VV = range(4, 14)
 ADRIFT, WATER_X, WATER_Y = range(14, 17)
 REJECTIONS, REJECTED_X, REJECTED_Y, REJECTED_AGE = range(17, 21)
 COLUMNS = 21
-STATE = 4  # columns of the state
+AGE = 14  # where an AUV has the state and its covariance from the boat, the column of the time since, s
+OWN_COLUMNS = 15
 CONFIRMATIONS = 3
 
 

@@ -20,10 +20,10 @@ Sources: Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracki
 import taichi as ti
 
 from usvauv.kernels.functions import LANES, func
-from usvauv.kernels.tracking.hypotheses import KEPT, OF, FilterColumn, WorkColumn, correct, see
+from usvauv.kernels.tracking.hypotheses import KEPT, OF, FilterColumn, WorkColumn, correct, see, sum_of, wide
 from usvauv.kernels.tracking.range_filter import USUAL, begin_hypotheses, groups_of
 from usvauv.kernels.trigonometry import circle, wrapped
-from usvauv.kernels.types import vec2, vec3
+from usvauv.kernels.types import vec2, vec3, vec4
 
 SPAN = 40.0  # farthest distance over the nearest at which a first bearing begins hypotheses
 RATIO = SPAN ** (1.0 / KEPT)
@@ -62,6 +62,9 @@ def update(f: ti.template(), g, place: vec3, covariance: vec3, bearing, variance
     S = g2 * (across + own + g2 * (along * across + both * both)) + variance
     of = [g1 * (c * work[OF[a][1], g] - s * work[OF[a][0], g]) for a in ti.static(range(f.axes))]
     correct(f, g, of, wrapped(bearing - angle(dx, dy, work.width) + both * g2), S, variance)
+    weight = g1 * work[WorkColumn.share, g] / S
+    x, y = weight * of[0], weight * of[1]
+    return 0.0 - x * s, x * c, 0.0 - y * s, y * c
 
 
 @func
@@ -84,10 +87,21 @@ def observe_bearing(f: ti.template(), place: vec3, covariance: vec3, bearing, va
         bearing: measured, anticlockwise from east, rad.
         variance: of its error, rad², above 0.
         farthest: largest distance at which the target can be, m; used with the first bearing.
+
+    Returns:
+        as `usvauv.kernels.tracking.range_filter.observe_range`.
     """
+    moved = vec4(1.0, 0.0, 0.0, 1.0)
     if f.head[FilterColumn.count] == 0.0:
         begin_ray(f, place, covariance, bearing, variance, farthest)
     else:
         f.head[FilterColumn.surprise] = f.head[FilterColumn.surprise] - USUAL
+        sums = [wide(0.0, f.work.width) for _ in ti.static(range(4))]
         for g in range(groups_of(f)):
-            update(f, g, place, covariance, bearing, variance)
+            xx, xy, yx, yy = update(f, g, place, covariance, bearing, variance)
+            sums[0] += xx
+            sums[1] += xy
+            sums[2] += yx
+            sums[3] += yy
+        moved = vec4([sum_of(sums[n], f.work.width) for n in ti.static(range(4))])
+    return moved

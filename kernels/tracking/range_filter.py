@@ -300,6 +300,15 @@ def carry(f: ti.template(), way: vec2):
 
 
 @func
+def loosen(f: ti.template(), covariance: vec3):
+    """Add a covariance (xx, xy, yy), m², to the place of all hypotheses."""
+    for g in range(groups_of(f)):
+        f.work[WorkColumn.xx, g] = f.work[WorkColumn.xx, g] + covariance[0]
+        f.work[WorkColumn.xy, g] = f.work[WorkColumn.xy, g] + covariance[1]
+        f.work[WorkColumn.yy, g] = f.work[WorkColumn.yy, g] + covariance[2]
+
+
+@func
 def begin_hypotheses(f: ti.template()):
     """Count the hypotheses of a first measurement, which are `KEPT`; their velocities follow in the next prediction."""
     f.head[FilterColumn.known] = 1.0
@@ -365,6 +374,9 @@ def update(f: ti.template(), g, place: vec3, covariance: vec3, distance, varianc
     S = share * share * along + variance + own + 0.5 * bend * bend
     of = [share * seen[a] for a in ti.static(range(f.axes))]
     correct(f, g, of, distance - expected, S, variance)
+    weight = share * work[WorkColumn.share, g] / S
+    x, y = weight * of[0], weight * of[1]
+    return x * c, x * s, y * c, y * s
 
 
 @func
@@ -377,13 +389,24 @@ def observe_range(f: ti.template(), place: vec3, covariance: vec3, distance, var
         covariance: of x and y, (xx, xy, yy), m²; 0 where they are exact.
         distance: measured, slant, m.
         variance: of its error, m², above 0.
+
+    Returns:
+        how much the estimate moves with the observer's place: ∂(x, y) over ∂(x, y) of that, row by row.
     """
+    moved = vec4(1.0, 0.0, 0.0, 1.0)
     if f.head[FilterColumn.count] == 0.0:
         begin_ring(f, place, covariance, distance, variance)
     else:
         f.head[FilterColumn.surprise] = f.head[FilterColumn.surprise] - USUAL
+        sums = [wide(0.0, f.work.width) for _ in ti.static(range(4))]
         for g in range(groups_of(f)):
-            update(f, g, place, covariance, distance, variance)
+            xx, xy, yx, yy = update(f, g, place, covariance, distance, variance)
+            sums[0] += xx
+            sums[1] += xy
+            sums[2] += yx
+            sums[3] += yy
+        moved = vec4([sum_of(sums[n], f.work.width) for n in ti.static(range(4))])
+    return moved
 
 
 @func
@@ -419,8 +442,8 @@ def weigh(f: ti.template()):
 
 
 @func
-def estimate(f: ti.template()):
-    """Write the moments of all hypotheses."""
+def estimate(f: ti.template(), common: vec3):
+    """Write the moments of all hypotheses, with an error that is common to them."""
     width, work, head = ti.static(f.work.width, f.work, f.head)
     x0, y0 = work.one[WorkColumn.x, 0], work.one[WorkColumn.y, 0]
     sums = [wide(0.0, width) for _ in ti.static(range(7))]
@@ -439,18 +462,22 @@ def estimate(f: ti.template()):
     head[FilterColumn.y] = y0 + mean[1]
     head[FilterColumn.vx] = mean[2]
     head[FilterColumn.vy] = mean[3]
-    head[FilterColumn.xx] = mean[4] - mean[0] * mean[0]
-    head[FilterColumn.xy] = mean[5] - mean[0] * mean[1]
-    head[FilterColumn.yy] = mean[6] - mean[1] * mean[1]
+    head[FilterColumn.xx] = mean[4] - mean[0] * mean[0] + common[0]
+    head[FilterColumn.xy] = mean[5] - mean[0] * mean[1] + common[1]
+    head[FilterColumn.yy] = mean[6] - mean[1] * mean[1] + common[2]
 
 
 @func
-def finish(f: ti.template()):
-    """End a step: write the estimate and reduce the hypotheses."""
+def finish(f: ti.template(), common: vec3):
+    """End a step: write the estimate and reduce the hypotheses.
+
+    Args:
+        common: covariance (xx, xy, yy) of an error of all hypotheses' places that is not in theirs, m².
+    """
     head = ti.static(f.head)
     if head[FilterColumn.count] > 0.0:
         surprise = ti.max(head[FilterColumn.surprise] - weigh(f), 0.0)
-        estimate(f)
+        estimate(f, common)
         if surprise > LOST:
             surprise = 0.0
             head[FilterColumn.count] = 0.0

@@ -6,8 +6,8 @@ times, by a turn. It may drift with the water at the AUVs' cruise depth, and tur
 **Measurements** are those of `tracking_measurements`; AUVs send them to one another.
 
 **Estimates.** Each AUV has a filter of each target, `usvauv.kernels.tracking`, updated by the measurements it has, each
-from where the AUV that made it takes itself to be. The uncertainty of that place counts as noise of the measurement;
-but errors of dead reckoning last from one measurement to the next. Filters estimate the targets' depths, of which they
+from where the AUV that made it takes itself to be, whose error lasts from one measurement to the next
+(`tracking_places`). Filters estimate the targets' depths, of which they
 know the limits (`depths_known`: the depth itself). Where targets drift, the filter's velocity is that through the
 water, which is taken to flow as at the AUV, with a random walk for what differs. The team's estimate of a target is
 that of the AUV whose range, measured last, is the smallest; without ranges that of the AUV which heard it last and
@@ -39,10 +39,9 @@ from usvauv.kernels.mission.columns import (
 )
 from usvauv.kernels.mission.motion import target_of, travel
 from usvauv.kernels.mission.observation import ObservationTerm, observation_terms
-from usvauv.kernels.mission.tasks import rewards
+from usvauv.kernels.mission.tasks import rewards, tracking_places
 from usvauv.kernels.mission.tasks.task import RewardTerm, Task, tasks
 from usvauv.kernels.mission.tasks.tracking_measurements import (
-    believed_place,
     forget,
     measure,
     senders,
@@ -50,9 +49,11 @@ from usvauv.kernels.mission.tasks.tracking_measurements import (
     use_measurements,
 )
 from usvauv.kernels.mission.tasks.tracking_numbers import PARAMETERS, WEIGHTS
+from usvauv.kernels.mission.tasks.tracking_places import believed_place
 from usvauv.kernels.mission.worlds import WORLDS_PER_BLOCK, Worlds, normals, uniforms
 from usvauv.kernels.tracking import range_filter
 from usvauv.kernels.tracking.hypotheses import (
+    ANYWHERE,
     HEAD_BOUNDS,
     KEPT,
     LEVEL,
@@ -122,15 +123,19 @@ class PairColumn(StateColumns):
     }
 
 
-class DepthPairColumn(PairColumn):
-    """Likewise of a target of unknown depth."""
+class UncertainPairColumn(PairColumn):
+    """Likewise of a target of unknown depth, by AUVs that do not know exactly where they are."""
 
-    __annotations__ = {**PairColumn.__annotations__, **_hypotheses(HypothesisColumn.names[LEVEL:])}
+    __annotations__ = {
+        **PairColumn.__annotations__,
+        **_hypotheses(HypothesisColumn.names[LEVEL:]),
+        **_within(tracking_places.COLUMNS, len(tracking_places.COLUMNS) * (ANYWHERE,)),
+    }
 
 
 def depth_unknown(worlds: Worlds) -> bool:
     """Whether filters estimate depths; called while the kernel is compiled."""
-    return worlds.program.task.pair_columns is DepthPairColumn
+    return worlds.program.task.pair_columns is UncertainPairColumn
 
 
 @func
@@ -332,8 +337,8 @@ def update(worlds: ti.template(), w):
             range_filter.predict(f, motion)
             if given.drifts > 0.0:
                 range_filter.carry(f, water)
-            use_measurements(worlds, w, i, received, f)
-            range_filter.finish(f)
+            use_measurements(worlds, w, k, i, received, f)
+            range_filter.finish(f, tracking_places.common_error(worlds, w, k, i))
     for i in range(num_targets):
         share_estimate(worlds, w, i)
 
@@ -447,7 +452,7 @@ TRACKING = Task(
     observation=("track",),
     heuristic="circle",
     node_columns=TargetColumn,
-    pair_columns=DepthPairColumn,
+    pair_columns=UncertainPairColumn,
     room=ROOM,
     way=way,
     known_place=known_place,

@@ -14,30 +14,13 @@ import taichi as ti
 
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission.columns import Draw, Schedule
-from usvauv.kernels.mission.motion import own_covariance, own_position
+from usvauv.kernels.mission.tasks import tracking_places
+from usvauv.kernels.mission.tasks.tracking_places import believed_place
 from usvauv.kernels.mission.worlds import normals, uniforms
 from usvauv.kernels.positioning.sonar import path_loss, power_of_10
 from usvauv.kernels.tracking import bearings, range_filter
 from usvauv.kernels.trigonometry import wrapped
 from usvauv.kernels.types import vec2, vec3
-
-
-@func
-def believed_place(worlds: ti.template(), w, k) -> vec2:
-    """Where AUV k takes itself to be, m."""
-    here = own_position(worlds, w, k)
-    if worlds.task_parameters.places_known > 0.0:
-        here = vec2(worlds.auv.x[w, k], worlds.auv.y[w, k])
-    return here
-
-
-@func
-def place_covariance(worlds: ti.template(), w, k) -> vec3:
-    """Covariance (xx, xy, yy) of that, m²."""
-    found = own_covariance(worlds, w, k)
-    if worlds.task_parameters.places_known > 0.0:
-        found = vec3(0.0)
-    return found
 
 
 @func
@@ -109,16 +92,20 @@ def senders(worlds: ti.template(), w, k):
 
 
 @func
-def use_measurements(worlds: ti.template(), w, i, senders, f: ti.template()):
-    """Update filter `f` of target i by what some AUVs have measured, `senders`."""
+def use_measurements(worlds: ti.template(), w, k, i, senders, f: ti.template()):
+    """Update AUV k's filter of target i, `f`, by what some AUVs have measured, `senders`."""
     given, pair = ti.static(worlds.task_parameters, worlds.task_pair)
     for j in range(worlds.auv.shape[1]):
         if senders >> j & 1 != 0 and pair.heard[w, j, i] > 0.0:
-            place, covariance = believed_place(worlds, w, j), place_covariance(worlds, w, j)
+            place = believed_place(worlds, w, j)
             here = vec3(place[0], place[1], depth_of(worlds, w, j))
             if given.ranges > 0.0:
                 r, variance = pair.measured[w, j, i], given.range_noise * given.range_noise
-                range_filter.observe_range(f, here, covariance, r, variance)
+                covariance = tracking_places.assumed(worlds, w, k, i, j, f)
+                moved = range_filter.observe_range(f, here, covariance, r, variance)
+                tracking_places.move(worlds, w, k, i, j, moved)
             if given.bearing_noise > 0.0:
                 bearing, variance = pair.bearing[w, j, i], given.bearing_noise * given.bearing_noise
-                bearings.observe_bearing(f, here, covariance, bearing, variance, given.range_most)
+                covariance = tracking_places.assumed(worlds, w, k, i, j, f)
+                moved = bearings.observe_bearing(f, here, covariance, bearing, variance, given.range_most)
+                tracking_places.move(worlds, w, k, i, j, moved)

@@ -116,7 +116,7 @@ def observe_bearings_all(
 @kernel
 def finish_all(way: ti.template(), filters: array4, rows: rows1, room: rooms, depths: array1):
     for w in range(filters.shape[0]):
-        range_filter.finish(ti.static(filter_of(filters, rows, room, (w, 0, 0), w, *way, depths)))
+        range_filter.finish(ti.static(filter_of(filters, rows, room, (w, 0, 0), w, *way, depths)), vec3(0.0))
 
 
 class Filters:
