@@ -4,6 +4,7 @@
     python -m benchmarks.studies.tracking --part measurements
     python -m benchmarks.studies.tracking --part depths
     python -m benchmarks.studies.tracking --part few
+    python -m benchmarks.studies.tracking --part rare
     python -m benchmarks.studies.tracking --runs runs/tracking-plain --out docs/circling.png
 
 First `tracking-plain`, by team and setting of the published environment: the error of the estimates of the AUV with the
@@ -20,6 +21,7 @@ Then fewer AUVs than targets: with AUVs that keep to a target, and that go to th
 difference is paired.
 
 Then `tracking`: the same by the boat's strategy, and with places known exactly; differences from `belief` are paired.
+Then with rare fixes, and with the share of targets within the ellipse of 95 % of their estimate.
 
 With `--runs`, a folder of training runs that differ only in the seed, instead: their curves, and the errors of their
 last policies beside those of `circle` in the same worlds, with the 95 % interval over seeds and worlds together.
@@ -89,7 +91,9 @@ DEPTHS = {
 }
 COURSES = {"turn": (), "go straight": ("turn_after_most=0",)}
 APART = 180.0  # m, from AUVs to targets at the start, at most
-NORMAL = 1.96
+PARTS = ("rules", "measurements", "depths", "few", "places", "rare", "rates")
+INTERVALS = (0, 60, 180, 600)  # s, from one fix to the next, at least
+NORMAL, ELLIPSE = 1.96, 5.991  # of 95 %: of a normal number; of a χ² with two degrees of freedom
 
 
 def setting(name: str, team: int, *more: str, targets: int = 0, task: str = "tracking-plain") -> Scenario:
@@ -232,10 +236,27 @@ def places(worlds: int, seed: int) -> list[dict[str, object]]:
         | figures(trace)
         | {
             "from belief, m": interval(by_world(track_error(trace)[settled(trace)]) - first),
-            "own error, m rms": float(f"{np.sqrt(np.square(own_error(trace)).mean()):.1f}"),
+            "own error, m rms": root_mean(own_error(trace)),
         }
         for row, trace in traces.items()
     ]
+
+
+def rare(worlds: int, seed: int) -> list[dict[str, object]]:
+    """Rows of how rare fixes of the AUVs are."""
+    rows = []
+    for least in INTERVALS:
+        trace = run(Scenario.load("tracking", [f"channel.interval={least}"]), "circle", worlds, seed, "belief")
+        own, squared = own_error(trace), nees(trace)[settled(trace)]
+        rows.append(
+            {
+                "interval, s": least or "",
+                "own error, m rms": root_mean(own),
+                **figures(trace),
+                "in ellipses of 95 %": float(f"{np.mean(squared[np.isfinite(squared)] < ELLIPSE):.2f}"),
+            }
+        )
+    return rows
 
 
 def rates(teams: Sequence[int], worlds: int) -> list[dict[str, object]]:
@@ -254,16 +275,13 @@ def rates(teams: Sequence[int], worlds: int) -> list[dict[str, object]]:
 
 
 def learned(runs: Sequence[Path], worlds: int, seed: int) -> list[dict[str, object]]:
-    """Rows of the last policies of training runs beside `circle`."""
+    """Rows of the last policies of training runs beside `circle` and `tree`."""
     rows = []
     for team, name in CELLS:
         scenario = setting(name, team)
-        circle, *others = (
-            track_error(trace)[settled(trace)]
-            for trace in (
-                run(scenario, str(rule), worlds, seed) for rule in ("circle", *(path_of(p, LAST) for p in runs))
-            )
-        )
+        rules = ("circle", "tree:3", *(path_of(path, LAST) for path in runs))
+        traces = (run(scenario, str(rule), worlds, seed) for rule in rules)
+        circle, tree, *others = (track_error(trace)[settled(trace)] for trace in traces)
         gain = np.array([by_world(other) - by_world(circle) for other in others])  # (seeds, W)
         seeds = gain.mean(axis=1)
         variance = gain.mean(axis=0).var(ddof=1) / worlds + (seeds.var(ddof=1) / len(seeds) if len(seeds) > 1 else 0.0)
@@ -277,6 +295,7 @@ def learned(runs: Sequence[Path], worlds: int, seed: int) -> list[dict[str, obje
                 "mean, m": float(f"{np.mean(others):.1f}"),
                 "from circle, m": f"{gain.mean():.2f} ± {NORMAL * np.sqrt(variance):.2f}",
                 "seeds, m": f"{seeds.min():.2f} to {seeds.max():.2f}",
+                "tree from circle, m": interval(by_world(tree) - by_world(circle), 2),
             }
         )
     return rows
@@ -311,9 +330,7 @@ def main() -> None:
     parser = command_line(__doc__)
     parser.add_argument("--episodes", type=int, default=200, help="worlds of each row")
     parser.add_argument("--seed", type=int, default=2026)
-    parser.add_argument(
-        "--part", choices=("rules", "measurements", "depths", "few", "places", "rates"), help="one table; default all"
-    )
+    parser.add_argument("--part", choices=PARTS, help="one table; default all")
     parser.add_argument("--runs", type=Path, help="folder of training runs, one for each seed")
     parser.add_argument("--out", type=Path, help="X.png: figures X-light.png and X-dark.png of their curves to write")
     arguments = parse(parser)
@@ -340,6 +357,7 @@ def main() -> None:
         ),
         "few": ("tracking-plain, fewer AUVs than targets", lambda: few(max(2, worlds // 2), seed)),
         "places": ("tracking", lambda: places(max(2, worlds // 4), seed)),
+        "rare": ("tracking, by the time between fixes", lambda: rare(max(2, worlds // 4), seed)),
         "rates": ("steps of all worlds in a second of a processor, hard", lambda: rates(TEAMS, max(64, 4 * worlds))),
     }
     chosen = [arguments.part] if arguments.part else parts

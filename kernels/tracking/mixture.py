@@ -27,7 +27,7 @@ from usvauv.kernels.tracking.hypotheses import (
 )
 
 ALIKE = 0.5
-LIGHT = 0.0075  # both by simulations: smaller ones make filters too confident, larger ones lose turns among the straight
+LIGHT = 0.0075  # both by simulations: with smaller ones filters are too confident, with larger ones they lose turns
 AGES = 0.25  # squared distance of two hypotheses whose last turns are a step apart
 LEAST = 1e-9  # m²/s²
 PLACE = CAPACITY - 1  # last bits of a weight that have the hypothesis's place
