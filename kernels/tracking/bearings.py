@@ -89,7 +89,7 @@ def observe_bearing(f: ti.template(), place: vec3, covariance: vec3, bearing, va
         farthest: largest distance at which the target can be, m; used with the first bearing.
 
     Returns:
-        as `usvauv.kernels.tracking.range_filter.observe_range`.
+        as `usvauv.kernels.tracking.ranges.observe_range`.
     """
     moved = vec4(1.0, 0.0, 0.0, 1.0)
     if f.head[FilterColumn.count] == 0.0:

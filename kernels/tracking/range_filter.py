@@ -1,26 +1,19 @@
-"""An AUV's filter of a moving target from ranges: a mixture of Gaussian hypotheses.
+"""An AUV's filter of a moving target: a mixture of Gaussian hypotheses.
 
 The target keeps its speed, within known limits, and turns at random: by an angle of either sign, after a number of
 steps since the last turn, both uniform between limits. Between turns its velocity walks a little. Over a step T, the
 velocity v turned by θ,
 
-    v ← R(θ) v + w,   x ← x + T v,   w ~ N(0, q² I),   range = √(|x − o|² + h²) + n,   n ~ N(0, σ²),
+    v ← R(θ) v + w,   x ← x + T v,   w ~ N(0, q² I).
 
-o the place of the observer, itself known with a covariance, of which the part along the line of sight adds to σ². The
-target's depth is constant, and with it h, its depth below the observer. Where only limits of it are known, it is one
-more number of the state; the first range gives each hypothesis the mean, the variance and the covariance with the
-horizontal distance √(r² − h²) of a depth uniform between them.
+Its depth is constant; where only limits of it are known, it is one more number of the state.
 
 One mechanism does both that a range only tells of a ring and that a turn shows later: a hypothesis is a Gaussian with
-a weight. The first range begins `KEPT` of them round the ring. In a step each moves on straight, and the heaviest of
-those that can turn also begin hypotheses of a turn, one for each quarter of the angles (left and right, less and more);
-mean and covariance of R(θ) v over a quarter are exact, by the moments of cos θ and cos 2θ. A range updates each by an
-extended Kalman filter of second order in the directions across the line of sight,
-
-    ẑ = √(d² + P_⊥),   S = (d/ẑ)² P_∥ + R + ½ (P_⊥/ẑ)²,
-
-d the distance of the mean, P_∥ and P_⊥ the variances along and across the line of sight. At the end of a step light
-hypotheses merge into heavy ones that they resemble, by their moments, and the lightest are forgotten.
+a weight. The first range begins `KEPT` of them round the ring (`usvauv.kernels.tracking.ranges`). In a step each moves
+on straight, and the heaviest of those that can turn also begin hypotheses of a turn, one for each quarter of the angles
+(left and right, less and more); mean and covariance of R(θ) v over a quarter are exact, by the moments of cos θ and
+cos 2θ. At the end of a step light hypotheses merge into heavy ones that they resemble, by their moments, and the
+lightest are forgotten.
 
 A speed less well known than by its limits is taken as measured, with the variance after which it is as well known. The
 time of the last turn counts, since it says when the next one can come: each hypothesis has it.
@@ -30,10 +23,11 @@ over that of one without error and of the same variance, is on average −½ ln(
 several, and the sum of what is missing exceeds `LOST`, the filter begins anew with the next range, until which the
 estimate stays.
 
-A mission calls, for one filter after the other, `predict`, `observe_range` for each range that arrives, and `finish`.
+A mission calls, for one filter after the other, `predict`, `ranges.observe_range` for each range that arrives, and
+`finish`.
 
-Sources: Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking and Navigation" (2001), §10.3
-(second-order filter), §11.6 (several models); Salmond, "Mixture reduction algorithms for point and extended object
+Sources: Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking and Navigation" (2001), §11.6
+(several models); Salmond, "Mixture reduction algorithms for point and extended object
 tracking in clutter", IEEE Trans. AES 45 (2009), doi 10.1109/TAES.2009.5089549.
 """
 
@@ -50,10 +44,8 @@ from usvauv.kernels.tracking.hypotheses import (
     FilterColumn,
     WorkColumn,
     adjust,
-    correct,
     exponential,
     most_of,
-    see,
     sum_of,
     wide,
 )
@@ -314,99 +306,6 @@ def begin_hypotheses(f: ti.template()):
     f.head[FilterColumn.known] = 1.0
     f.head[FilterColumn.fresh] = 1.0
     f.head[FilterColumn.count] = KEPT
-
-
-@func
-def begin_ring(f: ti.template(), place: vec3, covariance: vec3, distance, variance):
-    """Begin hypotheses round the ring of the first range."""
-    begin_hypotheses(f)
-    r, sigma = ti.max(distance, 0.0), ti.sqrt(variance)
-    farthest = r + 2.0 * sigma  # of a target straight above or below
-    least = ti.max(ti.min(f.depths[0] - place[2], farthest), -farthest)
-    most = ti.max(ti.min(f.depths[1] - place[2], farthest), -farthest)
-    h, unknown = 0.5 * (least + most), (most - least) * (most - least) / 12.0
-    square = ti.max(r * r - h * h - unknown, 0.0)
-    radius, floored = ti.sqrt(square), ti.max(square, r * sigma)
-    # The third term is a quarter of the variance of the squared difference of a uniform depth from its mean.
-    along = (r * r * variance + h * h * unknown + 0.2 * unknown * unknown) / ti.max(floored, 1e-6)
-    half = math.pi / KEPT * radius
-    across = ti.max(half * half, variance)
-    depth = vec3(place[2] + h, unknown, -h * unknown / ti.sqrt(ti.max(floored, 1e-6)))
-    for n in range(KEPT):
-        c, s = circle(2.0 * math.pi / KEPT * ti.cast(n, ti.f32))
-        see(f, n, 1.0 / KEPT, place, covariance, vec2(c, s), vec3(radius, along, across), depth)
-
-
-@func
-def height(f: ti.template(), g, place: vec3):
-    """Depths of a group of hypotheses below the observer, m."""
-    if ti.static(f.depth_unknown):
-        return f.work[WorkColumn.z, g] - place[2]
-    else:  # noqa: RET505 - Taichi reads one of both
-        return f.depths[0] - place[2]
-
-
-@func
-def toward(f: ti.template(), g, a: ti.template(), c, s, e):
-    """Covariances of number `a` of the mean of a group of hypotheses with the distance in a direction."""
-    found = c * f.work[OF[a][0], g] + s * f.work[OF[a][1], g]
-    if ti.static(f.depth_unknown):
-        found += e * f.work[OF[a][4], g]
-    return found
-
-
-@func
-def update(f: ti.template(), g, place: vec3, covariance: vec3, distance, variance):
-    """Update a group of hypotheses by a range."""
-    work = ti.static(f.work)
-    dx, dy, h = work[WorkColumn.x, g] - place[0], work[WorkColumn.y, g] - place[1], height(f, g, place)
-    away = ti.sqrt(dx * dx + dy * dy + h * h) + 1e-6
-    c, s, e = dx / away, dy / away, h / away
-    seen = [toward(f, g, a, c, s, e) for a in ti.static(range(f.axes))]
-    along, spread = c * seen[0] + s * seen[1], work[WorkColumn.xx, g] + work[WorkColumn.yy, g]
-    if ti.static(f.depth_unknown):
-        along += e * seen[4]
-        spread += work[WorkColumn.zz, g]
-    across = ti.max(spread - along, 0.0)
-    expected = ti.sqrt(away * away + across)
-    share, bend = away / expected, across / expected
-    own = c * c * covariance[0] + 2.0 * c * s * covariance[1] + s * s * covariance[2]
-    S = share * share * along + variance + own + 0.5 * bend * bend
-    of = [share * seen[a] for a in ti.static(range(f.axes))]
-    correct(f, g, of, distance - expected, S, variance)
-    weight = share * work[WorkColumn.share, g] / S
-    x, y = weight * of[0], weight * of[1]
-    return x * c, x * s, y * c, y * s
-
-
-@func
-def observe_range(f: ti.template(), place: vec3, covariance: vec3, distance, variance):
-    """Update a filter by a range.
-
-    Args:
-        f: a `Filter`, after `predict`.
-        place: of the observer, x, y and depth, m.
-        covariance: of x and y, (xx, xy, yy), m²; 0 where they are exact.
-        distance: measured, slant, m.
-        variance: of its error, m², above 0.
-
-    Returns:
-        how much the estimate moves with the observer's place: ∂(x, y) over ∂(x, y) of that, row by row.
-    """
-    moved = vec4(1.0, 0.0, 0.0, 1.0)
-    if f.head[FilterColumn.count] == 0.0:
-        begin_ring(f, place, covariance, distance, variance)
-    else:
-        f.head[FilterColumn.surprise] = f.head[FilterColumn.surprise] - USUAL
-        sums = [wide(0.0, f.work.width) for _ in ti.static(range(4))]
-        for g in range(groups_of(f)):
-            xx, xy, yx, yy = update(f, g, place, covariance, distance, variance)
-            sums[0] += xx
-            sums[1] += xy
-            sums[2] += yx
-            sums[3] += yy
-        moved = vec4([sum_of(sums[n], f.work.width) for n in ti.static(range(4))])
-    return moved
 
 
 @func

@@ -18,7 +18,7 @@ from usvauv.kernels.mission.tasks import tracking_places
 from usvauv.kernels.mission.tasks.tracking_places import believed_place
 from usvauv.kernels.mission.worlds import normals, uniforms
 from usvauv.kernels.positioning.sonar import path_loss, power_of_10
-from usvauv.kernels.tracking import bearings, range_filter
+from usvauv.kernels.tracking import bearings, ranges
 from usvauv.kernels.trigonometry import wrapped
 from usvauv.kernels.types import vec2, vec3
 
@@ -102,7 +102,7 @@ def use_measurements(worlds: ti.template(), w, k, i, senders, f: ti.template()):
             if given.ranges > 0.0:
                 r, variance = pair.measured[w, j, i], given.range_noise * given.range_noise
                 covariance = tracking_places.assumed(worlds, w, k, i, j, f)
-                moved = range_filter.observe_range(f, here, covariance, r, variance)
+                moved = ranges.observe_range(f, here, covariance, r, variance)
                 tracking_places.move(worlds, w, k, i, j, moved)
             if given.bearing_noise > 0.0:
                 bearing, variance = pair.bearing[w, j, i], given.bearing_noise * given.bearing_noise

@@ -16,7 +16,7 @@ from usvauv.kernels import runtime
 from usvauv.kernels.flow.airy import lanes
 from usvauv.kernels.functions import LANES, kernel
 from usvauv.kernels.network import rooms
-from usvauv.kernels.tracking import bearings, range_filter
+from usvauv.kernels.tracking import bearings, range_filter, ranges
 from usvauv.kernels.tracking.hypotheses import ROOM, FilterColumn, columns_of, filter_of
 from usvauv.kernels.types import array1, array2, array4, mask1, vec3
 
@@ -89,7 +89,7 @@ def observe_all(
             f = ti.static(filter_of(filters, rows, room, (w, 0, 0), w, *way, depths))
             uncertainty = vec3(covariance[w, 0], covariance[w, 1], covariance[w, 2])
             observer = vec3(place[w, 0], place[w, 1], 0.0)
-            range_filter.observe_range(f, observer, uncertainty, distance[w], variance[w])
+            ranges.observe_range(f, observer, uncertainty, distance[w], variance[w])
 
 
 @kernel
