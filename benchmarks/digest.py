@@ -18,24 +18,19 @@ import torch
 from usvauv.env import Scenario, World
 
 STEPS = 40
-REFRACTION = [
-    "acoustics.sound_speed_profile=[[0,1500],[50,1490],[200,1485]]",
-    "usbl.latency=0.2",
-    "usbl.packet_loss=0.1",
-]
-TRACKED = ["channel.schedule=every-step", "navigation.sensor=none", "tracker.enabled=true", "auv.count=3"]
-TRACKED += ["tracker.current_reading=0.05"]
+REFRACTION = ["acoustics.sound_speed_profile=[[0,1500],[50,1490],[200,1485]]", "usbl.packet_loss=0.1"]
+WITHOUT_CHANNEL = ["channel.schedule=every-step", "navigation.sensor=none", "auv.count=3"]
 PAPER_OBJECTIVE = ["planner.objective=paper", "auv.count=4", "planner.measurement=fix"]
-POLAR = ["observation.current=vector", "auv.action=polar"]
+CURRENT_VECTOR = ["observation.current=vector"]
 
 MISSIONS = [  # scenario, overrides, the boat's strategy
     ("ideal", [], "fim"),
     ("extreme", [], "fim"),
-    ("paper-ideal", POLAR, "fim"),
+    ("paper-ideal", CURRENT_VECTOR, "fim"),
     ("paper-extreme", [], "hold:100,100"),
     ("station-keeping", [], "centroid"),
     ("extreme", ["auv.count=8", "planner.objective=a"], "fim-greedy"),
-    ("extreme", TRACKED, "centroid"),
+    ("extreme", WITHOUT_CHANNEL, "centroid"),
     ("extreme", REFRACTION, "fim"),
     ("survey", [], "fim"),
     ("wide", [], "belief"),

@@ -13,6 +13,7 @@ a long mission, each in a process of its own.
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import tempfile
@@ -145,7 +146,9 @@ def animated(trace: Trace, size: tuple[int, int], out: Path) -> dict[str, float]
 def child(trace: Path, size: str, what: str) -> dict[str, float]:
     """Measure one thing in a process of its own."""
     command = [sys.executable, "-m", "benchmarks.video", "--trace", str(trace), "--size", size, "--what", what]
-    return json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()[-1])
+    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}  # as `usvauv` sets it
+    result = subprocess.run(command, check=True, capture_output=True, text=True, env=environment)
+    return json.loads(result.stdout.splitlines()[-1])
 
 
 def memory_of(command: str, *arguments: object) -> float:

@@ -101,15 +101,10 @@ def command(direction: Tensor, speed: Tensor | float, scenario: Scenario) -> Ten
     if auv.action == "fins":
         raise UserError('auv.action = "fins": this policy commands course and speed: use "vector" or "vector-depth"')
     each = speed if isinstance(speed, Tensor) else torch.full_like(direction[..., 0], speed)
-    if auv.action != "polar":
-        velocity = (direction * (each / auv.speed_max)[..., None]).clip(-1.0, 1.0)
-        if auv.action == "vector":
-            return velocity
-        return torch.cat((velocity, torch.full_like(velocity[..., :1], cruise_depth(scenario))), -1)
-    span = auv.speed_max - auv.speed_min
-    throttle = 2.0 * (each - auv.speed_min) / span - 1.0 if span > 0 else torch.zeros_like(each)
-    heading = angle(direction) / math.pi
-    return components(heading, throttle.expand_as(heading)).clip(-1.0, 1.0)
+    velocity = (direction * (each / auv.speed_max)[..., None]).clip(-1.0, 1.0)
+    if auv.action == "vector":
+        return velocity
+    return torch.cat((velocity, torch.full_like(velocity[..., :1], cruise_depth(scenario))), -1)
 
 
 def crab(track: Tensor, speed: Tensor, current: Tensor) -> Tensor:

@@ -56,4 +56,4 @@ def steering(
     }
     columns = {name: place.start for name, place in layout if name in Term.names}
     sizes = auv.count, layout.size, auv.action_size
-    return Steering(start, *sizes, auv.action == "polar", columns, numbers, task, speeds, rules)
+    return Steering(start, *sizes, columns, numbers, task, speeds, rules)

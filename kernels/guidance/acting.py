@@ -68,7 +68,6 @@ def act(
     auvs: ti.i32,
     networks: ti.i32,
     start: ti.template(),
-    polar: ti.template(),
     serial: ti.template(),
 ):
     """The world's actions (W K, A) for observations (W K, O).
@@ -80,7 +79,7 @@ def act(
         mean, deviation: of the features, (F,).
         packed, bias, layers: of the networks, see `forward`.
         networks: 1 that AUVs share, or one for each of a world.
-        polar: actions are heading and speed. serial: the calling thread does it all.
+        serial: the calling thread does it all.
     """
     ti.loop_config(serialize=serial, block_dim=1)
     for part in range(room.shape[0]):
@@ -102,10 +101,10 @@ def act(
                 room[part, at + component] = hyperbolic_tangent(room[part, at + component])
             if ti.static(start >= Start.LOITER):
                 way, pace = offset(room, part, at, heading, speed, number)
-                write(commands, rows, way, pace, number, polar)
+                write(commands, rows, way, pace, number)
             else:
                 way, pace = relative(room, part, at, auvs, tables, start)
-                write(commands, rows, way, pace, number, polar)
+                write(commands, rows, way, pace, number)
 
 
 @kernel
@@ -155,7 +154,6 @@ def guide(
     speeds: array2,
     auvs: ti.i32,
     start: ti.template(),
-    polar: ti.template(),
     serial: ti.template(),
 ):
     """The world's actions (W K, A) of `loiter` or `pass`, for observations with current and velocity after them."""
@@ -167,7 +165,7 @@ def guide(
             _, rows = rows_of(group, seen.shape[0], 1)
             load(seen, rows, room, part)
             heading, speed = steered(room, part, auvs, tables, start, True)
-            write(commands, rows, heading, speed, number, polar)
+            write(commands, rows, heading, speed, number)
 
 
 @dataclass(frozen=True)
@@ -177,7 +175,6 @@ class Steering:
     Attributes:
         start: what actions are relative to.
         auvs: K. observed: O, numbers of an observation. commands: A, numbers of the world's action.
-        polar: actions are heading and speed.
         columns: where terms begin, by name, see `Term`.
         numbers: by name, see `FrameNumber`.
         task: see `usvauv.kernels.guidance.passing.Task`; empty where there is no heuristic.
@@ -189,7 +186,6 @@ class Steering:
     auvs: int
     observed: int
     commands: int
-    polar: bool
     columns: Mapping[str, int]
     numbers: Mapping[str, float]
     task: Sequence[float]
@@ -245,7 +241,7 @@ class Acting:
             self._command.view(count, -1),
             self._packed.room(count, steering.observed + CHOSEN),
             *(*steering.tables(), *steering.features(), mean, deviation, *self._packed.arguments),
-            *(auvs, self._packed.networks, steering.start, steering.polar, runtime.too_few_for_threads(count)),
+            *(auvs, self._packed.networks, steering.start, runtime.too_few_for_threads(count)),
             settings=settings(),
         )
 
@@ -310,7 +306,7 @@ class Guiding:
             self._command.view(count, -1),
             torch.zeros(parts_of(count), steering.observed + KNOWN, LANES, **ALIKE),
             *own.tables(),
-            *(auvs, steering.start, steering.polar, runtime.too_few_for_threads(count)),
+            *(auvs, steering.start, runtime.too_few_for_threads(count)),
             settings=settings(),
         )
 

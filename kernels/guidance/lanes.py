@@ -242,25 +242,16 @@ def offset(room: ti.template(), part, action, heading, speed, number: ti.templat
 
 
 @func
-def write(commands: ti.template(), rows, heading, speed, number: ti.template(), polar: ti.template()):
+def write(commands: ti.template(), rows, heading, speed, number: ti.template()):
     """The world's actions for headings and speeds, see `usvauv.policies.guidance.command`."""
     x, y = heading
-    slowest, fastest = number[FrameNumber.slowest], number[FrameNumber.fastest]
-    if ti.static(polar):
-        throttle = lanes(0.0)
-        if fastest > slowest:
-            throttle = bounded((2.0 / (fastest - slowest)) * (speed - slowest) - 1.0, -1.0, 1.0)
-        for n in ti.static(range(LANES)):
-            commands[rows[n], 0] = ti.atan2(y[n], x[n]) / math.pi
-            commands[rows[n], 1] = throttle[n]
-    else:
-        share_of_top = speed * (1.0 / fastest)
-        x, y = bounded(x * share_of_top, -1.0, 1.0), bounded(y * share_of_top, -1.0, 1.0)
-        for n in ti.static(range(LANES)):
-            commands[rows[n], 0] = x[n]
-            commands[rows[n], 1] = y[n]
-            if commands.shape[1] > 2:
-                commands[rows[n], 2] = number[FrameNumber.depth]
+    share_of_top = speed * (1.0 / number[FrameNumber.fastest])
+    x, y = bounded(x * share_of_top, -1.0, 1.0), bounded(y * share_of_top, -1.0, 1.0)
+    for n in ti.static(range(LANES)):
+        commands[rows[n], 0] = x[n]
+        commands[rows[n], 1] = y[n]
+        if commands.shape[1] > 2:
+            commands[rows[n], 2] = number[FrameNumber.depth]
 
 
 @func

@@ -279,14 +279,14 @@ def receive(worlds: ti.template(), w, b, k):
 
 @func
 def receive_without_channel(worlds: ti.template(), w, k):
-    """A signal of AUV k is received `latency` before the end of the step by the boat that serves it."""
+    """A signal of AUV k is received at the end of the step by the boat that serves it."""
     p = ti.static(worlds.p)
     auv = ti.static(worlds.auv)
     b = boat_motion.serving_boat(worlds, w, k)
-    left = p.latency + p.propagates * ti.sqrt(squared_distance(worlds, w, b, k)) / p.sound_speed
+    left = p.propagates * ti.sqrt(squared_distance(worlds, w, b, k)) / p.sound_speed
     moved = vec2(auv.moved_x[w, k], auv.moved_y[w, k])
     there = vec2(auv.x[w, k], auv.y[w, k]) - left / p.step * moved
-    arrive(worlds, w, b, k, there, p.latency, is_lost(worlds, w, k)[0])
+    arrive(worlds, w, b, k, there, 0.0, is_lost(worlds, w, k)[0])
     worlds.reception.left[w, k] = left
 
 

@@ -119,12 +119,10 @@ class Parameter(Columns):
     separation_boat: int
     sound_speed: int
     propagates: int
-    latency: int
     packet_loss: int
     current_variance: int
     correlation_time: int
     current_change: int  # 1 − e^{−step/correlation time}
-    current_reading: int
     auv_speed: int  # greatest over ground, m/s
     cruise: int
     altitude: int  # above the bed, of a vehicle that cruises by it, else 0
@@ -179,7 +177,6 @@ class Flag(Columns):
 
     alternate: int  # vortices turn either way
     random_vortices: int
-    polar: int  # an action is heading and speed
     progress: int  # distances are rewarded by the approach
     service_hovering: int  # in every step of it
     proximity_once: int  # for a pair
@@ -306,7 +303,7 @@ class EstimateColumn(StateColumns):
     covariance_xx: Covariance  # m²
     covariance_xy: Covariance
     covariance_yy: Covariance
-    age: Duration  # of the last fix used when the next one is made, s; without a tracker
+    age: Duration  # of the last fix used when the next one is made, s; without a filter
     served_by: BoatIndex  # index of the boat that serves it, see `usvauv.kernels.mission.boats.boat_motion`
 
 
@@ -400,14 +397,13 @@ class Schedule(Columns):
 
 
 class Sensor(Columns):
-    """What filters carry an AUV's position by: no filter; velocity over ground or through the water, measured by the
-    AUV for its dead reckoning; or velocity as commanded, for the boat's tracker.
+    """What filters carry an AUV's position by: no filter, or velocity over ground or through the water, which the AUV
+    measures for its dead reckoning.
     """
 
     none: int
     ground: int
     water: int
-    command: int
 
 
 class NodeColumn(StateColumns):
@@ -486,12 +482,11 @@ class TallyColumn(StateColumns):
 
 
 class Action(Columns):
-    """Commands of a vehicle's action: velocity through the water, as a vector or as heading and speed; a vector and the
-    depth; or rudder, stern plane, propeller.
+    """Commands of a vehicle's action: velocity through the water; velocity and depth; or rudder, stern plane and
+    propeller.
     """
 
     vector: int
-    polar: int
     vector_depth: int
     fins: int
 
@@ -524,8 +519,8 @@ class Draw(Columns):
     attitude: int
     arrival: int
     loss: int
-    reading: int
-    decision: int  # not used here; the numbers of those after it are part of results
+    reading: int  # this and the next one are not used; the numbers of those after them are part of results
+    decision: int
     calibration: int
     lever_arm: int
     gnss: int

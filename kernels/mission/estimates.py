@@ -1,4 +1,4 @@
-"""The boats' estimates of AUVs: by fixes alone, by their tracker, or by fixes and what replies say of dead reckoning.
+"""The boats' estimates of AUVs: by fixes alone, or by fixes and what replies say of dead reckoning.
 
 See `usvauv.kernels.mission.motion` for dead reckoning and `usvauv.kernels.positioning.tracker` for the filter.
 """
@@ -13,14 +13,11 @@ from usvauv.kernels.mission.channel import boat_before
 from usvauv.kernels.mission.columns import (
     AuvColumn,
     BoatColumn,
-    Draw,
     EstimateColumn,
     ReceptionColumn,
     Schedule,
-    Sensor,
 )
 from usvauv.kernels.mission.replies import height
-from usvauv.kernels.mission.worlds import normals
 from usvauv.kernels.positioning import tracker, usbl
 from usvauv.kernels.positioning.usbl import Expectation
 from usvauv.kernels.types import vec2, vec3
@@ -71,7 +68,6 @@ def use_fix(worlds: ti.template(), w, k):
     """Update the track or the estimate of AUV k by the fix of this step."""
     auv = ti.static(worlds.auv)
     reception = ti.static(worlds.reception)
-    track = ti.static(worlds.track)
     boat = ti.cast(auv.fix_boat[w, k], ti.i32)
     here = boat_before(worlds, w, boat, reception.arrived[w, k])
     place = here + fixes.displacement(worlds, w, boat) + vec2(reception.measured_x[w, k], reception.measured_y[w, k])
@@ -92,22 +88,18 @@ def use_fix(worlds: ti.template(), w, k):
     if ti.static(worlds.program.reckoning):
         if flags & usbl.DETECTED:  # the reply's contents are received even if its fix is not usable
             motion.read_reply(worlds, w, k)
-            update_track(worlds, w, k, flags, tracker.TrackFix(place=place, covariance=own, lag=0.0, carried=vec2(0.0)))
-    elif ti.static(worlds.program.tracker):
-        lag = reception.left[w, k] * track[w, k, tracker.ADRIFT]
-        carried = lag * vec2(track[w, k, tracker.WATER_X], track[w, k, tracker.WATER_Y])
-        update_track(worlds, w, k, flags, tracker.TrackFix(place=place, covariance=own, lag=lag, carried=carried))
+            update_track(worlds, w, k, flags, place, own)
     else:
         set_estimate_from_fix(worlds, w, k, here, place, own, flags)
 
 
 @func
-def update_track(worlds: ti.template(), w, k, flags, fix: tracker.TrackFix):
+def update_track(worlds: ti.template(), w, k, flags, place: vec2, covariance: vec3):
     """Update the track of AUV k by a fix, if it can be used."""
     p = ti.static(worlds.p)
     track = ti.static(worlds.track)
     if usbl.usable(flags):
-        tracker.update(track, w, k, fix, p.current_variance, p.auv_speed)
+        tracker.update(track, w, k, place, covariance, p.current_variance, p.auv_speed)
         if track[w, k, tracker.REJECTIONS] > 0.0:
             worlds.auv.fix_flags[w, k] = ti.cast(flags | usbl.REJECTED, ti.f32)
 
@@ -132,18 +124,6 @@ def set_estimate_from_fix(worlds: ti.template(), w, k, here: vec2, place: vec2, 
         for c in ti.static(range(3)):
             estimate[w, k, EstimateColumn.covariance_xx + c] = auv[w, k, AuvColumn.covariance_xx + c]
         estimate.age[w, k] = 0.0
-
-
-@func
-def set_estimate_from_track(worlds: ti.template(), w, k):
-    """The estimate of AUV k is its track."""
-    estimate = ti.static(worlds.estimate)
-    track = ti.static(worlds.track)
-    estimate.x[w, k] = track[w, k, tracker.X]
-    estimate.y[w, k] = track[w, k, tracker.Y]
-    estimate.covariance_xx[w, k] = track[w, k, tracker.XX]
-    estimate.covariance_xy[w, k] = track[w, k, tracker.XY]
-    estimate.covariance_yy[w, k] = track[w, k, tracker.YY]
 
 
 @func
@@ -175,8 +155,6 @@ def finish(worlds: ti.template(), w, k):
     estimate.age[w, k] = estimate.age[w, k] + worlds.p.step
     if ti.static(worlds.program.reckoning):
         motion.extrapolate(worlds, w, k)
-    elif ti.static(worlds.program.tracker):
-        set_estimate_from_track(worlds, w, k)
     estimate.separation[w, k] = -height(worlds, w, boat_motion.serving_boat(worlds, w, k), k)
     error = vec2(estimate.x[w, k] - worlds.auv.x[w, k], estimate.y[w, k] - worlds.auv.y[w, k])
     worlds.auv.position_error[w, k] = error.norm()
@@ -196,7 +174,7 @@ def add_common_errors(worlds: ti.template(), n):
 
     Filters renew their estimates in each step without it; a fix has it.
     """
-    if ti.static(worlds.program.sensor != Sensor.none):
+    if ti.static(worlds.program.reckoning):
         for_auvs(worlds, add_to_covariance, n)
 
 
@@ -214,8 +192,6 @@ def begin_estimate(worlds: ti.template(), w, k):
     estimate.covariance_xx[w, k] = common[0] + DEPLOYMENT_VARIANCE
     estimate.covariance_xy[w, k] = common[1]
     estimate.covariance_yy[w, k] = common[2] + DEPLOYMENT_VARIANCE
-    if ti.static(worlds.program.tracker):
-        motion.begin_filter(worlds, w, k)
     if ti.static(worlds.program.reckoning):
         motion.begin_reckoning(worlds, w, k)
     if ti.static(worlds.program.schedule == Schedule.every_step):
@@ -225,37 +201,5 @@ def begin_estimate(worlds: ti.template(), w, k):
     else:
         channel.begin_exchanges(worlds, w, k)
     finish(worlds, w, k)
-    if ti.static(worlds.program.sensor != Sensor.none):
+    if ti.static(worlds.program.reckoning):
         add_to_covariance(worlds, [w], [k], 1, worlds.link, k)
-
-
-@func
-def predict(worlds: ti.template(), w, k):
-    """Carry the track of AUV k through the step it has just made, by its velocity through the water."""
-    auv = ti.static(worlds.auv)
-    water = vec2(auv.water_x[w, k], auv.water_y[w, k])
-    tracker.carry(worlds.track, w, k, water, worlds.p.step, motion.drifted(worlds, w, k))
-    tracker.spread(worlds.track, w, k, motion.gnss_change(worlds, worlds.p.step))
-    worlds.estimate.x[w, k] = worlds.track[w, k, tracker.X]
-    worlds.estimate.y[w, k] = worlds.track[w, k, tracker.Y]
-
-
-@func
-def prepare_auv(worlds: ti.template(), w, k):
-    """Make the track's current that of the coming step, and read the AUV's current meter if it has one."""
-    if ti.static(worlds.program.tracker):
-        p = ti.static(worlds.p)
-        tracker.renew(worlds.track, w, k, p.step, p.current_variance, p.correlation_time)
-        deviation = p.current_reading
-        if deviation > 0.0:
-            noise = normals(worlds, w, Draw.reading, k)
-            reading = vec2(worlds.auv.current_x[w, k], worlds.auv.current_y[w, k])
-            reading += deviation * vec2(noise[0], noise[1])
-            tracker.sense(worlds.track, w, k, reading, deviation * deviation)
-
-
-@func
-def prepare_next_step(worlds: ti.template(), w):
-    """`prepare_auv` of all AUVs of world w."""
-    for k in range(worlds.auv.shape[1]):
-        prepare_auv(worlds, w, k)

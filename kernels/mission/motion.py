@@ -69,25 +69,17 @@ def hovering_power(auv: ti.template(), speed: ti.f32) -> ti.f32:
 
 
 @func
-def water_velocity(p: ti.template(), polar, a0, a1):
-    """Commanded velocity through the water of an action in [-1, 1]², m/s.
-
-    Vector form: speed_max · a with its norm clamped into [speed_min, speed_max]; a zero action means east.
-    Polar form: heading π a0, speed linear in a1.
+def water_velocity(p: ti.template(), a0, a1):
+    """Commanded velocity through the water of an action in [-1, 1]², m/s: speed_max · a, its norm clamped into
+    [speed_min, speed_max]; a zero action means east.
     """
     velocity = vec2(p.speed_min, 0.0)
-    if polar != 0:
-        share = ti.min(ti.max(0.5 * (a1 + 1.0), 0.0), 1.0)
-        speed = p.speed_min + share * (p.speed_max - p.speed_min)
-        heading = 3.141592653589793 * a0
-        velocity = speed * vec2(ti.cos(heading), ti.sin(heading))
-    else:
-        share = ti.max(1.0, ti.max(ti.abs(a0), ti.abs(a1)))  # of what is allowed; else large numbers overflow
-        a = vec2(a0 / share, a1 / share)
-        norm = ti.sqrt(a[0] * a[0] + a[1] * a[1])
-        if norm > 1e-6:
-            speed = ti.min(ti.max(norm * p.speed_max, p.speed_min), p.speed_max)
-            velocity = speed / norm * a
+    share = ti.max(1.0, ti.max(ti.abs(a0), ti.abs(a1)))  # of what is allowed; else large numbers overflow
+    a = vec2(a0 / share, a1 / share)
+    norm = ti.sqrt(a[0] * a[0] + a[1] * a[1])
+    if norm > 1e-6:
+        speed = ti.min(ti.max(norm * p.speed_max, p.speed_min), p.speed_max)
+        velocity = speed / norm * a
     return velocity
 
 
@@ -289,7 +281,7 @@ def go(worlds: ti.template(), w, k, a0, a1):
     """Move AUV k, a point, for one step as its action commands and with the water; at the border it hovers."""
     p = ti.static(worlds.p)
     auv = ti.static(worlds.auv)
-    velocity = respond(worlds, w, k, water_velocity(p, worlds.flag.polar, a0, a1))
+    velocity = respond(worlds, w, k, water_velocity(p, a0, a1))
     current = vec2(auv.current_x[w, k], auv.current_y[w, k])
     place = vec2(auv.x[w, k], auv.y[w, k]) + p.step * (velocity + current)
     inside = place[0] >= 0.0 and place[0] <= p.width

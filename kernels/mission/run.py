@@ -48,8 +48,6 @@ def move_auvs(worlds: ti.template(), w):
         worlds.program.task.move(worlds, w, k, worlds.action[w, k, 0], worlds.action[w, k, 1])
         if ti.static(worlds.program.battery):
             motion.discharge(worlds, w, k)
-        if ti.static(worlds.program.tracker):
-            estimates.predict(worlds, w, k)
         if ti.static(worlds.program.reckoning):
             motion.reckon(worlds, w, k)
 
@@ -127,11 +125,10 @@ def observe_chosen(worlds: ti.template(), w):
     if worlds.chosen[w] != 0:
         water.add_storm_currents(worlds, w)
         water.add_currents(worlds, w)
-        estimates.prepare_next_step(worlds, w)
         observation.observe(worlds, w)
 
 
-OF_AUVS = water.sense_auv, estimates.prepare_auv, observation.observe_auv
+OF_AUVS = water.sense_auv, observation.observe_auv
 OF_MEMBERS = *OF_AUVS, weigh
 Stage = Callable[..., None]
 Stages = tuple[Stage, ...]
@@ -142,7 +139,7 @@ LOCATE: Stages = channel.hear, fixes.fix, estimates.estimate, estimates.add_comm
 END: Stages = (plan, move_boats, ride, *LOCATE, end_step)
 STEP: Stages = (
     *(water.move_vortices, draw, *BEGIN, plan, move_boats, ride, *LOCATE),
-    *(end_step, water.add_storm_currents, water.add_currents, estimates.prepare_next_step, observation.observe, check),
+    *(end_step, water.add_storm_currents, water.add_currents, observation.observe, check),
 )
 # Stages that call the functions of what plugins can add, by the kind of their registry.
 CALLING: dict[str, Stages] = {

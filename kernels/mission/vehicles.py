@@ -132,8 +132,7 @@ def commanded(
         for c in ti.static(range(3)):
             asked[c] = ti.math.clamp(action[w, k, c], -1.0, 1.0)
     else:
-        polar = ti.static(int(motion_of.action == Action.polar))
-        velocity = motion.water_velocity(p, polar, action[w, k, 0], action[w, k, 1])
+        velocity = motion.water_velocity(p, action[w, k, 0], action[w, k, 1])
         speed = velocity.norm()
         here = vec2(auv[w, k, AuvColumn.x], auv[w, k, AuvColumn.y])
         current = vec2(body[n, BodyColumn.east], body[n, BodyColumn.north])

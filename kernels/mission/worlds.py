@@ -136,14 +136,9 @@ class Program(NamedTuple):
         return self.division == Division.threads
 
     @property
-    def tracker(self) -> bool:
-        """Whether the boat tracks its AUVs by their commanded velocities."""
-        return self.sensor == Sensor.command
-
-    @property
     def reckoning(self) -> bool:
         """Whether AUVs reckon their positions by a sensor of velocity."""
-        return self.sensor in (Sensor.ground, Sensor.water)
+        return self.sensor != Sensor.none
 
     @property
     def weighs_apart(self) -> bool:

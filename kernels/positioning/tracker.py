@@ -1,15 +1,13 @@
-"""Tracker of each AUV: a Kalman filter on position and current, from commanded velocity and USBL fixes.
+"""Tracker of each AUV: a Kalman filter on position and current, from measured velocity and USBL fixes.
 
-State (x, y, c_x, c_y). Over a time t in which the AUV moves with the water (a hovering one does not),
-
-    x ← x + t (v + c),   c ← ρ c + w,   ρ = e^{−t/τ},   w ~ N(0, σ² (1 − ρ²) I),   fix = x + n,   n ~ N(0, R),
-
-v the commanded velocity through the water, R the fix's predicted covariance. For an Ornstein–Uhlenbeck current, whose
-given σ² and τ, and Gaussian fixes this is the least-squares
-estimate. A fix in Cartesian coordinates and v in the world's frame make the filter linear; only R is linearised. The
-covariance consists of 2 × 2 blocks A (position), B (position, current), C (current). After a fix, S = A + R, they are
-R S⁻¹ A = (|A| R + |R| A)/|S|, R S⁻¹ B and C − Bᵀ S⁻¹ B: I − gain, written as R S⁻¹, does not cancel, and a sum of
-positive definite blocks with positive weights stays so in single precision.
+State (x, y, c_x, c_y), where c is what the measured velocity lacks: the current where that is through the water, or the
+log's bias, an Ornstein–Uhlenbeck process dc = −c/τ dt + σ √(2/τ) dW. Position and c move together (`drift`); while the
+AUV holds its place by itself only c changes (`renew`). A fix is x + n, n ~ N(0, R), R its predicted covariance. For
+given σ² and τ and Gaussian fixes this is the least-squares estimate. A fix in Cartesian coordinates and a velocity in
+the world's frame make the filter linear; only R is linearised. The covariance consists of 2 × 2 blocks A (position), B
+(position, current), C (current). After a fix, S = A + R, they are R S⁻¹ A = (|A| R + |R| A)/|S|, R S⁻¹ B and
+C − Bᵀ S⁻¹ B: I − gain, written as R S⁻¹, does not cancel, and a sum of positive definite blocks with positive weights
+stays so in single precision.
 
 The attitude error is common to all fixes of a moment. R contains it, so every AUV's filter is consistent by itself; the
 correlation between AUVs is not used. The error of a relative position is therefore smaller than the two covariances
@@ -26,40 +24,20 @@ detections).
 """
 
 import taichi as ti
-import torch
 
-from usvauv.kernels.functions import func, kernel
+from usvauv.kernels.functions import func
 from usvauv.kernels.positioning.usbl import GATE, Expectation, squared_innovation
-from usvauv.kernels.types import array2, array3, mat2, vec2, vec3
+from usvauv.kernels.types import mat2, vec2, vec3
 
-# Columns of a track: the state, the upper triangle of its covariance, whether the AUV is adrift and its last commanded
-# velocity through the water (0 where it is not); how many fixes in a row were rejected and agree with one another, the
-# last of them, and the time since.
+# Columns of a track: the state, the upper triangle of its covariance; how many fixes in a row were rejected and agree
+# with one another, the last of them, and the time since.
 X, Y, CURRENT_X, CURRENT_Y = range(4)
 XX, XY, XU, XV, YY, YU, YV, UU, UV, VV = range(4, 14)
-ADRIFT, WATER_X, WATER_Y = range(14, 17)
-REJECTIONS, REJECTED_X, REJECTED_Y, REJECTED_AGE = range(17, 21)
-COLUMNS = 21
+REJECTIONS, REJECTED_X, REJECTED_Y, REJECTED_AGE = range(14, 18)
+COLUMNS = 18
 AGE = 14  # where an AUV has the state and its covariance from the boat, the column of the time since, s
 OWN_COLUMNS = 15
 CONFIRMATIONS = 3
-
-
-@ti.dataclass
-class TrackFix:
-    """A fix for a track.
-
-    Attributes:
-        place: measured position, m.
-        covariance: of that, (xx, xy, yy), m²; positive definite.
-        lag: time since the fix during which the AUV was adrift, s; 0 for a fix of now.
-        carried: commanded displacement through the water during that time, m.
-    """
-
-    place: vec2
-    covariance: vec3
-    lag: ti.f32
-    carried: vec2
 
 
 @func
@@ -136,38 +114,10 @@ def begin(track: ti.template(), w, k, x, y, covariance: vec3, variance):
 
 
 @func
-def shift(track: ti.template(), w, k, carried: vec2, time):
-    """Move the position by `carried` (m) and by the current during `time` (s, of either sign)."""
-    A = position_block(track, w, k)
-    B = cross_block(track, w, k)
-    C = current_block(track, w, k)
-    track[w, k, X] = track[w, k, X] + carried[0] + time * track[w, k, CURRENT_X]
-    track[w, k, Y] = track[w, k, Y] + carried[1] + time * track[w, k, CURRENT_Y]
-    store_covariance(track, w, k, A + time * (B + B.transpose()) + time * time * C, B + time * C, C)
-
-
-@func
 def spread(track: ti.template(), w, k, variance):
     """Add a variance per axis (m²) to the position's covariance."""
     track[w, k, XX] = track[w, k, XX] + variance
     track[w, k, YY] = track[w, k, YY] + variance
-
-
-@func
-def carry(track: ti.template(), w, k, velocity: vec2, time, adrift):
-    """Propagate the track by the AUV's motion, before the fix taken at its end or on the way.
-
-    Args:
-        track: (W, K, COLUMNS) float32; `w` and `k` select the AUV.
-        velocity: commanded velocity through the water, m/s.
-        time: s.
-        adrift: 1 where the AUV moved with the water; 0 where it held its position, its velocity over ground being zero.
-    """
-    track[w, k, ADRIFT] = adrift
-    track[w, k, WATER_X] = adrift * velocity[0]
-    track[w, k, WATER_Y] = adrift * velocity[1]
-    track[w, k, REJECTED_AGE] = track[w, k, REJECTED_AGE] + time
-    shift(track, w, k, adrift * time * velocity, adrift * time)
 
 
 @func
@@ -230,45 +180,37 @@ def drift(track: ti.template(), w, k, carried: vec2, time, variance, correlation
 
 
 @func
-def reject(track: ti.template(), w, k, fix: TrackFix, variance, speed):
+def reject(track: ti.template(), w, k, place: vec2, covariance: vec3, variance, speed):
     """Note a fix beyond the gate; begin the track anew where it confirms those rejected before it."""
     last = vec2(track[w, k, REJECTED_X], track[w, k, REJECTED_Y])
-    near = Expectation(place=last, covariance=fix.covariance, reach=speed * track[w, k, REJECTED_AGE])
+    near = Expectation(place=last, covariance=covariance, reach=speed * track[w, k, REJECTED_AGE])
     in_a_row = 1.0
-    if track[w, k, REJECTIONS] > 0.0 and squared_innovation(near, fix.place, fix.covariance) <= GATE:
+    if track[w, k, REJECTIONS] > 0.0 and squared_innovation(near, place, covariance) <= GATE:
         in_a_row += track[w, k, REJECTIONS]
     track[w, k, REJECTIONS] = in_a_row
-    track[w, k, REJECTED_X] = fix.place[0]
-    track[w, k, REJECTED_Y] = fix.place[1]
+    track[w, k, REJECTED_X] = place[0]
+    track[w, k, REJECTED_Y] = place[1]
     track[w, k, REJECTED_AGE] = 0.0
     if in_a_row >= CONFIRMATIONS:
-        adrift = vec3(track[w, k, ADRIFT], track[w, k, WATER_X], track[w, k, WATER_Y])
-        begin(track, w, k, fix.place[0], fix.place[1], fix.covariance, variance)
-        track[w, k, ADRIFT] = adrift[0]
-        track[w, k, WATER_X] = adrift[1]
-        track[w, k, WATER_Y] = adrift[2]
+        begin(track, w, k, place[0], place[1], covariance, variance)
 
 
 @func
-def update(track: ti.template(), w, k, fix: TrackFix, variance, speed):
-    """Update by a fix; returns its normalised innovation squared, χ² of two degrees of freedom.
+def update(track: ti.template(), w, k, place: vec2, covariance: vec3, variance, speed):
+    """Update by a fix of now; returns its normalised innovation squared, χ² of two degrees of freedom.
 
     A fix beyond the gate changes nothing, except that the track counts it in REJECTIONS, or begins anew with it; after
     a fix that was used REJECTIONS is 0.
 
-    A late fix is compared with the position at its own time, and the result is propagated to the present. That is exact
-    as long as `renew` has not been called since; treat a fix that is older than a step as lost.
-
     Args:
-        track: after `carry`.
-        fix: what was measured.
+        track: (W, K, COLUMNS) float32, moved to the time of the fix; `w` and `k` select the AUV.
+        place: measured position, m.
+        covariance: of that, (xx, xy, yy), m²; positive definite.
         variance: of the current, see `renew`; for a track that begins anew.
         speed: greatest of the AUV over ground, m/s; how far rejected fixes that agree can be apart.
     """
-    if fix.lag > 0.0:
-        shift(track, w, k, -1.0 * fix.carried, -fix.lag)
-    R = mat2([[fix.covariance[0], fix.covariance[1]], [fix.covariance[1], fix.covariance[2]]])
-    innovation = fix.place - vec2(track[w, k, X], track[w, k, Y])
+    R = mat2([[covariance[0], covariance[1]], [covariance[1], covariance[2]]])
+    innovation = place - vec2(track[w, k, X], track[w, k, Y])
     A = position_block(track, w, k)
     B = cross_block(track, w, k)
     C = current_block(track, w, k)
@@ -279,24 +221,8 @@ def update(track: ti.template(), w, k, fix: TrackFix, variance, speed):
         correct_state(track, w, k, position, current)
         track[w, k, REJECTIONS] = 0.0
     else:
-        reject(track, w, k, fix, variance, speed)
-    if fix.lag > 0.0:
-        shift(track, w, k, fix.carried, fix.lag)
+        reject(track, w, k, place, covariance, variance, speed)
     return squared
-
-
-@func
-def sense(track: ti.template(), w, k, reading: vec2, variance):
-    """Update by a reading of the current at the AUV (m/s) with `variance` per axis, m²/s²; after `renew`."""
-    R = mat2([[variance, 0.0], [0.0, variance]])
-    innovation = reading - vec2(track[w, k, CURRENT_X], track[w, k, CURRENT_Y])
-    A = position_block(track, w, k)
-    B = cross_block(track, w, k).transpose()
-    C = current_block(track, w, k)
-    current, position, _ = corrections(C, B, R, innovation)
-    C, B, A = measured(C, B, A, R)
-    store_covariance(track, w, k, A, B.transpose(), C)
-    correct_state(track, w, k, position, current)
 
 
 @ti.dataclass
@@ -342,81 +268,3 @@ def fixed(a, b, c, r):
     gain = 1.0 / (a + r)
     left = r * gain
     return a * left, b * left, c - gain * b * b
-
-
-@kernel
-def _follow(
-    velocity: array3,
-    adrift: array2,
-    fix: array3,
-    covariance: array3,
-    age: array2,
-    reading: array3,
-    reading_variance: ti.f32,
-    variance: ti.f32,
-    correlation_time: ti.f32,
-    speed: ti.f32,
-    step: ti.f32,
-    track: array3,
-    squared: array2,
-):
-    for n in range(track.shape[1]):
-        for t in range(velocity.shape[0]):
-            for c in range(track.shape[2]):
-                track[t + 1, n, c] = track[t, n, c]
-            v = vec2(velocity[t, n, 0], velocity[t, n, 1])
-            carry(track, t + 1, n, v, step, adrift[t, n])
-            squared[t, n] = -1.0
-            if age[t, n] >= 0.0:
-                lag = adrift[t, n] * age[t, n]
-                R = vec3(covariance[t, n, 0], covariance[t, n, 1], covariance[t, n, 2])
-                z = TrackFix(place=vec2(fix[t, n, 0], fix[t, n, 1]), covariance=R, lag=lag, carried=lag * v)
-                squared[t, n] = update(track, t + 1, n, z, variance, speed)
-            renew(track, t + 1, n, step, variance, correlation_time)
-            if reading_variance > 0.0:
-                sense(track, t + 1, n, vec2(reading[t, n, 0], reading[t, n, 1]), reading_variance)
-
-
-def follow(
-    start: torch.Tensor,
-    velocity: torch.Tensor,
-    adrift: torch.Tensor,
-    fix: torch.Tensor,
-    covariance: torch.Tensor,
-    age: torch.Tensor,
-    *,
-    variance: float,
-    correlation_time: float,
-    speed: float,
-    step: float,
-    reading: torch.Tensor | None = None,
-    reading_deviation: float = 0.0,
-) -> tuple[torch.Tensor, torch.Tensor]:
-    """Track N AUVs over T steps: motion, fix if there is one, then the current at the step's end and its reading.
-
-    Args:
-        start: (N, COLUMNS) float32, tracks at the beginning.
-        velocity: (T, N, 2) float32, commanded through the water during each step, m/s.
-        adrift: (T, N) float32, 1 or 0, see `carry`.
-        fix: (T, N, 2) float32, m.
-        covariance: (T, N, 3) float32, (xx, xy, yy), m².
-        age: (T, N) float32, age of the fix at the end of the step, from 0 to `step`, s; negative where it is lost.
-        variance, correlation_time: of the current, see `renew`. speed: see `update`, m/s. step: s.
-        reading: (T, N, 2) float32, current that the AUV measures at the end of each step, m/s; optional.
-        reading_deviation: its standard deviation per axis, m/s, above 0 if there are readings.
-
-    Returns:
-        (T + 1, N, COLUMNS) tracks at the start and after each step; (T, N) normalised innovation squared, −1 where
-        there was no fix; a fix was rejected where the track's REJECTIONS are not 0.
-    """
-    steps, count = adrift.shape
-    track = start.new_empty((steps + 1, count, COLUMNS))
-    track[0] = start
-    squared = start.new_empty((steps, count))
-    reading = start.new_zeros((1, 1, 2)) if reading is None else reading
-    velocity, adrift, fix, covariance, age, reading = (
-        array.contiguous() for array in (velocity, adrift, fix, covariance, age, reading)
-    )
-    model = (reading_deviation**2, variance, correlation_time, speed, step)
-    _follow(velocity, adrift, fix, covariance, age, reading, *model, track, squared)
-    return track, squared

@@ -35,6 +35,7 @@ class Circle(Clear):
     """
 
     parameter = ("RADIUS", "m")
+    reference = "circle_radius"
 
     def __init__(self, name: str, world: HeuristicWorld, argument: float) -> None:
         super().__init__(name, world, argument)

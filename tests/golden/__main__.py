@@ -28,7 +28,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from benchmarks.digest import REFRACTION, SEAS, TRACKED, mission_arrays
+from benchmarks.digest import REFRACTION, SEAS, WITHOUT_CHANNEL, mission_arrays
 from usvauv.env import Scenario, World
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn, TallyColumn
 
@@ -37,7 +37,7 @@ TOLERANCE = 2e-3  # of a number of the trace: m, m/s, W, packets
 MISSIONS = {
     "extreme": ("extreme", [], "fim"),
     "paper-extreme": ("paper-extreme", [], "hold:100,100"),
-    "tracked": ("extreme", TRACKED + REFRACTION, "centroid"),
+    "without a channel": ("extreme", WITHOUT_CHANNEL + REFRACTION, "centroid"),
     "nonlinear sea": ("extreme", SEAS[2], "centroid"),
 }
 

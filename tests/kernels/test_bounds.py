@@ -37,7 +37,7 @@ def run(last: str, *arguments: str) -> subprocess.CompletedProcess[str]:
 @pytest.mark.parametrize(
     "arguments",
     [
-        ("extreme", "fim", *EVERY_STEP, "tracker.enabled=true", "usbl.latency=0.4", "auv.count=4"),
+        ("extreme", "fim", *EVERY_STEP, "auv.count=4"),
         ("station-keeping", "fim-greedy", "sea.equations=nonlinear", "sea.cell_size=10", "sea.realisations=2"),
         ("paper-extreme", "centroid", "nodes.count=500"),
         (

@@ -23,7 +23,7 @@ from usvauv.policies.learned import Standardizer
 
 KINDS = {
     "shared": (["auv.count=3", "observation.current=speed"], {"shared": True}),
-    "deterministic": (["auv.action=polar", "observation.current=none"], {"algorithm": "td3"}),
+    "deterministic": (["observation.current=none"], {"algorithm": "td3"}),
     "alone": (["auv.count=1"], {"algorithm": "ddpg", "frame": "world"}),
 }
 

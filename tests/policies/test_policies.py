@@ -42,7 +42,6 @@ ACTING = [
     *((name, "", ()) for name in shipped()),
     ("extreme", "sac-extreme", ()),
     ("wide-torpedo", "", ("auv.action=fins",)),
-    ("extreme", "straight", ("auv.action=polar",)),
     *(("wide-torpedo", name, ()) for name in ("pass", "loiter", "random")),
     ("wide", "crab", ()),
 ]
@@ -154,8 +153,9 @@ class TestFace:
         policy = TrainingRun(ToyWorld(scenario(), 32), LEARNING).policy()
         calm = scenario(storm={"spectrum": "none"})
         assert policy.for_scenario(calm).scenario is calm
-        with pytest.raises(PolicyError, match="action form vector, but scenario 'toy' has polar"):
-            policy.for_scenario(scenario(auv={"action": "polar"}))
+        deep = scenario(auv={"action": "vector-depth", "model": "torpedo"}, nodes={"service": "passing"})
+        with pytest.raises(PolicyError, match="action form vector, but scenario 'toy' has vector-depth"):
+            policy.for_scenario(deep)
 
 
 @pytest.mark.parametrize("name", Scenario.shipped())
@@ -172,10 +172,9 @@ def test_the_default_policy_acts_in_every_scenario_and_area(name):
 
 
 class TestStraight:
-    @pytest.mark.parametrize("action", ["vector", "polar"])
     @pytest.mark.parametrize("speed", [1.2, 1.7, 2.2])
-    def test_velocity_points_at_the_target(self, action, speed):
-        toy = scenario(auv={"action": action, "count": 3})
+    def test_velocity_points_at_the_target(self, speed):
+        toy = scenario(auv={"count": 3})
         observation, world = observe(toy)
         velocity = world.velocity(policies.load(f"straight:{speed}", world).act(observation))
         expected = speed * unit(world.target - world.position)
@@ -183,11 +182,9 @@ class TestStraight:
 
 
 class TestCrab:
-    @pytest.mark.parametrize("action", ["vector", "polar"])
     @pytest.mark.parametrize("drift", [(0.3, -0.2), (-0.8, 0.7), (0.0, 1.1)])
-    def test_ground_track_points_at_the_target(self, action, drift):
-        toy = scenario(auv={"action": action})
-        observation, world = observe(toy)
+    def test_ground_track_points_at_the_target(self, drift):
+        observation, world = observe(scenario())
         world.drift = torch.tensor(drift)
         policy = policies.load("crab:1.3", world)
         water = world.velocity(policy.act(observation))

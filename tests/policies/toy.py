@@ -99,10 +99,6 @@ class ToyWorld:
     def velocity(self, action: Tensor) -> Tensor:
         """Velocity through the water, (W, K, 2), m/s."""
         auv = self.scenario.auv
-        if auv.action == "polar":
-            heading = torch.pi * action[..., 0]
-            speed = auv.speed_min + (auv.speed_max - auv.speed_min) * (action[..., 1] + 1.0) / 2.0
-            return speed.unsqueeze(-1) * torch.stack((heading.cos(), heading.sin()), -1)
         velocity = auv.speed_max * action
         speed = velocity.norm(dim=-1, keepdim=True).clamp_min(1e-6)
         return velocity * (speed.clamp(auv.speed_min, auv.speed_max) / speed)

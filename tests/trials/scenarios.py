@@ -23,7 +23,7 @@ LONGEST = 2e8  # cell steps of a mission step that the trial has time for
 FIXED = ("water", "name", "description", "task", "task_parameters")
 OPTIONS = (  # sets of choices; each compiles its own kernels
     ("extreme", ()),
-    ("extreme", (*EVERY_STEP, "tracker.enabled=true", "auv.action=polar", "observation.current=vector")),
+    ("extreme", (*EVERY_STEP, "observation.current=vector")),
     ("paper-extreme", ()),
     ("station-keeping", ("sea.equations=nonlinear", "sea.cell_size=10", "sea.realisations=2")),
     ("ideal", ("acoustics.sound_speed_profile=[[0,1500],[50,1490],[11000,1550]]", "planner.objective=a")),

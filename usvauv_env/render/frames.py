@@ -270,8 +270,7 @@ def error_plot(still: np.ndarray, play: Playback, box: Rectangle, layout: Layout
     room = within_margins(box, unit, top=28, sides=18, bottom=20, left=42)
     plot = RecordedPlot(still, room, low, max(float(high), 1.5 * low), play.duration, layout, log=True)
     scenario = trace.scenario
-    filtered = scenario.tracker.enabled or scenario.navigation.sensor != "none"
-    of, dots = ("estimates", "step") if filtered else ("fixes", "fix")
+    of, dots = ("estimates", "step") if scenario.navigation.sensor != "none" else ("fixes", "fix")
     write_heading(still, layout, box, f"Position error of the {of}, m", f"dots: each {dots} · line: median of 30 s")
     for auv in range(error.shape[1]):
         plot.dots(trace.time, error[:, auv], style.mix(theme.card, theme.auv(auv), 0.45))

@@ -335,7 +335,6 @@ class Usbl(Section):
     propagation: bool = Field(
         False, description="a fix gives the AUV's position when its sound left it, not its present one"
     )
-    latency: float = Field(0.0, ge=0, le=10, description="further delay until a fix can be used, s")
     packet_loss: float = Field(0.0, ge=0, lt=1, description="probability that a fix never arrives")
     tilt: bool = Field(False, description="the array tilts with the surface under the boat")
     attitude_error: float = Field(

@@ -64,6 +64,9 @@ RETIRED: dict[str, tuple[str, tuple[object, ...]]] = {
     "sea.sponge_edges": ("0.4: sea.radiating_edges let waves leave", ([],)),
     "sea.sponge_width": ("0.4", (40.0,)),
     "channel.data_ratio": ("0.4: channel.bit_rate decides the energy of data", (0.0,)),
+    "tracker.enabled": ("0.4: with navigation.sensor boats have filters", (False,)),
+    "tracker.current_reading": ("0.4", (0.0,)),
+    "usbl.latency": ("0.4", (0.0,)),
     "reference.zermelo_speed": ("0.4: with the policy zermelo", (1.1, 1.2, 1.3, 1.5, 1.6, 1.7, 1.8)),
 }
 CLASSES = {"boat": "vessel", "auv": "vehicle"}  # a section, and its field with the name of a class
@@ -71,6 +74,7 @@ BASE = "base"  # key of a file with the name of the scenario that it differs fro
 # Retired values of existing fields: what removed them, and what stored scenarios have in their place.
 GONE: dict[str, dict[str, tuple[str, str]]] = {
     "planner.objective": {"e": ("0.3", "d")},
+    "auv.action": {"polar": ("0.4: an action is a velocity, `vector`", "vector")},
     "channel.schedule": {"round-robin": ("0.4: its name is turns", "turns"), "by-need": ("0.4", "turns")},
 }
 
@@ -316,7 +320,7 @@ def without_retired(layer: Layer, stored: bool, problems: list[str]) -> Mapping[
             continue
         if not stored and value not in harmless:
             problems.append(f"{layer.source}: {name} = {value!r}: was removed in {removed_in}")
-        data = {**data, section: content}
+        data = {name: inner for name, inner in {**data, section: content}.items() if name != section or content}
     return data
 
 

@@ -79,7 +79,6 @@ class Scenario(Section):
     boat: team.Boat = section("the boats (USVs), all identical")
     otter: team.Otter = section("the boats with boat.model = otter")
     planner: team.Planner = section("Fisher-information path planning (Eq. 2–3)")
-    tracker: team.Tracker = section("tracker of the AUVs")
     auv: team.Auv = section("the AUVs")
     torpedo: team.Torpedo = section("the AUVs with auv.model = torpedo")
     vehicle_parameters: team.PluginNumbers = section("parameters of a plugin's vehicle in auv.model")
@@ -156,8 +155,6 @@ class Scenario(Section):
             )
         if self.navigation.sensor != "none" and self.channel.schedule == "every-step":
             yield "navigation.sensor: needs a channel.schedule other than every-step"
-        if self.tracker.enabled and self.channel.schedule != "every-step":
-            yield ("tracker.enabled: goes with channel.schedule = every-step; else navigation.sensor has filters")
         yield from self._problems_of_messages()
         yield from self._problems_of_long_waves()
         if not self.water.waves:

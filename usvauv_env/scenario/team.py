@@ -222,18 +222,6 @@ class Planner(Section):
     )
 
 
-class Tracker(Section):
-    """Kalman filter of each AUV's position and current, from its commanded velocity and its fixes."""
-
-    enabled: bool = Field(False, description="the AUVs' positions are those of a tracker, not of the last fix")
-    current_reading: float = Field(
-        0.0,
-        ge=0,
-        le=10,
-        description="standard deviation of an AUV's current meter, which the tracker reads, m/s; 0: there is none",
-    )
-
-
 class Auv(Section):
     count: int = Field(2, ge=1, le=MAX_AUVS, description="number of AUVs")
     model: Annotated[str, one_of(("point",), vehicles)] = Field(
@@ -301,10 +289,10 @@ class Auv(Section):
         le=100,
         description="standard deviation of the error with which a point keeps its depth, or a vehicle reads it, m",
     )
-    action: Literal["vector", "polar", "vector-depth", "fins"] = Field(
+    action: Literal["vector", "vector-depth", "fins"] = Field(
         "vector",
-        description="action as a velocity vector, or as (heading, speed); for a vehicle also as a vector and the"
-        " depth, or as (rudder, stern plane, propeller)",
+        description="action as a velocity vector; for a vehicle also as a vector and the depth, or as (rudder, stern"
+        " plane, propeller)",
     )
     start_margin: Distance = Field(10.0, description="least distance from the border at the start, m")
     start_separation: Distance = Field(20.0, description="least distance between AUVs at the start, m")

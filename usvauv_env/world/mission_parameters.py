@@ -187,7 +187,7 @@ def program(site: Site, strategy: BoatStrategy, link: np.ndarray) -> Program:
         schedule=Schedule.one if urgency else getattr(Schedule, s.channel.schedule.replace("-", "_")),
         urgency=urgency,
         messages=s.channel.priced,
-        sensor=Sensor.command if s.tracker.enabled else getattr(Sensor, s.navigation.sensor),
+        sensor=getattr(Sensor, s.navigation.sensor),
         turns=usbl.turns_possible(link),
         fleet=s.boat.count > 1,
         vehicle=s.auv.dynamic,
@@ -324,14 +324,14 @@ def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
     """
     s = site.scenario
     current_variance, correlation_time = 0.0, FOREVER
-    if s.tracker.enabled or s.navigation.sensor == "water":
+    if s.navigation.sensor == "water":
         current_variance, correlation_time = current_model(site, link)
     elif s.navigation.sensor == "ground":  # the log's bias takes the current's place
         current_variance, correlation_time = s.navigation.velocity_bias**2, s.navigation.bias_correlation_time
     blowing, carried = (cmath.rect(share * wind(site), wind_direction(site)) for share in (1.0, s.boat.windage))
     way = math.sqrt(s.area.width * s.area.length / s.targets)  # from node to node
     data, rate = DataLink.of(site), reference_rate(site)
-    sections = s.mission, s.area, s.current, s.usbl, s.channel, s.navigation, s.boat, s.tracker, s.auv, s.nodes
+    sections = s.mission, s.area, s.current, s.usbl, s.channel, s.navigation, s.boat, s.auv, s.nodes
     named = {name: value for section in sections for name, value in section if name in Parameter.names}
     numbers = named | {
         "length": s.area.length,  # not the boats'
@@ -395,7 +395,6 @@ def flags(scenario: Scenario) -> np.ndarray:
     chosen = {
         "alternate": current.alternate,
         "random_vortices": current.count > 0 and not current.centres,
-        "polar": scenario.auv.action == "polar",
         "progress": reward.distance_form == "progress",
         "service_hovering": reward.service_form == "hovering",
         "proximity_once": reward.proximity_form == "pair",

@@ -89,12 +89,9 @@ def commanded(scenario: Scenario) -> list[Quantity]:
     if auv.action == "fins":
         names = [(f"{name}, a share of its limit", "1") for name in ("rudder to starboard", "stern plane, diving")]
         names.append(("propeller, a share of its fastest revolutions", "1"))
-    elif auv.action != "polar":
+    else:
         clamped = f"the velocity's norm is clamped into {auv.speed_min:g} .. {auv.speed_max:g} m/s"
         names = [(f"velocity through the water, {axis}; {clamped}", f"{auv.speed_max:g} m/s") for axis in "xy"]
         if auv.action == "vector-depth":
             names.append((f"depth: {auv.depth_min:g} m at -1, {auv.depth_max:g} m at 1, linear between", "1"))
-    else:
-        span = f"{auv.speed_min:g} m/s at -1, {auv.speed_max:g} m/s at 1, linear between"
-        names = [("heading, from east towards north", "pi rad"), (f"speed through the water: {span}", "1")]
     return [Quantity(index, text, unit, -1.0, 1.0) for index, (text, unit) in enumerate(names)]

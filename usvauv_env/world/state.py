@@ -39,7 +39,7 @@ def array_shapes(scenario: Scenario, num_worlds: int, foresees: bool) -> dict[st
     """
     reckons = scenario.navigation.sensor != "none"
     in_use = {
-        "track": scenario.tracker.enabled or reckons,
+        "track": reckons,
         "own": reckons,
         "exchange": scenario.channel.schedule != "every-step",
         "foresight": foresees,

@@ -96,13 +96,13 @@ class World:
 
     Observation of AUV k, float32 (num_worlds, num_auvs, observation_size): the terms of `observation_layout`, which
     `usvauv.kernels.mission.observation` and `docs/interfaces.md` tabulate. Positions are estimates: from the last fix,
-    or from the tracker.
+    or with `navigation.sensor` from filters.
 
     Action, float32 (num_worlds, num_auvs, action_size) in [−1, 1]: with auv.action = "vector" the velocity through the
-    water over speed_max, its norm clamped into [speed_min, speed_max]; with "polar" heading/π and speed, linear
-    from speed_min (−1) to speed_max (1). Vehicles with dynamics (`auv.model`) take both as heading and speed of their
-    autopilot; with "vector-depth" a third number is their depth, linear from depth_min (−1) to depth_max (1), and with
-    "fins" the action is rudder (to starboard), stern plane (diving) and propeller, as shares of their limits.
+    water over speed_max, its norm clamped into [speed_min, speed_max], which vehicles with dynamics (`auv.model`) take
+    as heading and speed of their autopilot; with "vector-depth" a third number is their depth, linear from depth_min
+    (−1) to depth_max (1); with "fins" the action is rudder (to starboard), stern plane (diving) and propeller, as
+    shares of their limits.
 
     Args:
         scenario: a scenario, or its shipped name or path.

@@ -25,8 +25,7 @@ def drift_and_fix(factors: array1, track: array3, scalars: array2):
         scalars[n, 0], scalars[n, 1], scalars[n, 2] = tracker.fixed(a, b, c, R)
         tracker.drift(track, n, 0, ti.math.vec2(0.0, 0.0), factors[5], VARIANCE, TAU)
         place = ti.math.vec2(track[n, 0, tracker.X], track[n, 0, tracker.Y])
-        fix = tracker.TrackFix(place=place, covariance=vec3(R, 0.0, R), lag=0.0, carried=ti.math.vec2(0.0, 0.0))
-        tracker.update(track, n, 0, fix, VARIANCE, 3.0)
+        tracker.update(track, n, 0, place, vec3(R, 0.0, R), VARIANCE, 3.0)
 
 
 @pytest.mark.parametrize("time", [5.0, 200.0])

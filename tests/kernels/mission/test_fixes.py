@@ -1,4 +1,4 @@
-"""Fixes in a mission: late ones, lost ones, bent rays, tones, and the tracker that they feed."""
+"""Fixes in a mission: late ones, lost ones, bent rays, tones."""
 
 import math
 
@@ -10,10 +10,7 @@ from tests.links import TILTING
 from usvauv import policies
 from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.record.recorder import record
-from usvauv.env.site.site import Site
-from usvauv.env.world.mission_parameters import link_table
-from usvauv.kernels.mission.columns import AuvColumn
-from usvauv.kernels.positioning import tracker, usbl
+from usvauv.kernels.positioning import usbl
 
 PLAIN = [*TILTING, "observation.current=vector"]  # compiles faster than a profile in depth
 LOUD = ["acoustics.source_level=230", "usbl.attitude_error=0", "usbl.tilt=false"]
@@ -37,57 +34,21 @@ def column(trace, name):
 
 
 class TestLate:
-    @pytest.mark.parametrize(
-        ("settings", "latency", "propagates"),
-        [
-            (["usbl.propagation=false"], 0.0, 0),
-            (["usbl.propagation=true"], 0.0, 1),
-            (["usbl.propagation=true", "usbl.latency=0.4"], 0.4, 1),
-        ],
-    )
-    def test_a_fix_is_of_where_the_auv_was(self, settings, latency, propagates):
+    @pytest.mark.parametrize("propagates", [False, True])
+    def test_a_fix_is_of_where_the_auv_was(self, propagates):
         """Without noise the error is minus the way made meanwhile, however the boat has moved."""
-        trace = voyage([*LOUD, *settings])
+        trace = voyage([*LOUD, f"usbl.propagation={str(propagates).lower()}"])
         place = column(trace, "auv_position")
         moved = np.diff(place, axis=0)
         going = (np.abs(moved).sum(-1) > 0.2) & (trace.border[1:] == 0) & (trace.hovering[1:] == 0)
         away = place - column(trace, "boat_position")
         separation = trace.scenario.auv.depth + column(trace, "boat_surface")[..., 0]
         S = np.sqrt((away**2).sum(-1) + separation**2)
-        expected = -(latency + propagates * S / 1500)[1:, ..., None] * moved
+        expected = -(propagates * S / 1500)[1:, ..., None] * moved
         error = (column(trace, "fix") - place)[1:]
         assert going.sum() > 500
         np.testing.assert_allclose(error[going], expected[going], atol=3e-3)
         np.testing.assert_allclose(column(trace, "fix"), column(trace, "heard_position"), atol=3e-3)
-
-    def test_a_late_fix_was_heard_where_the_boat_was(self):
-        """With a latency of a step its covariance is that of the ranges one step ago."""
-        calm = [
-            "storm.spectrum=none",
-            "sea.irregular_rms=0",
-            "usbl.propagation=false",
-            "usbl.latency=1",
-            "auv.depth_noise=0",
-        ]
-        trace = voyage([*LOUD, *calm])
-        scenario = trace.scenario
-        away = column(trace, "auv_position") - column(trace, "boat_position")
-        ago = np.concatenate([away[:-1], np.full((*away.shape[1:-1], 1), -scenario.auv.depth)[None].repeat(39, 0)], -1)
-        offset = torch.tensor(ago.reshape(-1, 3), dtype=torch.float32)
-        index = torch.arange(2, dtype=torch.int32).repeat(len(offset) // 2)
-        none = offset.new_zeros(len(offset), 5)
-        link = torch.from_numpy(link_table(Site(scenario)))
-        expected = usbl.fixes(link, index, offset, none[:, :2].contiguous(), none)[1].numpy()
-        near = trace.border[1:].reshape(-1) == 0
-        np.testing.assert_allclose(trace.fix_covariance[1:].reshape(-1, 3)[near, 0], expected[near, 0], rtol=2e-3)
-
-    def test_the_tracker_knows_how_late(self):
-        late = voyage(["usbl.latency=0.5", "tracker.enabled=true"])
-        blind = voyage(["usbl.latency=0.5"])
-        prompt = voyage(["tracker.enabled=true"])
-        error = [np.linalg.norm(t.estimate - t.auv_position, axis=-1)[10:].mean() for t in (late, blind, prompt)]
-        assert error[0] < 0.6 * error[1]
-        assert error[0] < 1.3 * error[2]
 
 
 class TestAttitude:
@@ -188,27 +149,3 @@ def test_errors_in_units_of_the_predicted_covariance_are_chi_square():
     C = column(trace, "fix_covariance").reshape(-1, 3)[:, [0, 1, 1, 2]].reshape(-1, 2, 2)
     squared = np.einsum("ni,nij,nj->n", error, np.linalg.inv(C), error)
     assert squared.mean() == pytest.approx(2, abs=5 * math.sqrt(4 / len(squared)))
-
-
-class TestTracker:
-    @pytest.mark.parametrize("extra", [[], ["tracker.current_reading=0.1"]])
-    def test_estimates_are_better_and_as_good_as_they_say(self, extra):
-        settings = {"worlds": 128, "policy": "crab"}
-        fixes, tracked = voyage([], **settings), voyage(["tracker.enabled=true", *extra], **settings)
-        error = [np.linalg.norm(t.estimate - t.auv_position, axis=-1)[10:] for t in (fixes, tracked)]
-        assert np.median(error[1]) < (0.55 if extra else 0.68) * np.median(error[0])
-        late = column(tracked, "estimate") - column(tracked, "auv_position")
-        C = column(tracked, "estimate_covariance")[..., [0, 1, 1, 2]].reshape(*late.shape, 2)
-        nees = np.einsum("...i,...ij,...j->...", late, np.linalg.inv(C), late)[10:].mean()
-        assert 1.6 < nees < 2.4
-
-    def test_observation_and_boat_use_the_estimate(self):
-        scenario = Scenario.load("extreme", [*PLAIN, "tracker.enabled=true"])
-        world = World(scenario, 8, seed=2, usv="centroid")
-        observation = world.reset()
-        for _ in range(5):
-            observation = world.step(steady(observation))[0]
-        own = observation[..., world.observation_layout.slice("position")] * scenario.area.diagonal
-        torch.testing.assert_close(own, world.track[..., : tracker.Y + 1], rtol=0, atol=1e-4)
-        fixes = world.auv[..., AuvColumn.span("fix_x", "fix_y")]
-        assert (own - fixes).norm(dim=-1).mean() > 0.05

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import torch
 
-from tests.kernels.mission.test_fixes import PLAIN
 from tests.links import EVERY_STEP
 from usvauv import policies
 from usvauv.env import Scenario, ScenarioError, World
@@ -184,17 +183,6 @@ def test_speed_follows_its_command_and_errs():
 def test_without_a_lag_speed_has_no_error():
     with pytest.raises(ScenarioError, match=r"speed_noise = 0.1: needs a speed_lag above 0"):
         Scenario.load("paper-ideal", ["auv.speed_noise=0.1"])
-
-
-def test_a_tracker_sees_the_drift():
-    """It does not know the current and learns it from what thrust has not held; one that is held tells it nothing."""
-    tracked = [*PLAIN, "tracker.enabled=true", "auv.hover_radius=80", "acoustics.source_level=230"]
-    world = serving(60.0, *tracked, scenario="extreme", boat="centroid")
-    for _ in range(30):
-        step_in(world, (0.0, -3.0))
-    place = world.auv[0, 0, AuvColumn.span("x", "y")]
-    torch.testing.assert_close(place.cpu(), torch.tensor([100.0, 76.0]), atol=1e-3, rtol=0)
-    torch.testing.assert_close(world.estimate[0, 0, :2], place, atol=1.0, rtol=0)
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,6 @@
 """Fixes that cannot be, in a mission: those that lack turns are dropped, and a lost AUV is found again."""
 
 import numpy as np
-import pytest
 import torch
 
 from tests.kernels.mission.test_fixes import PLAIN, column, steady, voyage
@@ -43,11 +42,9 @@ def test_a_wide_array_takes_phases_as_they_are():
     assert not used[clear & (missing == 1)].any()
 
 
-@pytest.mark.parametrize("tracked", [False, True])
-def test_a_kidnapped_auv_is_found(tracked):
-    """Without a tracker once it can have gone that far, at 2 m/s and the fastest water; with one by three fixes."""
-    scenario = Scenario.load("extreme", [*PLAIN, f"tracker.enabled={str(tracked).lower()}"])
-    world = World(scenario, 16, seed=3, usv="centroid")
+def test_a_kidnapped_auv_is_found():
+    """Once it can have gone that far, at 2 m/s and the fastest water."""
+    world = World(Scenario.load("extreme", PLAIN), 16, seed=3, usv="centroid")
     observation = world.reset()
     errors, dropped = [], []
     for step in range(24):
@@ -63,5 +60,3 @@ def test_a_kidnapped_auv_is_found(tracked):
     assert dropped[8:10].all()
     assert np.all(error[20:] < 4)
     assert dropped[20:].mean() < 0.05
-    if tracked:
-        assert np.all(error[10] < 4)

@@ -9,7 +9,7 @@ from datetime import datetime, timedelta
 import numpy as np
 import pytest
 
-from tests.kernels.positioning.test_tracker import EXTREME_CURRENT, begin, covariances, follow, simulate
+from tests.kernels.positioning.test_tracker import EXTREME_CURRENT, begin, covariances, follow, second_of, simulate
 from usvauv.kernels.positioning import tracker
 
 pytest.importorskip("stonesoup")
@@ -32,20 +32,13 @@ def by_stonesoup(start, velocity, adrift, fix, covariance, variance, correlation
     from stonesoup.types.track import Track
     from stonesoup.updater.kalman import KalmanUpdater
 
-    rho = math.exp(-1 / correlation_time)
-    decay = Transition(
-        transition_matrix=np.diag([1, 1, rho, rho]),
-        covariance_matrix=np.diag([0, 0, 1, 1]) * variance * (1 - rho**2),
-    )
-    renew = KalmanPredictor(decay)
     updater = KalmanUpdater(None)
     measure = Mahalanobis()
     state = GaussianState(start[:4, None].astype(float), covariances(start.astype(float)), timestamp=START)
     means, spreads, used = [], [], []
     for t in range(len(velocity)):
-        F = np.eye(4)
-        F[0, 2] = F[1, 3] = adrift[t]
-        motion = Transition(transition_matrix=F, covariance_matrix=np.zeros((4, 4)))
+        F, Q = second_of(variance, correlation_time, adrift[t])
+        motion = Transition(transition_matrix=F, covariance_matrix=Q)
         carry = KalmanPredictor(motion, LinearControlModel(control_matrix=adrift[t] * np.eye(4, 2)))
         xx, xy, yy = covariance[t]
         model = LinearGaussian(ndim_state=4, mapping=(0, 1), noise_covar=np.array([[xx, xy], [xy, yy]]))
@@ -56,7 +49,7 @@ def by_stonesoup(start, velocity, adrift, fix, covariance, variance, correlation
         gater = DistanceGater(DistanceHypothesiser(stay, updater, measure, missed_distance=np.inf), measure, ALLOWED)
         inside = [hypothesis for hypothesis in gater.hypothesise(Track([carried]), {detection}, now) if hypothesis]
         used.append(bool(inside))
-        state = renew.predict(updater.update(inside[0]) if inside else carried, timestamp=now + SECOND / 2)
+        state = updater.update(inside[0]) if inside else carried
         means.append(np.asarray(state.state_vector, float)[:, 0])
         spreads.append(np.asarray(state.covar, float))
     return np.array(means), np.array(spreads), np.array(used)
@@ -64,12 +57,12 @@ def by_stonesoup(start, velocity, adrift, fix, covariance, variance, correlation
 
 @pytest.mark.parametrize("outliers", [0.0, 0.15])
 def test_same_estimates_covariances_and_rejections(device, outliers):
-    (start, covariance), (velocity, adrift, fix, R, age), _ = simulate(41, 150, 2, *EXTREME_CURRENT.values())
+    (start, covariance), (velocity, adrift, fix, R), _ = simulate(41, 150, 2, *EXTREME_CURRENT.values())
     random = np.random.default_rng(42)
     spoiled = random.random(fix.shape[:2]) < outliers
     fix[spoiled] += random.uniform(-150, 150, (spoiled.sum(), 2))
     start = begin(start, covariance, 0.22, device)
-    track, _ = follow(device, start, velocity, adrift, fix, R, age, **EXTREME_CURRENT)
+    track, _ = follow(device, start, velocity, adrift, fix, R, **EXTREME_CURRENT)
     for n in range(2):
         own = (array[:, n] for array in (velocity, adrift, fix, R))
         mean, spread, used = by_stonesoup(start[n].cpu().numpy(), *own, **EXTREME_CURRENT)

@@ -127,8 +127,7 @@ class TestVectorEnv:
         assert data_equivalence(info, kept_info, exact=True)
 
     def test_actions_are_clipped(self, short):
-        polar = Scenario.load("extreme", ["auv.action=polar"])
-        a, b = vector_env(polar), vector_env(polar)
+        a, b = vector_env(short), vector_env(short)
         a.reset(seed=1)
         b.reset(seed=1)
         move = 4 * actions(1)[0]

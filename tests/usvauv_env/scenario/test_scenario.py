@@ -143,7 +143,6 @@ TIDE = "sea.forced_edge=east sea.regular_amplitude="
 SHALLOW = f"{SEA} area.depth=5 auv.depth=4"
 LONG = "sea.forced_edge=east area.depth=50 auv.depth=45 sea.regular_amplitude=5"
 SWELL = f"{TIDE}4 storm.spectrum=pm storm.significant_height=3 storm.swells=[[4,9,1,0,1]]"
-TRACKED = "channel.bit_rate=0 navigation.sensor=none tracker.enabled=true"
 MUTUAL = "current.mutual=true current.count=3 current.core_radius_min=1 mission.step=2"
 
 
@@ -202,7 +201,6 @@ MUTUAL = "current.mutual=true current.count=3 current.core_radius_min=1 mission.
             "echo",
             "'echo': must be 'transponder' with channel",
         ),
-        (TRACKED, "channel.schedule", "every-step", "all", "goes with channel"),
     ],
 )
 def test_the_limit_itself_is_allowed(given, field, allowed, refused, said):
@@ -243,7 +241,7 @@ def test_any_other_name_is_one(name):
         ("nodes.target_rule=far", r"^ideal: nodes.target_rule: .*far.*greedy\[:ALPHA\]"),
         (
             "auv.action=vektor",
-            "^ideal: auv.action = 'vektor': allowed are vector, polar, vector-depth, fins; did you mean 'vector'",
+            "^ideal: auv.action = 'vektor': allowed are vector, vector-depth, fins; did you mean 'vector'",
         ),
         ("boat.top_speed=nan", "^ideal: boat.top_speed = nan: "),
         ("sea.drag=1e6", "^ideal: sea.drag = 1000000.0: input should be less than or equal to 1"),

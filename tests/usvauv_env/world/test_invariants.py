@@ -15,12 +15,12 @@ from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn
 from usvauv.kernels.mission.worlds import STATE
 
 PLUGIN = Path(__file__).parents[3] / "examples" / "plugins" / "task.py"
-TRACKED = [*EVERY_STEP, "tracker.enabled=true", "auv.count=4", "usbl.packet_loss=0.2", "usbl.latency=0.3"]
-RACE = ["auv.action=polar", "current.circulation_min=400", "current.circulation_max=800"]
+WITHOUT_CHANNEL = [*EVERY_STEP, "auv.count=4", "usbl.packet_loss=0.2"]
+RACE = ["current.circulation_min=400", "current.circulation_max=800"]
 RACE += ["current.core_radius_min=40", "current.core_radius_max=40"]
 CASES = {
     "extreme": ("extreme", ["nodes.start_backlog=5000"], "fim"),
-    "tracked in a strong current": ("extreme", [*TRACKED, *RACE], "hold:0,200"),
+    "in a strong current": ("extreme", [*WITHOUT_CHANNEL, *RACE], "hold:0,200"),
     "paper-extreme": ("paper-extreme", [], "hold:100,100"),
     "station-keeping": ("station-keeping", [], "fim"),
 }
@@ -109,7 +109,7 @@ def _plugin(own_registries):
 
 
 ALONE = {
-    "tracked": ("extreme", [*TRACKED, "tracker.current_reading=0.05"], "hold:0,200"),
+    "losses": ("extreme", ["auv.count=4", "usbl.packet_loss=0.2"], "hold:0,200"),
     "nonlinear": ("extreme", ["sea.equations=nonlinear", "sea.radiating_edges=['west']"], "fim"),
     "station-keeping": ("station-keeping", ["auv.count=5"], "fim"),
     "plugin": ("extreme", [*EVERY_STEP, "task=survey"], "hold:0,200"),
@@ -186,7 +186,7 @@ def test_alone_as_among_many(case, monkeypatch):
                 assert len(among) == 1 or torch.equal(among[own], by_itself[0]), each  # 1 where it is not used
 
 
-@pytest.mark.parametrize("case", ["tracked", "torpedo"])
+@pytest.mark.parametrize("case", ["losses", "torpedo"])
 def test_each_with_a_seed_of_its_own_as_alone(case):
     """Two episodes of worlds of different seeds, two of them of the same one: the bits of each seed's world 0."""
     name, changes, usv = ALONE[case]

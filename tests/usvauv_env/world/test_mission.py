@@ -41,13 +41,6 @@ class TestMotion:
         assert moving.sum() > 300
         torch.testing.assert_close(after[..., AuvColumn.span("x", "y")][moving], expected[moving], rtol=0, atol=2e-5)
 
-    def test_polar_action(self):
-        world = World(Scenario.load("ideal", ["auv.action=polar", *AT_ONCE]), num_worlds=1, seed=4)
-        world.reset()
-        world.step(torch.tensor([[[0.5, 0.0], [-1.0, 1.0]]]))
-        water = world.auv[0, :, AuvColumn.span("water_x", "water_y")]
-        torch.testing.assert_close(water.cpu(), torch.tensor([[0.0, 1.7], [-2.2, 0.0]]), atol=1e-5, rtol=0)
-
 
 def storm_at(world: World, xy: torch.Tensor, level: int) -> torch.Tensor:
     """Storm (η, η_x, η_y, u, v, w, u_z, v_z) at the point (x, y) of each world; world w sails on sea w."""

@@ -6,7 +6,6 @@ import pytest
 import torch
 
 from tests.kernels.nothing_waits import NothingWaits
-from tests.links import EVERY_STEP
 from usvauv.env import Scenario, World
 from usvauv.kernels import runtime
 from usvauv.kernels.errors import DivergenceError
@@ -26,9 +25,6 @@ def elsewhere(monkeypatch, device):
     ("name", "settings"),
     [
         ("extreme", []),
-        pytest.param(
-            "extreme", [*EVERY_STEP, "tracker.enabled=true", "boat.strategy=centroid"], marks=pytest.mark.slow
-        ),
         pytest.param("paper-extreme", [], marks=pytest.mark.slow),
         pytest.param("station-keeping", [], marks=pytest.mark.slow),
     ],
