@@ -12,7 +12,7 @@ from usvauv.env.scenario import Scenario
 from usvauv.kernels.errors import UserError
 from usvauv.kernels.guidance import courses
 from usvauv.kernels.guidance.courses import LEAST
-from usvauv.kernels.mission.motion import travelling_power
+from usvauv.kernels.mission.auvs.motion import travelling_power
 from usvauv.kernels.vehicles.fleet import Fleet
 from usvauv.kernels.vehicles.vehicle import Actuators, Command
 

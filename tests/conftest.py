@@ -38,6 +38,8 @@ LONG = (
     ),
     (
         "usvauv_cli/commands/test_cli.py",
+        "usvauv_cli/commands/test_files_of_scenarios.py",
+        "usvauv_cli/commands/test_results_that_are_there.py",
         "usvauv_cli/commands/test_sea_command.py",
         "usvauv_cli/web_report/test_web_report.py",
         "usvauv_cli/evaluation/test_evaluation.py",

@@ -21,7 +21,9 @@ ARGUMENTS: dict[str, tuple[tuple[str, float], ...]] = {  # of the rules that shi
 }
 
 Urgency = Annotated[Callable[..., float], "worlds, w, b, k"]
-schedules: Registry[Urgency] = Registry("schedule", form=Urgency, shipped={"turns": "usvauv.kernels.mission.channel"})
+schedules: Registry[Urgency] = Registry(
+    "schedule", form=Urgency, shipped={"turns": "usvauv.kernels.mission.link.channel"}
+)
 
 
 def no_workspace(num_nodes: int, num_auvs: int) -> int:

@@ -7,9 +7,10 @@ import taichi as ti
 from usvauv.kernels import random
 from usvauv.kernels.flow.vortex import Vortex
 from usvauv.kernels.functions import func, kernel
-from usvauv.kernels.mission import channel, estimates, fixes, motion, vehicles
+from usvauv.kernels.mission.auvs import motion, vehicles
 from usvauv.kernels.mission.boats import boat_motion
 from usvauv.kernels.mission.columns import Draw, Flag, KeyColumn, Parameter, Schedule
+from usvauv.kernels.mission.link import channel, estimates, fixes
 from usvauv.kernels.mission.worlds import Numbers, Rows, address, key
 from usvauv.kernels.types import array1, array2, array3, index1, index2
 

@@ -11,9 +11,10 @@ from typing import Annotated, Any
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission import vehicles, water
+from usvauv.kernels.mission import water
+from usvauv.kernels.mission.auvs import vehicles
+from usvauv.kernels.mission.auvs.motion import offset_to_target_from_estimate, own_position, target_of
 from usvauv.kernels.mission.columns import BodyColumn, NodeColumn
-from usvauv.kernels.mission.motion import offset_to_target_from_estimate, own_position, target_of
 from usvauv.kernels.mission.target_rules import knowledge
 from usvauv.kernels.mission.water import BEAM_ANGLE, BEAM_CELL, BEAMS, PROFILE_POINTS
 from usvauv.kernels.registry import Registry

@@ -75,11 +75,11 @@ class Program(NamedTuple):
         refraction: sound is refracted in layers, and fixes include this.
         schedule: of `Schedule`.
         urgency: with `Schedule.one`: a function (worlds, w, b, k) → how urgent it is that boat b asks AUV k.
-        messages: data take time on the channel, `usvauv.kernels.mission.messages`.
+        messages: data take time on the channel, `usvauv.kernels.mission.link.messages`.
         sensor: of `Sensor`.
         turns: phases of a fix can lack whole turns, see `usvauv.kernels.positioning.usbl`.
         fleet: there is more than one boat.
-        vehicle: AUVs are vehicles with dynamics, see `usvauv.kernels.mission.vehicles`.
+        vehicle: AUVs are vehicles with dynamics, see `usvauv.kernels.mission.auvs.vehicles`.
         otter: boats move as in `usvauv.kernels.vehicles.otter`; else they are points.
         repeats: the pattern of vortices has a period.
         passing: nodes are served in passing, not hovering.

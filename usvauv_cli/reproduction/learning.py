@@ -15,7 +15,7 @@ from usvauv.cli.reproduction.paper import HEURISTICS, Settings, heuristic, learn
 from usvauv.cli.sweep.run_folder import Piece
 from usvauv.env.render.style import Figure, Ground, Line2D, looks, write_pair
 from usvauv.env.storage.result_tables import write_rows
-from usvauv.kernels.mission.motion import travelling_power
+from usvauv.kernels.mission.auvs.motion import travelling_power
 from usvauv.policies import checkpoint
 
 Row = dict[str, Any]  # of table2.csv, see `pool`

@@ -1,6 +1,6 @@
 """Messages of a scenario's channel: their length, the energy that their data need, and how they disturb one another.
 
-`usvauv.kernels.mission.messages` has the equations.
+`usvauv.kernels.mission.link.messages` has the equations.
 """
 
 from __future__ import annotations

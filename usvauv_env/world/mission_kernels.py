@@ -21,6 +21,7 @@ from usvauv.kernels.errors import blaming
 from usvauv.kernels.flow import vortex_motion
 from usvauv.kernels.functions import LANES, DeviceFlag, Launch, WholeVector, copy_finite
 from usvauv.kernels.mission.arguments import PARAMETERS
+from usvauv.kernels.mission.auvs.vehicles import ROWS, move
 from usvauv.kernels.mission.boats.belief_planner import OTHER_GOALS
 from usvauv.kernels.mission.boats.boat_strategies import boat_strategies
 from usvauv.kernels.mission.boats.rollouts import STEPS, WAY
@@ -29,7 +30,6 @@ from usvauv.kernels.mission.observation import observation_terms
 from usvauv.kernels.mission.run import Part, Stage, launches, reset_launches, run
 from usvauv.kernels.mission.target_rules import target_rules
 from usvauv.kernels.mission.tasks.task import tasks
-from usvauv.kernels.mission.vehicles import ROWS, move
 from usvauv.kernels.mission.water import PROFILE_POINTS
 from usvauv.kernels.mission.worlds import WORLDS_PER_BLOCK, draw_numbers
 from usvauv.kernels.registry import Registry

@@ -28,6 +28,7 @@ from usvauv.kernels import random, runtime
 from usvauv.kernels.flow.vortex_motion import steps_of_renewal
 from usvauv.kernels.functions import LANES
 from usvauv.kernels.mission import target_rules
+from usvauv.kernels.mission.auvs.vehicles import Motion
 from usvauv.kernels.mission.boats.boat_motion import DRIFT_TIME
 from usvauv.kernels.mission.boats.boat_strategies import BoatStrategy
 from usvauv.kernels.mission.choices import schedules
@@ -35,7 +36,6 @@ from usvauv.kernels.mission.columns import Action, Flag, Information, Parameter,
 from usvauv.kernels.mission.episode import draw_vortices
 from usvauv.kernels.mission.observation import observation_terms
 from usvauv.kernels.mission.tasks.data_collection import LEAST_RATE, arrival_table
-from usvauv.kernels.mission.vehicles import Motion
 from usvauv.kernels.mission.worlds import Program
 from usvauv.kernels.planning import objectives
 from usvauv.kernels.positioning import sonar, usbl
@@ -299,7 +299,7 @@ def carriers(scenario: Scenario) -> list[float]:
 
 
 def speed_response(scenario: Scenario) -> dict[str, float]:
-    """Parameters of `usvauv.kernels.mission.motion.respond` for the time constant and the error of an AUV's velocity.
+    """Parameters of `usvauv.kernels.mission.auvs.motion.respond` for time constant and error of an AUV's velocity.
 
     The errors of the velocity at a step's end and of its mean over the step have the covariance of a Gauss–Markov
     process and its integral (Gelb, "Applied Optimal Estimation" (1974), §3.6).

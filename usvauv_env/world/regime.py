@@ -22,8 +22,8 @@ from usvauv.env.site.site import Site
 from usvauv.env.world import boat_speed, mission_parameters
 from usvauv.env.world.current_statistics import drift_speeds
 from usvauv.env.world.message_parameters import least_energy, message_parameters
+from usvauv.kernels.mission.auvs.motion import travelling_power
 from usvauv.kernels.mission.choices import schedules
-from usvauv.kernels.mission.motion import travelling_power
 from usvauv.kernels.mission.tasks.data_collection import LEAST_RATE
 from usvauv.kernels.positioning import acoustic_link
 from usvauv.kernels.positioning.sonar import path_loss

@@ -17,10 +17,10 @@ from typing import Any, NamedTuple
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission import replies
 from usvauv.kernels.mission.boats import boat_motion, foresight
 from usvauv.kernels.mission.boats.foresight import PredictedAuv, drift_over, own_uncertainty
-from usvauv.kernels.mission.replies import SIGNAL, Signal
+from usvauv.kernels.mission.link import replies
+from usvauv.kernels.mission.link.replies import SIGNAL, Signal
 from usvauv.kernels.mission.worlds import WORLDS_PER_BLOCK
 from usvauv.kernels.positioning import tracker
 from usvauv.kernels.random import LANES

@@ -3,7 +3,7 @@
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission import motion
+from usvauv.kernels.mission.auvs import motion
 from usvauv.kernels.mission.boats import boat_motion
 from usvauv.kernels.mission.tasks.task import RewardTerm
 from usvauv.kernels.types import vec3

@@ -3,8 +3,8 @@
 import taichi as ti
 
 from usvauv.kernels.functions import func
+from usvauv.kernels.mission.auvs.motion import distance_to_target, travel
 from usvauv.kernels.mission.columns import Draw
-from usvauv.kernels.mission.motion import distance_to_target, travel
 from usvauv.kernels.mission.tasks import rewards
 from usvauv.kernels.mission.tasks.task import Task, tasks
 from usvauv.kernels.mission.worlds import uniforms

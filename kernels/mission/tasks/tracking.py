@@ -25,6 +25,7 @@ import taichi as ti
 
 from usvauv.kernels.flow import current
 from usvauv.kernels.functions import func
+from usvauv.kernels.mission.auvs.motion import target_of, travel
 from usvauv.kernels.mission.columns import (
     Amount,
     AuvOrNone,
@@ -37,7 +38,6 @@ from usvauv.kernels.mission.columns import (
     StateColumns,
     Turn,
 )
-from usvauv.kernels.mission.motion import target_of, travel
 from usvauv.kernels.mission.observation import ObservationTerm, observation_terms
 from usvauv.kernels.mission.tasks import rewards, tracking_places
 from usvauv.kernels.mission.tasks.task import RewardTerm, Task, tasks

@@ -61,7 +61,7 @@ def measure(worlds: ti.template(), w, k, i):
 
 @func
 def take_channel(worlds: ti.template(), w):
-    """The messages of all AUVs that have heard a target take the channel, see `usvauv.kernels.mission.channel`."""
+    """The messages of all AUVs that have heard a target take the channel, see `usvauv.kernels.mission.link.channel`."""
     if ti.static(worlds.program.schedule != Schedule.every_step):
         pair, free = ti.static(worlds.task_pair, worlds.tally.channel_free)
         for k in range(worlds.auv.shape[1]):

@@ -12,8 +12,8 @@ from typing import Annotated
 import taichi as ti
 
 from usvauv.kernels.functions import func
+from usvauv.kernels.mission.auvs.motion import move_to, travelling_power
 from usvauv.kernels.mission.columns import Draw, Range, StateColumns, Turn
-from usvauv.kernels.mission.motion import move_to, travelling_power
 from usvauv.kernels.mission.tasks import tracking
 from usvauv.kernels.mission.tasks.task import tasks
 from usvauv.kernels.mission.tasks.tracking import TRACKING, PairColumn

@@ -9,7 +9,7 @@ Registries, and the class of their items:
 
 from usvauv.env.record.metrics import Metric, mean_figures, position_error, task_metrics
 from usvauv.kernels.limits import Quantity
-from usvauv.kernels.mission.motion import distance_to_target, travel
+from usvauv.kernels.mission.auvs.motion import distance_to_target, travel
 from usvauv.kernels.mission.target_rules import TargetRule, best_free, knowledge, target_rules
 from usvauv.kernels.mission.tasks import rewards
 from usvauv.kernels.mission.tasks.task import RewardTerm, Task, tasks

@@ -13,8 +13,8 @@ from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.record.metrics import episode_metrics
 from usvauv.env.record.recorder import record
 from usvauv.env.scenario.team import Auv
+from usvauv.kernels.mission.auvs.motion import hovering_power, travelling_power
 from usvauv.kernels.mission.columns import AuvColumn, ExchangeColumn, NodeColumn
-from usvauv.kernels.mission.motion import hovering_power, travelling_power
 from usvauv.kernels.positioning import usbl
 from usvauv.policies import PolicyError
 from usvauv.policies.guidance import SpeedToFly

@@ -8,8 +8,8 @@ import taichi as ti
 import torch
 from scipy import stats
 
-from usvauv.kernels.mission import replies
 from usvauv.kernels.mission.columns import Parameter
+from usvauv.kernels.mission.link import replies
 from usvauv.kernels.mission.worlds import Numbers
 from usvauv.kernels.positioning import acoustic_link
 from usvauv.kernels.positioning.acoustic_link import Accuracy, Sonar, link_table

@@ -1,17 +1,17 @@
 """The acoustic channel: who is interrogated when, and which signals arrive in a mission step.
 
 It has one exchange at a time, an interrogation and the reply or replies to it. It lasts for the sound's two-way travel
-time, the transponder's turn-around time and the length of the messages (`usvauv.kernels.mission.messages`). The boat
-interrogates all AUVs at once, or one of those that it serves, whose turn a function of `schedules` decides. All reply
-with different codes at once, or one after another: the interrogation tells each how long to wait, so that its reply
-reaches the boat after those of nearer AUVs, by the boat's estimates and with three standard deviations of these as
-guard time. Nobody receives while it sends, as an exchange lasts until the last reply is over. No AUV is located twice
-in a mission step. Several boats begin exchanges in turn; a boat without an AUV to interrogate passes its turn on. The
-boat that interrogated receives the replies, and all boats share their contents. There can be a least time between
+time, the transponder's turn-around time and the length of the messages (`usvauv.kernels.mission.link.messages`). The
+boat interrogates all AUVs at once, or one of those that it serves, whose turn a function of `schedules` decides. All
+reply with different codes at once, or one after another: the interrogation tells each how long to wait, so that its
+reply reaches the boat after those of nearer AUVs, by the boat's estimates and with three standard deviations of these
+as guard time. Nobody receives while it sends, as an exchange lasts until the last reply is over. No AUV is located
+twice in a mission step. Several boats begin exchanges in turn; a boat without an AUV to interrogate passes its turn on.
+The boat that interrogated receives the replies, and all boats share their contents. There can be a least time between
 exchanges. Without a channel a signal of each AUV arrives in each step.
 
 All exchanges of a step are decided before its fixes are made. `hear` writes what arrives to `worlds.reception`, from
-which `usvauv.kernels.mission.fixes` makes fixes and `usvauv.kernels.mission.estimates` the estimates.
+which `usvauv.kernels.mission.link.fixes` makes fixes and `usvauv.kernels.mission.link.estimates` the estimates.
 
 Times count from the end of the present mission step, s; earlier times are negative, ages are their opposite.
 """
@@ -19,6 +19,7 @@ Times count from the end of the present mission step, s; earlier times are negat
 import taichi as ti
 
 from usvauv.kernels.functions import func
+from usvauv.kernels.mission.auvs.motion import is_spent
 from usvauv.kernels.mission.boats import boat_motion
 from usvauv.kernels.mission.choices import schedules
 from usvauv.kernels.mission.columns import (
@@ -30,9 +31,8 @@ from usvauv.kernels.mission.columns import (
     Schedule,
     TallyColumn,
 )
-from usvauv.kernels.mission.messages import hears_request, noise_to_others, overlap, request_length
-from usvauv.kernels.mission.motion import is_spent
-from usvauv.kernels.mission.replies import height, true_height
+from usvauv.kernels.mission.link.messages import hears_request, noise_to_others, overlap, request_length
+from usvauv.kernels.mission.link.replies import height, true_height
 from usvauv.kernels.mission.worlds import uniforms
 from usvauv.kernels.positioning import usbl
 from usvauv.kernels.types import ivec2, vec2, vec3

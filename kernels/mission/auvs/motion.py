@@ -241,7 +241,7 @@ def travel(worlds: ti.template(), w, k, a0, a1):
     """Move AUV k for one step as its action commands and with the water; where that crosses the border it hovers.
 
     A point whose battery is spent drifts with the water, along the border where that would carry it across. A vehicle
-    with dynamics has moved already (`usvauv.kernels.mission.vehicles`), and is stopped at the border.
+    with dynamics has moved already (`usvauv.kernels.mission.auvs.vehicles`), and is stopped at the border.
     """
     if ti.static(worlds.program.vehicle):
         arrive(worlds, w, k)

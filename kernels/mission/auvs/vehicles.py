@@ -2,7 +2,7 @@
 
 Before the mission's kernel takes a step, `move` moves all vehicles through it: LANES side by side as in
 `usvauv.kernels.vehicles.vehicle`, in substeps of the autopilot and the body. The array `body` (`BodyColumn`) has the
-result, from which `usvauv.kernels.mission.motion` sets the AUVs' positions. Before an episode `move` deploys them:
+result, from which `usvauv.kernels.mission.auvs.motion` sets the AUVs' positions. Before an episode `move` deploys them:
 level at cruise speed, with random headings and bodies. At the end of a step `sense` writes the water at each vehicle,
 which the next step treats as linear in place and time.
 
@@ -18,7 +18,7 @@ from usvauv.kernels import random
 from usvauv.kernels.flow import at_depth
 from usvauv.kernels.flow.current import grid_sample, grid_slopes
 from usvauv.kernels.functions import func, kernel
-from usvauv.kernels.mission import motion
+from usvauv.kernels.mission.auvs import motion
 from usvauv.kernels.mission.columns import Action, AuvColumn, BodyColumn, Draw, KeyColumn, Parameter
 from usvauv.kernels.mission.worlds import Numbers
 from usvauv.kernels.trigonometry import TWO_PI

@@ -1,15 +1,14 @@
 """The boats' estimates of AUVs: by fixes alone, or by fixes and what replies say of dead reckoning.
 
-See `usvauv.kernels.mission.motion` for dead reckoning and `usvauv.kernels.positioning.tracker` for the filter.
+See `usvauv.kernels.mission.auvs.motion` for dead reckoning and `usvauv.kernels.positioning.tracker` for the filter.
 """
 
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission import channel, fixes, motion
+from usvauv.kernels.mission.auvs import motion
 from usvauv.kernels.mission.blocks import for_auvs, put, take
 from usvauv.kernels.mission.boats import boat_motion
-from usvauv.kernels.mission.channel import boat_before
 from usvauv.kernels.mission.columns import (
     AuvColumn,
     BoatColumn,
@@ -17,7 +16,9 @@ from usvauv.kernels.mission.columns import (
     ReceptionColumn,
     Schedule,
 )
-from usvauv.kernels.mission.replies import height
+from usvauv.kernels.mission.link import channel, fixes
+from usvauv.kernels.mission.link.channel import boat_before
+from usvauv.kernels.mission.link.replies import height
 from usvauv.kernels.positioning import tracker, usbl
 from usvauv.kernels.positioning.usbl import Expectation
 from usvauv.kernels.types import vec2, vec3
