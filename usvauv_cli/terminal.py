@@ -5,6 +5,7 @@ Text and tables are as wide as the terminal, or 80 columns wide if the output go
 
 from __future__ import annotations
 
+import re
 import sys
 import textwrap
 import time
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 WIDTH = 80
 UNLIMITED = 100_000
 SHOW_AFTER = 2.0  # seconds of work; shorter work shows nothing
+KEPT = "\N{NO-BREAK SPACE}"
 LINE_EVERY = 10.0  # seconds between lines where the output is not a terminal
 
 
@@ -35,9 +37,10 @@ def redraws(console: Console) -> bool:
 
 
 def wrapped(text: str, indent: int = 0) -> str:
-    """Text in lines that fit, broken only at spaces; lines after the first are indented."""
+    """Text in lines that fit, broken only at spaces, but not behind a number; lines after the first are indented."""
+    text = re.sub(r"(?<=\d) (?=\S)", KEPT, text)
     lines = textwrap.wrap(text, width(), subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False)
-    return "\n".join(lines)
+    return "\n".join(lines).replace(KEPT, " ")
 
 
 def shortened(names: Iterable[str], longest: int) -> dict[str, str]:

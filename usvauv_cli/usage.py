@@ -31,7 +31,7 @@ KINDS = {  # by the option that takes one, where there is one
     "trace": Kind("a trace", "a NetCDF file", "usvauv replay {} draws a trace"),
     "policy": Kind("a trained policy", "a trained policy", "usvauv simulate --policy {} runs it"),
     "log": Kind("a log of fixes", "a CSV file", "usvauv plan --log {} reads a log of fixes"),
-    "plugin": Kind("a plugin", "a Python file", "--plugin {} loads a plugin"),
+    "plugin": Kind("a plugin", "a Python file", "--plugin {} loads a plugin, --policy MODULE:CLASS a policy in it"),
     "result": Kind("a result", "a picture, a video or an export", "no command of usvauv reads it"),
 }
 ENDINGS = {

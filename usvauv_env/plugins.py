@@ -29,7 +29,7 @@ def load(path: str | Path) -> None:
         PluginError: the file does not exist, or importing it raises.
     """
     if not os.path.isfile(path) or Path(path).suffix != ".py":  # false, unlike an error, for paths no system allows
-        raise PluginError(f"plugin {path}: must be a Python file")
+        raise PluginError(f"plugin {path}: there is no such Python file")
     file = Path(path).resolve()
     if file in _paths:
         return

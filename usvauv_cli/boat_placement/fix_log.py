@@ -170,7 +170,7 @@ def _of_auvs(contents: Contents, beacons: Sequence[str]) -> dict[str, list[Fix]]
         reasons = contents.warnings() or [f"expected CSV with a header ({NEEDED}) or a USBL system's sentences"]
         raise UserError(f"no fix in it: {'; '.join(reasons)}")
     by_name: dict[str, list[Fix]] = {}
-    for fix in contents.fixes:
+    for fix in sorted(contents.fixes, key=lambda fix: (len(fix.name), fix.name)):  # 2 before 10
         by_name.setdefault(fix.name, []).append(fix)
     listed = ", ".join(f"{name[:20]!r} ({len(own)})" for name, own in by_name.items())
     unknown = [name for name in beacons if name not in by_name]

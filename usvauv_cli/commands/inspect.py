@@ -19,6 +19,7 @@ import typer
 from usvauv.cli import terminal
 from usvauv.cli.commands.options import Overrides, Plugins, of_kind
 from usvauv.cli.terminal import counted, duration
+from usvauv.cli.usage import NARROW
 from usvauv.kernels.errors import UserError
 
 if TYPE_CHECKING:
@@ -292,7 +293,12 @@ def _show_registered(
 
 
 def show(title: str, items: Iterable[Item]) -> None:
-    """Print a title and below it a paragraph for each item."""
+    """Print a title and below it a paragraph for each item, beside its name where there is room."""
     typer.echo(title)
+    indent = 24 if terminal.width() >= NARROW else 6
     for form, about in items:
-        typer.echo(terminal.wrapped(f"  {form:<21} {about}", 24))
+        name = f"  {form:<{indent - 3}}"
+        if len(name) >= indent:
+            typer.echo(name)
+            name = " " * (indent - 1)
+        typer.echo(terminal.wrapped(f"{name} {about}", indent))

@@ -61,15 +61,15 @@ def _known_arch(value: str) -> str:
 
 ScenarioName = Annotated[
     str,
-    typer.Argument(metavar="SCENARIO", callback=of_kind("scenario"), help="Shipped name or path of a TOML file."),
+    typer.Argument(
+        metavar="SCENARIO", callback=of_kind("scenario"), help="A name from `usvauv scenarios`, or path of a TOML file."
+    ),
 ]
 Seed = Annotated[
     int,
     typer.Option(callback=bounded(0, 2**64 - 1), help="Random seed, 0 or more; the same seed gives the same result."),
 ]
-Arch = Annotated[
-    str, typer.Option(callback=_known_arch, help="Device for the kernels: auto, cpu, cuda, vulkan (experimental).")
-]
+Arch = Annotated[str, typer.Option(callback=_known_arch, help="Device for the kernels; vulkan is experimental.")]
 Overrides = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="SECTION.FIELD=VALUE", help="Change one field of the scenario; may be repeated."),
@@ -103,7 +103,7 @@ Speedup = Annotated[
     ),
 ]
 ViewOption = Annotated[str, typer.Option("--view", help="map (from above, with plots), sea (in perspective), or both.")]
-ThemeOption = Annotated[str, typer.Option("--theme", help="dark or light.")]
+ThemeOption = Annotated[str, typer.Option("--theme", help="Colours around the map.")]
 At = Annotated[
     str | None,
     typer.Option(
@@ -158,7 +158,7 @@ def preparing(scenario: Scenario, arch: str, quiet: bool = False) -> None:
     from usvauv.kernels import runtime
 
     seconds = 6 if runtime.start(arch).on_cpu else 25
-    line = f"preparing {scenario.name}; its kernels are compiled the first time, for about {seconds} s …"
+    line = f"preparing {scenario.name}; the first time some {seconds} s longer, to compile its kernels …"
     if not quiet:
         print(line, file=sys.stderr, flush=True)
 

@@ -287,13 +287,13 @@ def mission_summary(row: EpisodeMetrics, trace: Trace) -> None:
     lines = [
         f"{row.scenario}{scenario.change}, seed {row.seed}, policy {row.policy}, {boats} {row.usv}:"
         f" {duration(float(trace.time[-1]))} of mission",
-        f"energy: {row.energy_wh:.1f} Wh; mean power of an AUV under way (EC) {row.ec:.0f} W{energy}",
+        f"energy: AUVs {row.energy_wh:.1f} Wh; mean power of one under way (EC) {row.ec:.0f} W{energy}",
         f"position error: {row.position_error_rms:.2f} m rms, median {row.position_error_median:.2f} m,"
         f" 95th percentile {row.position_error_p95:.2f} m",
-        f"fixes: usable in {100 * row.fix_availability:.1f} % of the time, longest gap {duration(row.outage_longest)}",
+        f"fixes: usable in {row.fix_availability:.1%} of the time, longest gap {duration(row.outage_longest)}",
         f"safety: {counted(row.collisions, 'step')} with two AUVs closer than {scenario.auv.collision_distance:g} m,"
         f" {counted(row.border, 'move')} stopped at the border{touched if scenario.auv.dynamic else ''}",
-        f"sea: the {boats} heaved from {heave.min():+.2f} to {heave.max():+.2f} m".replace("-", "−"),
+        f"sea: the {boats} heaved from {heave.min():+.2f} to {heave.max():+.2f} m",
         f"score: average reward per step (ARPS) {row.arps:.2f}",
     ]
     if scenario.task == "station-keeping":
@@ -302,7 +302,7 @@ def mission_summary(row: EpisodeMetrics, trace: Trace) -> None:
         lines.insert(
             1,
             f"targets: error {found['track_error_mean']:.1f} m on average, median {found['track_error_median']:.1f} m,"
-            f" within 20 m in {100 * found['track_close']:.0f} % of the time",
+            f" within 20 m in {found['track_close']:.0%} of the time",
         )
     if scenario.task == "data-collection":
         before, cost = found["aoi_peak"], found["joule_per_mbit"]
@@ -315,4 +315,5 @@ def mission_summary(row: EpisodeMetrics, trace: Trace) -> None:
             lines[1],
         ]
         lines[-1] += f", sum of data rates (SDR) {row.sdr:.2f} Mbit/s"
-    print("\n".join(terminal.wrapped(line if line is lines[0] else f"  {line}", 4) for line in lines))
+    indented = [lines[0], *(f"  {line}".replace(" -", " −") for line in lines[1:])]
+    print("\n".join(terminal.wrapped(line, 4) for line in indented))

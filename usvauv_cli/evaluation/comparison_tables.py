@@ -184,7 +184,7 @@ def _table(
         for name, _, digits, *_ in shown:
             (mean, _, n), deviation = comparison.score(which, name), comparison.deviation(which, name)
             spread = "–" if math.isnan(mean) else f"{mean:.{digits}f}{f' ± {deviation:.{digits}f}' if n > 1 else ''}"
-            spreads.append(words(comparison.difference(which, name), sign=True) if less else spread)
+            spreads.append(words(comparison.difference(which, name), sign=True) if less else spread.replace("-", "−"))
         cells.append([*(getattr(which, name) for name in varied), *spreads])
     long = [] if limit else [name for row in cells for name in row[: len(varied)]]
     short = terminal.shortened(long, LONGEST_NAME[len(varied)])

@@ -144,9 +144,10 @@ class SeaFigure:
             return f"too short to measure the storm: below {SHORTEST} records"
         found = measured(records, self._sea.interval, SEGMENT * self._systems[0].peak_period)
         goal = wanted(self._systems)
+        long = f"{len(records) * self._sea.interval / self._systems[0].peak_period:.0f} peak periods"
         return (
-            f"storm as measured (as wanted): Hs {found.height:.2f} m ({goal.height:.3g} m), Tp {found.period:.1f} s"
-            f" ({goal.period:.3g} s), directional spread {math.degrees(found.spread):.0f}°"
+            f"storm as measured in {long} (as wanted): Hs {found.height:.2f} m ({goal.height:.3g} m),"
+            f" Tp {found.period:.1f} s ({goal.period:.3g} s), directional spread {math.degrees(found.spread):.0f}°"
             f" ({math.degrees(goal.spread):.0f}°)"
         )
 

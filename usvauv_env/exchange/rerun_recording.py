@@ -23,6 +23,7 @@ from usvauv.env.storage.files import atomic_write
 
 TIME = "mission"
 TRAIL = 60.0  # s
+SPEED = 30.0  # s of mission in a second, as in a video by default
 SIGMAS = 2.0  # of the ellipses of fixes and of estimated targets
 CURVES = {"error": "Error of the estimate, m", "power": "Power, W", "backlog": "Packets waiting", "depth": "Depth, m"}
 BOW = 3.0  # length of the arrow ahead of a vehicle over its radius
@@ -54,10 +55,12 @@ def _layout(trace: Trace) -> rrb.Blueprint:
     moving = [f"/scene/auv_{k + 1}" for k in auvs] + [f"/scene/usv_{b + 1}" for b in boats]
     moving += [f"/scene/target_{letter(m)}" for m in range(trace.node_way.shape[-2])]
     scene = rrb.Spatial3DView(origin="/scene", name="Scene", overrides=dict.fromkeys(moving, trail))
-    curves = [rrb.TimeSeriesView(origin=f"/{entity}", name=name) for entity, name in CURVES.items()]
+    shown = {entity: name for entity, name in CURVES.items() if entity != "depth" or trace.scenario.auv.dynamic}
+    curves = [rrb.TimeSeriesView(origin=f"/{entity}", name=name) for entity, name in shown.items()]
     beside = [rrb.MapView(origin="/earth", name="Map")] if Site(trace.scenario).frame else []
     views = rrb.Horizontal(scene, rrb.Vertical(*beside, *curves), column_shares=[2, 1])
-    return rrb.Blueprint(views, rrb.TimePanel(timeline=TIME, play_state="playing"), collapse_panels=True)
+    time = rrb.TimePanel(timeline=TIME, play_state="playing", playback_speed=SPEED)
+    return rrb.Blueprint(views, time, collapse_panels=True)
 
 
 class _Log:

@@ -147,7 +147,10 @@ class MissionMap:
                 self._overlay.strokes([line], style.auv_colour(auv), opacity, self._layout.px(1.3))
 
     def _draw_tracks(self, picture: np.ndarray, t: float, nodes: np.ndarray) -> None:
-        """The targets that move, with their letters, and where the AUVs take them to be."""
+        """The targets that move, with their letters, and where the AUVs take them to be.
+
+        Letters are at the lower left, as an AUV near its target has its number at the upper right.
+        """
         unit, zoom = self._layout.unit, self._layout.zoom
         tracked = self.view.pixel(self._play.tracked.at(t)) - self._corner
         axes = error_axes(self._play.track_covariance.at(t))
@@ -158,7 +161,7 @@ class MissionMap:
         for number, place in enumerate(nodes):
             shapes.target(picture, place, 6 * self._size, style.TARGET, zoom)
             if within(picture, place):
-                shapes.badge(picture, letter(number), place + self._label, 11 * unit, style.TARGET)
+                shapes.badge(picture, letter(number), place - self._label, 11 * unit, style.TARGET)
 
     def _draw_ranges(self, t: float) -> None:
         """Arcs through targets around the AUVs that have measured their ranges: where they cross, a target is."""
@@ -176,7 +179,7 @@ class MissionMap:
         for boat, share in zip(boats, self._play.ping(t), strict=True):
             if share is not None:
                 reach = np.hypot(*(auvs - boat).T).max()
-                self._overlay.ring(boat, share * reach, style.BOAT, 0.2 * (1 - 0.7 * share), self._layout.px(1.3))
+                self._overlay.ring(boat, share * reach, style.BOAT, 0.13 * (1 - 0.7 * share), self._layout.px(1.3))
         for auv, position in enumerate(auvs):
             boat, fresh = self._play.heard(t, auv)
             if 0.5 * fresh > 0.03:  # later drawing replaces earlier drawing
@@ -184,18 +187,15 @@ class MissionMap:
                 self._overlay.strokes([ends], style.auv_colour(auv), 0.5 * fresh, self._layout.px(1.2))
 
     def _draw_links(self, t: float, auvs: np.ndarray, nodes: np.ndarray) -> None:
-        """Dashed lines to the targets, rings around services."""
-        unit, phase, step = self._layout.unit, (t / self._play.pace % 24) / 24, step_of(t)
+        """Dashed lines to the targets, and lines on to the nodes after them."""
+        unit, step = self._layout.unit, step_of(t)
         for auv, position in enumerate(auvs):
             colour = style.auv_colour(auv)
             stops = nodes[self._play.stops(step, auv)]
             node = stops[0]
             for place, leg in enumerate(pairwise(stops)):
                 self._overlay.strokes([np.stack(leg)], colour, 0.55 - 0.12 * place, self._layout.px(1.3))
-            if self._play.hovering[step, auv]:
-                self._overlay.disc(node, self._hover_radius, colour, 0.16)
-                self._overlay.ring(node, self._hover_radius * (0.35 + 0.65 * phase), colour, 0.8 * (1 - phase))
-            else:
+            if not self._play.hovering[step, auv]:
                 self._overlay.strokes(shapes.dashes(node, position, 5 * unit), colour, 0.7, self._layout.px(1.3))
 
     def _draw_goals(self, t: float, boats: np.ndarray) -> None:
@@ -238,7 +238,7 @@ class MissionMap:
             shapes.foreseen(picture, foreseen, 5 * layout.unit, colour, 1.4 * layout.unit, layout.zoom)
         shapes.auv(picture, position, float(self._play.attitude.at(t)[auv, 0]), 26 * self._size, colour, layout.zoom)
         if np.hypot(*(fix - position)) > 5 * layout.unit:  # smaller errors are visible in the inset only
-            shapes.fix(picture, fix, 4 * layout.unit, style.WHITE, 1.5 * layout.unit, layout.zoom)
+            shapes.fix(picture, fix, 4 * layout.unit, colour, 1.5 * layout.unit, layout.zoom)
         if within(picture, position):
             shapes.badge(picture, str(auv + 1), position + self._label, 11 * layout.unit, colour, 0.75)
 

@@ -306,8 +306,8 @@ class Playback:
         t = step_of(t)
         if self.moving:
             return [
-                ("error, m", self.track_error[t], ".1f"),
-                ("in the mean, m", self.track_error[: t + 1].mean(), ".1f"),
+                ("target error, m", self.track_error[t], ".1f"),
+                ("mean so far, m", self.track_error[: t + 1].mean(), ".1f"),
                 ("power now, W", self._power[t], ".0f"),
                 ("EC, W", self._ec[t], ".1f"),
                 ("AUVs too close", self.trace.collisions[: t + 1, 0].sum(), ".0f"),
@@ -315,7 +315,7 @@ class Playback:
         if self.stations:
             return [
                 ("off station, m", self.off_target[t], ".2f"),
-                ("in the mean, m", self.off_target[: t + 1].mean(), ".2f"),
+                ("mean so far, m", self.off_target[: t + 1].mean(), ".2f"),
                 ("power now, W", self._power[t], ".0f"),
                 ("EC, W", self._ec[t], ".1f"),
                 ("AUVs too close", self.trace.collisions[: t + 1, 0].sum(), ".0f"),
@@ -348,11 +348,6 @@ class Playback:
         """(T,) whether the ring of a boat's ping is drawn in each of some steps."""
         since = np.arange(len(self._pinged))[steps, None] - self._pinged[steps]
         return np.any((self._pinged[steps] >= 0) & (since < self._ring_steps), axis=1)
-
-    @property
-    def current(self) -> bool:
-        """Whether the water has a current."""
-        return bool(self.trace.vortex.size or self.trace.stream.size)
 
     def heard(self, t: float, auv: int) -> tuple[int, float]:
         """The boat with an AUV's last reply, and how recent it is at a moment: 1 in that step, 0 without one."""

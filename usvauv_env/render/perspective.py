@@ -28,7 +28,7 @@ from usvauv.env.render.scene import (
 from usvauv.env.render.sea_surface import TEXELS, MapView, SeaShading, colour_scale, elevation_limit
 from usvauv.env.render.style import Theme, shorten, text_width, write
 
-OPACITY = 0.78  # of the surface over the scene below
+OPACITY = 0.65  # of the surface over the scene below
 LEAST_WITH_WORDS = 150  # height in pixels of the design; pictures below it have no scale and no note
 FINE = 320  # cells along the longer side, of the sea in a view that goes along with a vehicle
 BOAT_LENGTH = 0.085  # as drawn, of the area's longer side
@@ -422,7 +422,7 @@ class BelowSurface:
             shapes.strokes(canvas.picture, shapes.dashes(foreseen, begin, 3 * layout.unit), dim)
             shapes.foreseen(canvas.picture, foreseen, 6 * layout.unit, colour, 1.6 * layout.unit, layout.zoom)
         if np.hypot(*(fix - begin)) > 5 * layout.unit:
-            shapes.fix(canvas.picture, fix, 4 * layout.unit, style.WHITE, 1.5 * layout.unit, layout.zoom)
+            shapes.fix(canvas.picture, fix, 4 * layout.unit, colour, 1.5 * layout.unit, layout.zoom)
         heading, pitch, _ = self._play.attitude.at(t)[auv].tolist()
         climb = self._scene.depths * math.tan(pitch)  # as steep as its way is drawn
         axes = turned(heading, climb * np.array([math.cos(heading), math.sin(heading)]))

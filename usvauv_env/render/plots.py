@@ -99,7 +99,8 @@ class Plot:
                 continue
             above = row
             shapes.stroke(still, np.array([(box.left, row), (box.right, row)]), self._theme.line)
-            write(still, f"{tick:g}", (box.left - 5 * unit, row + 0.36 * size), size, self._theme.muted, anchor="right")
+            words = f"{tick:g}".replace("-", "−")
+            write(still, words, (box.left - 5 * unit, row + 0.36 * size), size, self._theme.muted, anchor="right")
         for time, words in self._time_ticks():
             column = float(self.x(time))
             shapes.stroke(still, np.array([(column, box.bottom), (column, box.bottom + 3 * unit)]), self._theme.line)
@@ -230,8 +231,8 @@ class FixInsets:
         self._scale = self._radius / max(1.1 * reach, 1e-6)
         ring = nice(0.75 * self._radius / self._scale)
         scale = self._scale / view.per_metre
-        shown = f"{scale:.0f} × magnified" if scale >= 1 else f"{1 / scale:.0f} × smaller than on the map"
-        note = f"{shown}, inner ring {ring:g} m"
+        magnified = f"{scale:.0f} × magnified, " if scale >= 1.5 else ""
+        note = f"{magnified}inner ring {ring:g} m"
         write_heading(still, layout, card, "Fixes around the true position", note)
         unit, zoom = layout.unit, layout.zoom
         for centre, ink in zip(self._centres, inks, strict=True):

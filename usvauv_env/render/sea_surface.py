@@ -74,6 +74,11 @@ def _slopes(field: np.ndarray, scale: float = 0.125) -> tuple[np.ndarray, np.nda
     return cv2.Sobel(field, cv2.CV_32F, 1, 0, **along), cv2.Sobel(field, cv2.CV_32F, 0, 1, **along)
 
 
+def smoothed(field: np.ndarray) -> np.ndarray:
+    """A surface without waves that are short beside it, which would be a pattern under what is drawn."""
+    return cv2.GaussianBlur(field, (0, 0), 0.015 * max(field.shape))
+
+
 def elevation_limit(surface: np.ndarray) -> float:
     """End of the colour scale (m) for a surface (T, Y, X), about its 99th percentile; 0 for a flat sea."""
     lowest, highest = extremes(surface)
@@ -122,12 +127,12 @@ class SeaSurface:
         return cv2.resize(field, shape, interpolation=cv2.INTER_AREA)
 
     def paint(self, picture: np.ndarray, field: np.ndarray) -> None:
-        """Draw a surface (Y, X) m of what the map shows, row 0 in the south, over it."""
+        """Draw a surface (Y, X) m of what the map shows, row 0 in the south, over it, `smoothed`."""
         region = self._view.rectangle.of(picture)
         if self._flat:
             region[:] = style.SEA[2]
             return
-        small = self.relief(field)
+        small = self.relief(smoothed(field))
         region[:] = cv2.resize(small, (region.shape[1], region.shape[0]), interpolation=cv2.INTER_CUBIC)
 
     def relief(self, field: np.ndarray) -> np.ndarray:
@@ -290,7 +295,8 @@ class SeaShading:
             return np.zeros(self._shape[::-1], np.float32), self._still
         coarse = coarse.astype(np.float32, copy=False)
         field = cv2.resize(coarse, self._shape, interpolation=cv2.INTER_CUBIC)
-        return field * np.float32(self._scale), self._shade(field, cv2.resize(self._crests(coarse), self._shape))
+        colours = self._shade(smoothed(field), cv2.resize(self._crests(coarse), self._shape))
+        return field * np.float32(self._scale), colours
 
     def _crests(self, field: np.ndarray) -> np.ndarray:
         """(a k)² of the waves at their crests, a the amplitude and k the wavenumber: −η ∇²η; 0 in troughs."""

@@ -144,10 +144,6 @@ class Overlay:
         ring(self._colour, np.asarray(centre) - self._origin, radius, colour, width + 2)
         ring(self._cover, np.asarray(centre) - self._origin, radius, round(255 * opacity), width)
 
-    def disc(self, centre: np.ndarray, radius: float, colour: Colour, opacity: float) -> None:
-        disc(self._colour, np.asarray(centre) - self._origin, radius + 1, colour)
-        disc(self._cover, np.asarray(centre) - self._origin, radius, round(255 * opacity))
-
     def blend(self, picture: np.ndarray) -> None:
         """Blend the layer into its region of the picture."""
         region = picture[self._region]
@@ -442,11 +438,6 @@ class LegendSymbol(NamedTuple):
         axes = np.array([(11.0, -3.0), (1.5, 5.0)]) * self.layout.unit
         outline = ellipse_points(self.at, axes)
         stroke(self.picture, outline, self.layout.theme.text, self.layout.px(1.2), closed=True)
-
-    def current(self) -> None:
-        for y, length in ((-4, 11), (4, 6)):
-            self._line([(-length, y), (0, y)], self.layout.theme.line, 1.5)
-            self._line([(0, y), (length, y)], self.layout.theme.muted, 1.5)
 
     def foreseen(self) -> None:
         unit, colour = self.layout.unit, self.layout.theme.auv(0)

@@ -238,6 +238,8 @@ def layers_of(name_or_path: str | Path, above: tuple[str, ...] = ()) -> list[Lay
             data = read_text(name_or_path, "TOML")
     except FileNotFoundError:
         known = choices(name, shipped(), ", or the path of a TOML file")
+        if name.endswith(".toml"):
+            known = "there is no such file"
         what = f"{' → '.join(above)}: base =" if above else "scenario"
         raise ScenarioError(f"{what} {name!r}: {known}") from None
     except TextFileError as error:

@@ -57,7 +57,7 @@ class TestPlugin:
     def test_that_fails_or_is_missing_gives_one_line(self, tmp_path, run_usvauv):
         (tmp_path / "a.py").write_text("1 / 0")
         raised = f"ZeroDivisionError: division by zero, in {tmp_path}/a.py, line 1 {SEE}"
-        for name, problem in (("a", raised), ("b", "must be a Python file")):
+        for name, problem in (("a", raised), ("b", "there is no such Python file")):
             refused = f"error: plugin {name}.py: {problem}\n"
             assert run_usvauv("train", "--plugin", f"{name}.py") == (2, "", refused)
 

@@ -66,8 +66,8 @@ def test_tables_of_eval_fit_and_no_number_is_cut(capsys, policies, boats, target
     lines = capsys.readouterr().out.splitlines()
     assert max(map(len, lines)) <= 80
     text = "\n".join(lines)
-    assert not re.search(r"[\d.±-]…|…[\d.]+ ±", re.sub(r"\S*[a-z:/]\S*", "", text))
-    spreads = re.findall(r"-1234[56]\.?\d* ± 123[45]\.?\d*", text)
+    assert not re.search(r"[\d.±−]…|…[\d.]+ ±", re.sub(r"\S*[a-z:/]\S*", "", text))
+    spreads = re.findall(r"−1234[56]\.?\d* ± 123[45]\.?\d*", text)
     combinations = len(policies) * len(boats) * len(targets)
     assert len(spreads) == 5 * combinations
     assert text.count("±") == 5 * combinations + (1 if combinations == 1 else 2), "of equal ones +0 is said alone"

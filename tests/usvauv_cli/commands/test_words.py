@@ -4,6 +4,7 @@ import re
 
 import pytest
 
+from usvauv.cli import terminal
 from usvauv.env import Scenario
 from usvauv.kernels.mission.boats.boat_strategies import boat_strategies
 from usvauv.kernels.mission.target_rules import target_rules
@@ -56,7 +57,7 @@ class TestLists:
             (
                 "policies",
                 [*heuristics, *trained()],
-                {"ppo-wide-torpedo": "Default in wide-torpedo.", "keep": "Default in station-keeping"},
+                {"keep": "Default in station-keeping", "circle[:RADIUS]": "reference.circle_radius."},
             ),
             (
                 "boats",
@@ -92,6 +93,11 @@ class TestLists:
         ):
             text = run_usvauv(command, "--plugin", "mine.py")[1]
             assert listed(text.partition("Of the plugin mine.py:\n")[2])[name] == about
+
+
+def test_no_line_ends_between_a_number_and_its_unit():
+    first, second = terminal.wrapped("goes " * 15 + "7 m/s, then stops", 2).splitlines()
+    assert (first, second) == ("goes " * 14 + "goes", "  7 m/s, then stops")
 
 
 @pytest.mark.parametrize(

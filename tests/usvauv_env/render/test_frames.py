@@ -16,11 +16,11 @@ from usvauv.env.record.metrics import episode_metrics
 from usvauv.env.record.tracking_metrics import middle_depth
 from usvauv.env.render import legend, shapes, style
 from usvauv.env.render.frames import frames_of
-from usvauv.env.render.layout import Arrangement
+from usvauv.env.render.layout import Arrangement, Rectangle
 from usvauv.env.render.legend import ENTRIES, InPicture
 from usvauv.env.render.map import Popups
 from usvauv.env.render.mission import RHYTHM, Playback, error_axes
-from usvauv.env.render.sea_surface import elevation_limit
+from usvauv.env.render.sea_surface import MapView, SeaSurface, elevation_limit
 from usvauv.env.render.style import CATEGORICAL, CATEGORICAL_ON_WHITE, web
 from usvauv.env.scenario.environment import Area
 from usvauv.kernels.errors import UserError
@@ -133,6 +133,17 @@ class TestMap:
         assert (auv, target, across, fresh) == (2, 1, pytest.approx(40.0), pytest.approx(np.exp(-1.0)))
         np.testing.assert_allclose(place, moving.own_position[7, 0, 2])
 
+    def test_waves_that_are_short_on_it_are_no_pattern_below_symbols(self):
+        """Of a height; a wave of a twentieth of the side, as in `tracking`, and one of a third, as in `extreme`."""
+        box, x = Rectangle(0, 0, 320, 320), np.arange(128) / 128
+        contrasts = []
+        for length in (0.05, 0.33):
+            field = np.tile(np.sin(2 * np.pi * x / length), (128, 1)).astype(np.float32)
+            picture = np.zeros((320, 320, 3), np.uint8)
+            SeaSurface(field[None], MapView(Area(width=100, length=100), box)).paint(picture, field)
+            contrasts.append(picture.mean(-1).std())
+        assert contrasts[0] < 0.3 * contrasts[1]
+
     def test_symbols_end_at_its_border(self):
         """An AUV in the corner, in a service with data, and its estimate beyond: nothing of them is beside the map."""
         made = synthetic_trace(steps=3, auvs=1)
@@ -164,14 +175,13 @@ class TestMap:
 
 class TestLegend:
     def test_it_names_what_is_in_the_picture(self):
-        calm, rough = synthetic_trace(steps=90, vortices=0), synthetic_trace(steps=90)
-        calm = replace(calm, backlog=np.zeros_like(calm.backlog))
-        full = replace(rough, backlog=np.full_like(rough.backlog, 1e6), hovering=np.ones_like(rough.hovering))
-        for trace, current, filled in ((calm, False, False), (full, True, True)):
+        made = synthetic_trace(steps=90)
+        empty = replace(made, backlog=np.zeros_like(made.backlog))
+        full = replace(made, backlog=np.full_like(made.backlog, 1e6))
+        for trace, filled in ((empty, False), (full, True)):
             now = InPicture(Playback(trace), 1.0, frames_of([trace], (640, 360)).layout, True, False)
             now.look(80.0)
             words = {entry.words for entry in ENTRIES if entry.shown(now)}
-            assert ("water current" in words) == current
             assert ("full: new data is lost" in words) == filled
             assert "target that moves" not in words
             assert "station of an AUV" not in words
