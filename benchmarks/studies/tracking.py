@@ -2,7 +2,9 @@
 
     python -m benchmarks.studies.tracking
     python -m benchmarks.studies.tracking --part measurements
+    python -m benchmarks.studies.tracking --part depths
     python -m benchmarks.studies.tracking --part few
+    python -m benchmarks.studies.tracking --part rare
     python -m benchmarks.studies.tracking --runs runs/tracking-plain --out docs/circling.png
 
 First `tracking-plain`, by team and setting of the published environment: the error of the estimates of the AUV with the
@@ -10,13 +12,16 @@ smallest range, after the first 20 steps, its median and its mean over worlds, t
 95 % interval over worlds, and NEES/2, which is 1 where filters are consistent. `published` has median and mean of that
 environment's particle filter with its AUVs on a circle of 60 m, measured in it.
 
-Then what is measured, three on three at hard: ranges of 10 m, bearings of 3°, both; ranges with depths that are not
-known; ranges of signals that fade.
+Then what is measured, three on three at hard: ranges of 10 m, bearings of 3°, both; ranges of signals that fade.
+
+Then depths, known or not, with AUVs that turn freely: targets as at hard, and ones that go straight, with their rms
+error and the posterior Cramér–Rao bound of it for the ways of targets and AUVs.
 
 Then fewer AUVs than targets: with AUVs that keep to a target, and that go to those of which they know least; the
 difference is paired.
 
 Then `tracking`: the same by the boat's strategy, and with places known exactly; differences from `belief` are paired.
+Then with rare fixes, and with the share of targets within the ellipse of 95 % of their estimate.
 
 With `--runs`, a folder of training runs that differ only in the seed, instead: their curves, and the errors of their
 last policies beside those of `circle` in the same worlds, with the 95 % interval over seeds and worlds together.
@@ -36,11 +41,13 @@ from matplotlib.figure import Figure
 from benchmarks.machine import command_line, describe, parse, show
 from usvauv import policies
 from usvauv.env import Scenario, World
+from usvauv.env.accuracy.tracking_bound import range_information, rms, tracking_bound
 from usvauv.env.record.metrics import own_error
 from usvauv.env.record.recorder import record
 from usvauv.env.record.trace import Trace
 from usvauv.env.record.tracking_metrics import nees, settled, track_error
 from usvauv.env.render.style import Ground, write_pair
+from usvauv.kernels.mission.tasks.tracking import TargetColumn
 from usvauv.policies.checkpoint import ENDING, LAST, path_of, read_history
 
 SETTINGS = {  # share of the AUVs' speed, and time between turns, s: 5 to 14 steps, or 2 to 9
@@ -50,7 +57,7 @@ SETTINGS = {  # share of the AUVs' speed, and time between turns, s: 5 to 14 ste
     "expert": ((0.83, 0.86), (120.0, 420.0)),
 }
 TEAMS = (1, 3, 5)
-RULES = ("straight", "circle", "greedy-information")
+RULES = ("straight", "circle", "tree:1", "tree:3")
 SPEED = 0.986  # m/s, of the AUVs
 PUBLISHED = {
     (1, "easy"): "10.8 (13.4)",
@@ -72,16 +79,24 @@ FEW = ((1, 2), (2, 4), (2, 8))  # AUVs and targets
 CELLS = ((1, "hard"), (3, "easy"), (3, "medium"), (3, "hard"), (3, "expert"), (5, "hard"))  # for learned policies
 MEASUREMENTS = {
     "ranges": (),
-    "ranges, depths of 5 to 20 m not known": ("depths_known=0",),
-    "the same, depths of 5 to 80 m": ("depths_known=0", "depth_most=80"),
     "ranges, signals of 60 dB excess at 1 m fade": ("signal_excess=60",),
     "bearings": ("ranges=0", "bearing_noise=0.052"),
     "ranges and bearings": ("bearing_noise=0.052",),
 }
-NORMAL = 1.96
+DEPTHS = {
+    "5 to 20 m, known": ("depths_known=1",),
+    "5 to 20 m, not known": ("depths_known=0",),
+    "5 to 80 m, known": ("depths_known=1", "depth_most=80"),
+    "5 to 80 m, not known": ("depths_known=0", "depth_most=80"),
+}
+COURSES = {"turn": (), "go straight": ("turn_after_most=0",)}
+APART = 180.0  # m, from AUVs to targets at the start, at most
+PARTS = ("rules", "measurements", "depths", "few", "places", "rare", "rates")
+INTERVALS = (0, 60, 180, 600)  # s, from one fix to the next, at least
+NORMAL, ELLIPSE = 1.96, 5.991  # of 95 %: of a normal number; of a χ² with two degrees of freedom
 
 
-def setting(name: str, team: int, *more: str, targets: int = 0) -> Scenario:
+def setting(name: str, team: int, *more: str, targets: int = 0, task: str = "tracking-plain") -> Scenario:
     """`tracking-plain` with a team of AUVs, as many targets or `targets` of a setting, and more task parameters."""
     (slowest, fastest), (soonest, latest) = SETTINGS[name]
     numbers = {
@@ -92,7 +107,8 @@ def setting(name: str, team: int, *more: str, targets: int = 0) -> Scenario:
     }
     given = [*(f"{key}={value:.4g}" for key, value in numbers.items()), *more]
     changes = [f"task_parameters.{each}" for each in given]
-    return Scenario.load("tracking-plain", [f"auv.count={team}", f"nodes.count={targets or team}", *changes])
+    count = [f"auv.count={team}", f"nodes.count={targets or team}", f"task={task}"]
+    return Scenario.load("tracking-plain", [*count, *changes])
 
 
 def run(scenario: Scenario, rule: str, worlds: int, seed: int, usv: str | None = None) -> Trace:
@@ -109,6 +125,11 @@ def by_world(values: np.ndarray) -> np.ndarray:
 def interval(values: np.ndarray, digits: int = 1) -> str:
     """Mean of values (W,) and half of its 95 % interval."""
     return f"{values.mean():.{digits}f} ± {NORMAL * values.std(ddof=1) / np.sqrt(len(values)):.{digits}f}"
+
+
+def root_mean(values: np.ndarray) -> float:
+    """Root mean square of values."""
+    return float(f"{np.sqrt(np.square(values).mean()):.1f}")
 
 
 def figures(trace: Trace) -> dict[str, object]:
@@ -141,6 +162,43 @@ def measurements(worlds: int, seed: int) -> list[dict[str, object]]:
         {"measured": row} | figures(run(setting("hard", 3, *changes), "circle", worlds, seed))
         for row, changes in MEASUREMENTS.items()
     ]
+
+
+def least_error(trace: Trace, depth: np.ndarray) -> np.ndarray:
+    """Posterior Cramér–Rao bound of the rms error, (T, W, M), m, of targets of depths (W, M) that do not turn.
+
+    Each AUV is taken to receive each range that is not lost. Velocities walk as much as by the targets' courses, but
+    in both axes, as the bound has it.
+    """
+    given, step = trace.scenario.task_numbers, trace.scenario.mission.step
+    height = np.broadcast_to(depth - trace.scenario.auv.depth, trace.node_way.shape[:-1])[..., None]
+    target = np.concatenate([trace.node_way, height], -1)[:, :, None]  # (T, W, 1, M, 3)
+    auv = np.pad(trace.auv_position, ((0, 0),) * 3 + ((0, 1),))[..., None, :]
+    known = 2 if given["depths_known"] else 3
+    J = range_information(auv, target, given["range_noise"])[..., :known, :known]
+    J *= (np.linalg.norm(target - auv, axis=-1) <= given["range_most"])[..., None, None] * (1 - given["range_loss"])
+    slowest, fastest = given["target_speed_least"], given["target_speed_most"]
+    velocity = (slowest**2 + slowest * fastest + fastest**2) / 6
+    prior = [APART**2 / 2, APART**2 / 2, velocity, velocity, (given["depth_most"] - given["depth_least"]) ** 2 / 12]
+    walk = np.sqrt(velocity * step) * given["course_walk"]
+    bound = tracking_bound(np.moveaxis(J.sum(2), 0, -3), np.diag(prior[: known + 2]), step, walk)
+    return np.moveaxis(rms(bound), -1, 0)
+
+
+def depths(worlds: int, seed: int) -> list[dict[str, object]]:
+    """Rows of what is known of depths."""
+    rows = []
+    for courses, straight in COURSES.items():
+        for row, changes in DEPTHS.items():
+            scenario = setting("hard", 3, *straight, *changes, task="tracking")
+            world = World(scenario, worlds, seed)
+            trace = record(world, policies.load("circle", world).act, "circle")
+            deep = world.task_node[..., TargetColumn.depth].cpu().numpy()
+            rows.append({"targets": courses, "depths": row} | figures(trace))
+            if straight:
+                error, least = (values[settled(trace)] for values in (track_error(trace), least_error(trace, deep)))
+                rows[-1] |= {"rms, m": root_mean(error), "bound, m": root_mean(least)}
+    return rows
 
 
 def few(worlds: int, seed: int) -> list[dict[str, object]]:
@@ -178,10 +236,27 @@ def places(worlds: int, seed: int) -> list[dict[str, object]]:
         | figures(trace)
         | {
             "from belief, m": interval(by_world(track_error(trace)[settled(trace)]) - first),
-            "own error, m rms": float(f"{np.sqrt(np.square(own_error(trace)).mean()):.1f}"),
+            "own error, m rms": root_mean(own_error(trace)),
         }
         for row, trace in traces.items()
     ]
+
+
+def rare(worlds: int, seed: int) -> list[dict[str, object]]:
+    """Rows of how rare fixes of the AUVs are."""
+    rows = []
+    for least in INTERVALS:
+        trace = run(Scenario.load("tracking", [f"channel.interval={least}"]), "circle", worlds, seed, "belief")
+        own, squared = own_error(trace), nees(trace)[settled(trace)]
+        rows.append(
+            {
+                "interval, s": least or "",
+                "own error, m rms": root_mean(own),
+                **figures(trace),
+                "in ellipses of 95 %": float(f"{np.mean(squared[np.isfinite(squared)] < ELLIPSE):.2f}"),
+            }
+        )
+    return rows
 
 
 def rates(teams: Sequence[int], worlds: int) -> list[dict[str, object]]:
@@ -200,16 +275,13 @@ def rates(teams: Sequence[int], worlds: int) -> list[dict[str, object]]:
 
 
 def learned(runs: Sequence[Path], worlds: int, seed: int) -> list[dict[str, object]]:
-    """Rows of the last policies of training runs beside `circle`."""
+    """Rows of the last policies of training runs beside `circle` and `tree`."""
     rows = []
     for team, name in CELLS:
         scenario = setting(name, team)
-        circle, *others = (
-            track_error(trace)[settled(trace)]
-            for trace in (
-                run(scenario, str(rule), worlds, seed) for rule in ("circle", *(path_of(p, LAST) for p in runs))
-            )
-        )
+        rules = ("circle", "tree:3", *(path_of(path, LAST) for path in runs))
+        traces = (run(scenario, str(rule), worlds, seed) for rule in rules)
+        circle, tree, *others = (track_error(trace)[settled(trace)] for trace in traces)
         gain = np.array([by_world(other) - by_world(circle) for other in others])  # (seeds, W)
         seeds = gain.mean(axis=1)
         variance = gain.mean(axis=0).var(ddof=1) / worlds + (seeds.var(ddof=1) / len(seeds) if len(seeds) > 1 else 0.0)
@@ -223,6 +295,7 @@ def learned(runs: Sequence[Path], worlds: int, seed: int) -> list[dict[str, obje
                 "mean, m": float(f"{np.mean(others):.1f}"),
                 "from circle, m": f"{gain.mean():.2f} ± {NORMAL * np.sqrt(variance):.2f}",
                 "seeds, m": f"{seeds.min():.2f} to {seeds.max():.2f}",
+                "tree from circle, m": interval(by_world(tree) - by_world(circle), 2),
             }
         )
     return rows
@@ -257,9 +330,7 @@ def main() -> None:
     parser = command_line(__doc__)
     parser.add_argument("--episodes", type=int, default=200, help="worlds of each row")
     parser.add_argument("--seed", type=int, default=2026)
-    parser.add_argument(
-        "--part", choices=("rules", "measurements", "few", "places", "rates"), help="one table; default all"
-    )
+    parser.add_argument("--part", choices=PARTS, help="one table; default all")
     parser.add_argument("--runs", type=Path, help="folder of training runs, one for each seed")
     parser.add_argument("--out", type=Path, help="X.png: figures X-light.png and X-dark.png of their curves to write")
     arguments = parse(parser)
@@ -280,8 +351,13 @@ def main() -> None:
             "tracking-plain, three on three, hard, by what is measured",
             lambda: measurements(worlds, seed),
         ),
+        "depths": (
+            "tracking-plain with AUVs that turn freely, three on three, hard, by what is known of depths",
+            lambda: depths(worlds, seed),
+        ),
         "few": ("tracking-plain, fewer AUVs than targets", lambda: few(max(2, worlds // 2), seed)),
         "places": ("tracking", lambda: places(max(2, worlds // 4), seed)),
+        "rare": ("tracking, by the time between fixes", lambda: rare(max(2, worlds // 4), seed)),
         "rates": ("steps of all worlds in a second of a processor, hard", lambda: rates(TEAMS, max(64, 4 * worlds))),
     }
     chosen = [arguments.part] if arguments.part else parts

@@ -230,9 +230,9 @@ STATE = {
     ),
     "own": Array(
         "WK",
-        "the state of these filters that each AUV has, and has moved on",
+        "the state of these filters that each AUV has and has moved on, with its covariance, and since when, s",
         whose="the reckoning of AUV",
-        column_ranges=TRACK[: tracker.STATE],
+        column_ranges=TRACK[: tracker.OWN_COLUMNS],
     ),
     "exchange": Array("WK", "exchanges over the channel", ExchangeColumn, whose="the exchange with AUV"),
     "foresight": Array("WK", "where the boats foresee each AUV", ForesightColumn),

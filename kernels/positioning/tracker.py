@@ -35,7 +35,8 @@ X, Y, CURRENT_X, CURRENT_Y = range(4)
 XX, XY, XU, XV, YY, YU, YV, UU, UV, VV = range(4, 14)
 REJECTIONS, REJECTED_X, REJECTED_Y, REJECTED_AGE = range(14, 18)
 COLUMNS = 18
-STATE = 4  # columns of the state
+AGE = 14  # where an AUV has the state and its covariance from the boat, the column of the time since, s
+OWN_COLUMNS = 15
 CONFIRMATIONS = 3
 
 

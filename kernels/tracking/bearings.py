@@ -20,31 +20,33 @@ Sources: Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracki
 import taichi as ti
 
 from usvauv.kernels.functions import LANES, func
-from usvauv.kernels.tracking.hypotheses import KEPT, FilterColumn, WorkColumn, correct, see
+from usvauv.kernels.tracking.hypotheses import KEPT, OF, FilterColumn, WorkColumn, correct, see, sum_of, wide
 from usvauv.kernels.tracking.range_filter import USUAL, begin_hypotheses, groups_of
 from usvauv.kernels.trigonometry import circle, wrapped
-from usvauv.kernels.types import vec2, vec3
+from usvauv.kernels.types import vec2, vec3, vec4
 
 SPAN = 40.0  # farthest distance over the nearest at which a first bearing begins hypotheses
 RATIO = SPAN ** (1.0 / KEPT)
 
 
 @func
-def begin_ray(f: ti.template(), place: vec2, covariance: vec3, bearing, variance, farthest):
+def begin_ray(f: ti.template(), place: vec3, covariance: vec3, bearing, variance, farthest):
     """Begin hypotheses along the ray of the first bearing."""
     begin_hypotheses(f)
     c, s = circle(bearing)
+    span = f.depths[1] - f.depths[0]
+    depth = vec3(0.5 * (f.depths[0] + f.depths[1]), span * span / 12.0, 0.0)
     last = farthest
     for h in range(KEPT):
         first = last / RATIO
         distance, width = 0.5 * (first + last), last - first
         along, across = width * width / 12.0, distance * distance * variance
-        see(f, h, width / farthest, place, covariance, vec2(c, s), vec3(distance, along, across))
+        see(f, h, width / farthest, place, covariance, vec2(c, s), vec3(distance, along, across), depth)
         last = first
 
 
 @func
-def update(f: ti.template(), g, place: vec2, covariance: vec3, bearing, variance):
+def update(f: ti.template(), g, place: vec3, covariance: vec3, bearing, variance):
     """Update a group of hypotheses by a bearing."""
     work = ti.static(f.work)
     dx, dy = work[WorkColumn.x, g] - place[0], work[WorkColumn.y, g] - place[1]
@@ -58,13 +60,11 @@ def update(f: ti.template(), g, place: vec2, covariance: vec3, bearing, variance
     g2 = g1 * g1
     own = s * s * covariance[0] - 2.0 * c * s * covariance[1] + c * c * covariance[2]
     S = g2 * (across + own + g2 * (along * across + both * both)) + variance
-    of = [
-        g1 * sideways_x,
-        g1 * sideways_y,
-        g1 * (c * work[WorkColumn.yu, g] - s * work[WorkColumn.xu, g]),
-        g1 * (c * work[WorkColumn.yv, g] - s * work[WorkColumn.xv, g]),
-    ]
+    of = [g1 * (c * work[OF[a][1], g] - s * work[OF[a][0], g]) for a in ti.static(range(f.axes))]
     correct(f, g, of, wrapped(bearing - angle(dx, dy, work.width) + both * g2), S, variance)
+    weight = g1 * work[WorkColumn.share, g] / S
+    x, y = weight * of[0], weight * of[1]
+    return 0.0 - x * s, x * c, 0.0 - y * s, y * c
 
 
 @func
@@ -77,20 +77,31 @@ def angle(x, y, width: ti.template()):
 
 
 @func
-def observe_bearing(f: ti.template(), place: vec2, covariance: vec3, bearing, variance, farthest):
+def observe_bearing(f: ti.template(), place: vec3, covariance: vec3, bearing, variance, farthest):
     """Update a filter by a bearing.
 
     Args:
         f: a `Filter`, after `usvauv.kernels.tracking.range_filter.predict`.
-        place: of the observer, m.
+        place: of the observer, x, y and depth, m.
         covariance: of that, (xx, xy, yy), m²; 0 where it is exact.
         bearing: measured, anticlockwise from east, rad.
         variance: of its error, rad², above 0.
         farthest: largest distance at which the target can be, m; used with the first bearing.
+
+    Returns:
+        as `usvauv.kernels.tracking.ranges.observe_range`.
     """
+    moved = vec4(1.0, 0.0, 0.0, 1.0)
     if f.head[FilterColumn.count] == 0.0:
         begin_ray(f, place, covariance, bearing, variance, farthest)
     else:
         f.head[FilterColumn.surprise] = f.head[FilterColumn.surprise] - USUAL
+        sums = [wide(0.0, f.work.width) for _ in ti.static(range(4))]
         for g in range(groups_of(f)):
-            update(f, g, place, covariance, bearing, variance)
+            xx, xy, yx, yy = update(f, g, place, covariance, bearing, variance)
+            sums[0] += xx
+            sums[1] += xy
+            sums[2] += yx
+            sums[3] += yy
+        moved = vec4([sum_of(sums[n], f.work.width) for n in ti.static(range(4))])
+    return moved

@@ -1,9 +1,10 @@
 """Hypotheses of a target: Gaussians of position and velocity with weights, side by side.
 
 AUV k of world w has a filter of target i, a row of float32 numbers: its estimate, `FilterColumn`, and from `FIRST` on
-`KEPT` hypotheses, column by column of `HypothesisColumn`. Within a step there are up to `CAPACITY` of them, with the
-columns `WorkColumn`, in a workspace. On a CPU a vector has `LANES` hypotheses; on a GPU each is by itself, a group of
-one. An empty place has the share 0.
+`KEPT` hypotheses, column by column of `HypothesisColumn`, of which those from `z` on are only in filters of targets
+whose depth is not known. Within a step there are up to `CAPACITY` of them, with the columns `WorkColumn`, in a
+workspace. On a CPU a vector has `LANES` hypotheses; on a GPU each is by itself, a group of one. An empty place has the
+share 0.
 """
 
 from collections.abc import Callable
@@ -57,12 +58,20 @@ class HypothesisColumn(Columns):
     uu: int
     uv: int
     vv: int
+    z: int  # depth, m
+    xz: int
+    yz: int
+    uz: int
+    vz: int
+    zz: int
 
 
-WIDTH = len(HypothesisColumn.names)
-STATE = HypothesisColumn.x  # first column of the mean
-COVARIANCE = HypothesisColumn.xx  # and of the covariance
-PAIRS = [(a, b) for a in range(4) for b in range(a, 4)]  # what the columns of the covariance are of
+LEVEL = HypothesisColumn.z  # columns of a hypothesis of a target of known depth
+WIDTH = len(HypothesisColumn.names)  # and of unknown depth
+MEAN = [*range(WIDTH)[HypothesisColumn.span("x", "vy")], HypothesisColumn.z]
+COVARIANCE = [*range(WIDTH)[HypothesisColumn.span("xx", "vv")], *range(WIDTH)[HypothesisColumn.span("xz", "zz")]]
+PAIRS = [*((a, b) for a in range(4) for b in range(a, 4)), *((a, 4) for a in range(5))]  # what its columns are of
+OF = [[COVARIANCE[PAIRS.index((min(a, b), max(a, b)))] for b in range(5)] for a in range(5)]  # column of each pair
 # Of a hypothesis within a step besides: the sum of squared innovations over their variances, the product of these
 # variances over those of the measurements alone, the probability that it turns, the place of one that does, and what
 # `usvauv.kernels.tracking.mixture` needs: what is left to take in, at which distance it is, and the metric.
@@ -73,13 +82,16 @@ WorkColumn = columns(
     *("metric_uu", "metric_uv", "metric_vv"),
 )
 FIRST = LANES  # the columns between `FilterColumn` and this one are the caller's
-COLUMNS = FIRST + KEPT * WIDTH
-ROWS = COLUMNS // LANES  # a filter's vectors
 ROOM = len(WorkColumn.names) * CAPACITY // LANES  # vectors of a workspace
 # Least and greatest number of each column.
 ANYWHERE, FLAG, STEPS = (-1e12, 1e12), (0.0, 1.0), (0.0, 1e8)
 HEAD_BOUNDS = 7 * (ANYWHERE,) + (FLAG, FLAG, STEPS, (0.0, float(CAPACITY)), ANYWHERE)
-BOUNDS = KEPT * ((0.0, 1.01),) + (WIDTH - 1) * KEPT * ((-1e25, 1e25),)  # from `FIRST` on
+SHARE, NUMBER = (0.0, 1.01), (-1e25, 1e25)  # of hypotheses: the first column, and the others
+
+
+def columns_of(depth_unknown: bool) -> int:
+    """Columns of a filter."""
+    return FIRST + KEPT * (WIDTH if depth_unknown else LEVEL)
 
 
 class Head(tuple[Any, ...]):
@@ -134,22 +146,51 @@ class Filter(NamedTuple):
         head: its `FilterColumn`, `head[column]`.
         kept: its hypotheses from one step to the next, `HypothesisColumn`.
         work: those within a step, `WorkColumn`.
+        depth_unknown: whether hypotheses have the target's depth.
+        depths: limits of the depth, m; both are the depth where it is known.
     """
 
     head: Head
     kept: Cells
     work: Cells
+    depth_unknown: bool
+    depths: Any
+
+    @property
+    def axes(self) -> int:
+        """Numbers of the mean of a hypothesis."""
+        return len(MEAN) if self.depth_unknown else len(MEAN) - 1
+
+    @property
+    def pairs(self) -> int:
+        """Numbers of its covariance."""
+        return self.axes * (self.axes + 1) // 2
+
+    @property
+    def columns(self) -> int:
+        """Its columns."""
+        return WIDTH if self.depth_unknown else LEVEL
 
 
-def filter_of(filters: Any, rows: Any, room: Any, at: tuple[Any, Any, Any], place: Any, in_lanes: bool) -> Filter:
+def filter_of(
+    filters: Any,
+    rows: Any,
+    room: Any,
+    at: tuple[Any, Any, Any],
+    place: Any,
+    in_lanes: bool,
+    depth_unknown: bool,
+    depths: Any,
+) -> Filter:
     """A filter for the functions of this package; called while a kernel is compiled.
 
     Args:
-        filters: argument of the kernel, (W, K, M, C) float32, C a multiple of `LANES`, at least `COLUMNS`.
+        filters: argument of the kernel, (W, K, M, C) float32, C a multiple of `LANES`, at least `columns_of`.
         rows: all its numbers as vectors of `LANES`, (W K M C / LANES,); not used without lanes.
         room: workspaces, (rooms, ROOM) vectors of `LANES`, for one filter from `predict` to `finish` each.
         at: w, k and i of the filter. place: of its workspace.
         in_lanes: whether hypotheses stand side by side.
+        depth_unknown, depths: see `Filter`.
     """
     w, k, i = at
 
@@ -167,10 +208,12 @@ def filter_of(filters: Any, rows: Any, room: Any, at: tuple[Any, Any, Any], plac
 
     head = Head((filters, at))
     if not in_lanes:
-        return Filter(head, Cells(of_filter, FIRST, KEPT, 1), Cells(of_lane, 0, CAPACITY, 1))
+        kept, work = Cells(of_filter, FIRST, KEPT, 1), Cells(of_lane, 0, CAPACITY, 1)
+        return Filter(head, kept, work, depth_unknown, depths)
     size = filters.shape
     first = impl.expr_init(((w * size[1] + k) * size[2] + i) * (size[3] // LANES) + FIRST // LANES)
-    return Filter(head, Cells(of_row, first, KEPT // LANES, LANES), Cells(of_room, 0, CAPACITY // LANES, LANES))
+    kept, work = Cells(of_row, first, KEPT // LANES, LANES), Cells(of_room, 0, CAPACITY // LANES, LANES)
+    return Filter(head, kept, work, depth_unknown, depths)
 
 
 @func
@@ -215,17 +258,18 @@ def exponential(x, width: ti.template()):
 
 
 @func
-def see(f: ti.template(), h, share, place: vec2, covariance: vec3, direction: vec2, along_across: vec3):
+def see(f: ti.template(), h, share, place: vec3, covariance: vec3, direction: vec2, along_across: vec3, depth: vec3):
     """Write hypothesis h of a first measurement from a place; its velocity is unknown, and 0 until it is set.
 
     Args:
         place, covariance: of the observer, m, and (xx, xy, yy), m².
         direction: of the line of sight, a unit vector.
-        along_across: distance, m, and variances of the measurement along and across the line of sight, m².
+        along_across: horizontal distance, m, and variances of it and across the line of sight, m².
+        depth: mean, variance, and covariance with that distance, m and m².
     """
     distance, along, across = along_across[0], along_across[1], along_across[2]
     c, s = direction[0], direction[1]
-    for column in ti.static(range(WIDTH)):
+    for column in ti.static(range(f.columns)):
         f.work.one[column, h] = 0.0
     f.work.one[WorkColumn.share, h] = share
     f.work.one[WorkColumn.x, h] = place[0] + distance * c
@@ -235,6 +279,11 @@ def see(f: ti.template(), h, share, place: vec2, covariance: vec3, direction: ve
     f.work.one[WorkColumn.yy, h] = covariance[2] + s * s * along + c * c * across
     f.work.one[WorkColumn.square, h] = 0.0
     f.work.one[WorkColumn.volume, h] = 1.0
+    if ti.static(f.depth_unknown):
+        f.work.one[WorkColumn.z, h] = depth[0]
+        f.work.one[WorkColumn.xz, h] = c * depth[2]
+        f.work.one[WorkColumn.yz, h] = s * depth[2]
+        f.work.one[WorkColumn.zz, h] = depth[1]
 
 
 @func
@@ -242,15 +291,15 @@ def adjust(f: ti.template(), g, of: ti.template(), precision, innovation):
     """Adjust mean and covariance of a group of hypotheses to a number.
 
     Args:
-        of: covariances of the number with x, y, u and v.
+        of: covariances of the number with x, y, u, v and z.
         precision: inverse of the variance of its innovation. innovation: the number less what was expected.
     """
     weighted = precision * innovation
-    scaled = [precision * of[a] for a in ti.static(range(4))]
-    for a in ti.static(range(4)):
-        f.work[STATE + a, g] = f.work[STATE + a, g] + weighted * of[a]
-    for n in ti.static(range(len(PAIRS))):
-        f.work[COVARIANCE + n, g] = f.work[COVARIANCE + n, g] - scaled[PAIRS[n][0]] * of[PAIRS[n][1]]
+    scaled = [precision * of[a] for a in ti.static(range(f.axes))]
+    for a in ti.static(range(f.axes)):
+        f.work[MEAN[a], g] = f.work[MEAN[a], g] + weighted * of[a]
+    for n in ti.static(range(f.pairs)):
+        f.work[COVARIANCE[n], g] = f.work[COVARIANCE[n], g] - scaled[PAIRS[n][0]] * of[PAIRS[n][1]]
 
 
 @func
@@ -258,7 +307,7 @@ def correct(f: ti.template(), g, of: ti.template(), innovation, S, variance):
     """Update a group of hypotheses by a measurement of one number, by the Kalman filter.
 
     Args:
-        of: covariances of the number with x, y, u and v.
+        of: covariances of the number with x, y, u, v and z.
         innovation: the number less what was expected. S: variance of that. variance: of the measurement alone.
     """
     precision = 1.0 / S

@@ -2,7 +2,8 @@
 
 From the heaviest on, each hypothesis takes in those within a squared distance D of its mean, in units of its own
 covariance: D < `ALIKE`, or D times the lighter one's share of all weights below `LIGHT`, since what a light one adds to
-the mixture's error is in proportion to its weight. The merged Gaussian has the moments of both.
+the mixture's error is in proportion to its weight. The merged Gaussian has the moments of both. Depths do not count in
+the distance.
 
 Source: Salmond, "Mixture reduction algorithms for point and extended object tracking in clutter", IEEE Trans. AES 45
 (2009), doi 10.1109/TAES.2009.5089549.
@@ -15,9 +16,8 @@ from usvauv.kernels.tracking.hypotheses import (
     CAPACITY,
     COVARIANCE,
     KEPT,
+    MEAN,
     PAIRS,
-    STATE,
-    WIDTH,
     FilterColumn,
     HypothesisColumn,
     WorkColumn,
@@ -27,7 +27,7 @@ from usvauv.kernels.tracking.hypotheses import (
 )
 
 ALIKE = 0.5
-LIGHT = 0.015  # both by simulations: smaller ones make filters too confident, larger ones lose turns among the straight
+LIGHT = 0.0075  # both by simulations: with smaller ones filters are too confident, with larger ones they lose turns
 AGES = 0.25  # squared distance of two hypotheses whose last turns are a step apart
 LEAST = 1e-9  # m²/s²
 PLACE = CAPACITY - 1  # last bits of a weight that have the hypothesis's place
@@ -105,23 +105,23 @@ def take_away(f: ti.template(), groups, h, best, own: ti.template()):
 @func
 def add(f: ti.template(), h, own: ti.template(), sums: ti.template()):
     """Add the moments of hypothesis h from the mean of one with the columns `own`, times its weight."""
-    one = [f.work.one[c, h] for c in ti.static(range(WIDTH))]
-    d = [one[n] - own[n] for n in ti.static(range(COVARIANCE))]
+    one = [f.work.one[c, h] for c in ti.static(range(f.columns))]
+    d = [one[MEAN[a]] - own[MEAN[a]] for a in ti.static(range(f.axes))]
     sums[0] += one[0]
-    for n in ti.static(range(1, COVARIANCE)):
-        sums[n] += one[0] * d[n]
-    for n in ti.static(range(len(PAIRS))):
-        both = d[STATE + PAIRS[n][0]] * d[STATE + PAIRS[n][1]]
-        sums[COVARIANCE + n] += one[0] * (one[COVARIANCE + n] + both)
+    sums[HypothesisColumn.age] += one[0] * (one[HypothesisColumn.age] - own[HypothesisColumn.age])
+    for a in ti.static(range(f.axes)):
+        sums[MEAN[a]] += one[0] * d[a]
+    for n in ti.static(range(f.pairs)):
+        sums[COVARIANCE[n]] += one[0] * (one[COVARIANCE[n]] + d[PAIRS[n][0]] * d[PAIRS[n][1]])
 
 
 @func
 def merge(f: ti.template(), groups, own: ti.template(), to):
     """Write the moments of a hypothesis, whose columns are `own`, and all that are taken to place `to`."""
     work, width = ti.static(f.work, f.work.width)
-    sums = [own[0]] + [0.0 for _ in ti.static(range(1, WIDTH))]
-    for n in ti.static(range(COVARIANCE, WIDTH)):
-        sums[n] = own[0] * own[n]
+    sums = [own[0]] + [0.0 for _ in ti.static(range(1, f.columns))]
+    for n in ti.static(range(f.pairs)):
+        sums[COVARIANCE[n]] = own[0] * own[COVARIANCE[n]]
     for g in range(groups):
         if ti.static(width == 1):
             if work[WorkColumn.taken, g] > 0.0:
@@ -134,13 +134,14 @@ def merge(f: ti.template(), groups, own: ti.template(), to):
                 add(f, LANES * g + n, own, sums)
                 taken -= ti.bit_cast((n + 127) << 23, ti.f32)
     whole = 1.0 / sums[0]
-    mean = [whole * sums[n] for n in ti.static(range(COVARIANCE))]
+    age = ti.static(HypothesisColumn.age)
+    mean = [whole * sums[MEAN[a]] for a in ti.static(range(f.axes))]
     f.kept.one[HypothesisColumn.share, to] = sums[0]
-    for n in ti.static(range(1, COVARIANCE)):
-        f.kept.one[n, to] = own[n] + mean[n]
-    for n in ti.static(range(len(PAIRS))):
-        both = mean[STATE + PAIRS[n][0]] * mean[STATE + PAIRS[n][1]]
-        f.kept.one[COVARIANCE + n, to] = whole * sums[COVARIANCE + n] - both
+    f.kept.one[age, to] = own[age] + whole * sums[age]
+    for a in ti.static(range(f.axes)):
+        f.kept.one[MEAN[a], to] = own[MEAN[a]] + mean[a]
+    for n in ti.static(range(f.pairs)):
+        f.kept.one[COVARIANCE[n], to] = whole * sums[COVARIANCE[n]] - mean[PAIRS[n][0]] * mean[PAIRS[n][1]]
 
 
 @func
@@ -155,12 +156,12 @@ def reduce(f: ti.template(), groups):
     kept, best = 0, most_of(most, width)
     while kept < KEPT and best > 0.0:
         h = ti.bit_cast(best, ti.i32) & PLACE
-        own = [f.work.one[c, h] for c in ti.static(range(WIDTH))]
+        own = [f.work.one[c, h] for c in ti.static(range(f.columns))]
         best, others = take_away(f, groups, h, best, own)
         if others > 0.0:
             merge(f, groups, own, kept)
         else:
-            for c in ti.static(range(WIDTH)):
+            for c in ti.static(range(f.columns)):
                 f.kept.one[c, kept] = own[c]
         kept += 1
     f.head[FilterColumn.count] = ti.cast(kept, ti.f32)

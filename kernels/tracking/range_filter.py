@@ -1,23 +1,19 @@
-"""An AUV's filter of a moving target from ranges: a mixture of Gaussian hypotheses.
+"""An AUV's filter of a moving target: a mixture of Gaussian hypotheses.
 
 The target keeps its speed, within known limits, and turns at random: by an angle of either sign, after a number of
 steps since the last turn, both uniform between limits. Between turns its velocity walks a little. Over a step T, the
 velocity v turned by θ,
 
-    v ← R(θ) v + w,   x ← x + T v,   w ~ N(0, q² I),   range = |x − o| + n,   n ~ N(0, σ²),
+    v ← R(θ) v + w,   x ← x + T v,   w ~ N(0, q² I).
 
-o the place of the observer, itself known with a covariance, of which the part along the line of sight adds to σ².
+Its depth is constant; where only limits of it are known, it is one more number of the state.
 
 One mechanism does both that a range only tells of a ring and that a turn shows later: a hypothesis is a Gaussian with
-a weight. The first range begins `KEPT` of them round the ring. In a step each moves on straight, and the heaviest of
-those that can turn also begin hypotheses of a turn, one for each quarter of the angles (left and right, less and more);
-mean and covariance of R(θ) v over a quarter are exact, by the moments of cos θ and cos 2θ. A range updates each by an
-extended Kalman filter of second order in the direction across the line of sight,
-
-    ẑ = √(d² + P_⊥),   S = (d/ẑ)² P_∥ + R + ½ (P_⊥/ẑ)²,
-
-d the distance of the mean, P_∥ and P_⊥ the variance along and across the line of sight. At the end of a step light
-hypotheses merge into heavy ones that they resemble, by their moments, and the lightest are forgotten.
+a weight. The first range begins `KEPT` of them round the ring (`usvauv.kernels.tracking.ranges`). In a step each moves
+on straight, and the heaviest of those that can turn also begin hypotheses of a turn, one for each quarter of the angles
+(left and right, less and more); mean and covariance of R(θ) v over a quarter are exact, by the moments of cos θ and
+cos 2θ. At the end of a step light hypotheses merge into heavy ones that they resemble, by their moments, and the
+lightest are forgotten.
 
 A speed less well known than by its limits is taken as measured, with the variance after which it is as well known. The
 time of the last turn counts, since it says when the next one can come: each hypothesis has it.
@@ -27,10 +23,11 @@ over that of one without error and of the same variance, is on average −½ ln(
 several, and the sum of what is missing exceeds `LOST`, the filter begins anew with the next range, until which the
 estimate stays.
 
-A mission calls, for one filter after the other, `predict`, `observe_range` for each range that arrives, and `finish`.
+A mission calls, for one filter after the other, `predict`, `ranges.observe_range` for each range that arrives, and
+`finish`.
 
-Sources: Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking and Navigation" (2001), §10.3
-(second-order filter), §11.6 (several models); Salmond, "Mixture reduction algorithms for point and extended object
+Sources: Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracking and Navigation" (2001), §11.6
+(several models); Salmond, "Mixture reduction algorithms for point and extended object
 tracking in clutter", IEEE Trans. AES 45 (2009), doi 10.1109/TAES.2009.5089549.
 """
 
@@ -42,16 +39,13 @@ from usvauv.kernels.functions import LANES, func
 from usvauv.kernels.tracking import mixture
 from usvauv.kernels.tracking.hypotheses import (
     CAPACITY,
-    COLUMNS,
     KEPT,
-    WIDTH,
+    OF,
     FilterColumn,
     WorkColumn,
     adjust,
-    correct,
     exponential,
     most_of,
-    see,
     sum_of,
     wide,
 )
@@ -68,13 +62,6 @@ LEAST_SPEED_VARIANCE = 1e-4  # m²/s²
 FORGOTTEN = math.exp(-8.0)  # weight, over the heaviest
 PLACE = [WorkColumn.x, WorkColumn.y, WorkColumn.xx, WorkColumn.xy, WorkColumn.yy]
 SLOPES = [WorkColumn.xu, WorkColumn.xv, WorkColumn.yu, WorkColumn.yv]
-# Columns of the covariances of x, y, u and v with u and with v.
-OF_VELOCITY = [
-    (WorkColumn.xu, WorkColumn.xv),
-    (WorkColumn.yu, WorkColumn.yv),
-    (WorkColumn.uu, WorkColumn.uv),
-    (WorkColumn.uv, WorkColumn.vv),
-]
 
 
 @ti.dataclass
@@ -103,7 +90,7 @@ class Motion:
 @func
 def begin(filters: ti.template(), w, k, i):
     """Begin filter (w, k, i) of (W, K, M, C) float32, which knows nothing."""
-    for c in range(COLUMNS):
+    for c in range(filters.shape[3]):
         filters[w, k, i, c] = 0.0
 
 
@@ -136,7 +123,7 @@ def limit(f: ti.template(), g, motion: Motion):
     squared, trace = u * u + v * v, work[WorkColumn.uu, g] + work[WorkColumn.vv, g]
     speed = ti.sqrt(squared) + 1e-12
     c, s = u / speed, v / speed
-    of = [c * work[a, g] + s * work[b, g] for a, b in ti.static(OF_VELOCITY)]
+    of = [c * work[OF[a][2], g] + s * work[OF[a][3], g] for a in ti.static(range(f.axes))]
     along = c * of[2] + s * of[3]
     width = motion.fastest - motion.slowest
     least = ti.max(width * width / 12.0, LEAST_SPEED_VARIANCE)
@@ -181,6 +168,17 @@ def go(f: ti.template(), place: ti.template(), velocity: ti.template(), B: ti.te
 
 
 @func
+def keep_depth(f: ti.template(), one: ti.template(), uz, vz, to, T):
+    """Write the depth of a group of hypotheses of the columns `one` before and new covariances uz and vz."""
+    f.work[WorkColumn.z, to] = one[WorkColumn.z]
+    f.work[WorkColumn.zz, to] = one[WorkColumn.zz]
+    f.work[WorkColumn.uz, to] = uz
+    f.work[WorkColumn.vz, to] = vz
+    f.work[WorkColumn.xz, to] = one[WorkColumn.xz] + T * uz
+    f.work[WorkColumn.yz, to] = one[WorkColumn.yz] + T * vz
+
+
+@func
 def turn(f: ti.template(), one: ti.template(), arc: ti.template(), to, motion: Motion):
     """Write a group of hypotheses whose velocities turn by angles with the moments `arc`; `one`: columns before."""
     c, s, c2, s2 = arc[0], arc[1], arc[2], arc[3]
@@ -200,6 +198,9 @@ def turn(f: ti.template(), one: ti.template(), arc: ti.template(), to, motion: M
     place = [one[n] for n in ti.static(PLACE)]
     f.work[WorkColumn.age, to] = wide(0.0, f.work.width)
     go(f, place, velocity, B, C, to, motion.step)
+    if ti.static(f.depth_unknown):
+        uz, vz = one[WorkColumn.uz], one[WorkColumn.vz]
+        keep_depth(f, one, c * uz - s * vz, s * uz + c * vz, to, motion.step)
 
 
 @func
@@ -213,7 +214,7 @@ def turns(f: ti.template(), turning, first, motion: Motion):
     if ti.static(f.work.width == 1):
         for n in range(turning):
             h = ti.cast(one[WorkColumn.turning, n], ti.i32)
-            columns = [one[c, h] for c in ti.static(range(WIDTH))]
+            columns = [one[c, h] for c in ti.static(range(f.columns))]
             for t in ti.static(range(TURNS)):
                 turn(f, columns, each[t], first + TURNS * n + t, motion)
                 one[WorkColumn.share, first + TURNS * n + t] = one[WorkColumn.turn, h] * columns[0] / TURNS
@@ -227,7 +228,7 @@ def turns(f: ti.template(), turning, first, motion: Motion):
                 for n in ti.static(range(TOGETHER))
             ]
             columns = [
-                ti.Vector([one[c, h[n // TURNS]] for n in ti.static(range(LANES))]) for c in ti.static(range(WIDTH))
+                ti.Vector([one[c, h[n // TURNS]] for n in ti.static(range(LANES))]) for c in ti.static(range(f.columns))
             ]
             turn(f, columns, arc, first + g, motion)
             f.work[WorkColumn.share, first + g] = ti.Vector([share[n // TURNS] for n in ti.static(range(LANES))])
@@ -255,7 +256,7 @@ def predict(f: ti.template(), motion: Motion):
         begin_velocities(f, motion)
     groups = groups_of(f)
     for g in range(groups):
-        for c in ti.static(range(WIDTH)):
+        for c in ti.static(range(f.columns)):
             work[c, g] = f.kept[c, g]
         limit(f, g, motion)
         age = work[WorkColumn.age, g] + 1.0
@@ -271,11 +272,13 @@ def predict(f: ti.template(), motion: Motion):
     turns(f, turning, groups, motion)
     noise = motion.walk * motion.walk
     for g in range(groups):
-        one = [work[c, g] for c in ti.static(range(WIDTH))]
+        one = [work[c, g] for c in ti.static(range(f.columns))]
         place, B = [one[n] for n in ti.static(PLACE)], [one[n] for n in ti.static(SLOPES)]
         C = [one[WorkColumn.uu] + noise, one[WorkColumn.uv], one[WorkColumn.vv] + noise]
         work[WorkColumn.share, g] = one[0] * (1.0 - work[WorkColumn.turn, g])
         go(f, place, [one[WorkColumn.vx], one[WorkColumn.vy]], B, C, g, motion.step)
+        if ti.static(f.depth_unknown):
+            keep_depth(f, one, one[WorkColumn.uz], one[WorkColumn.vz], g, motion.step)
     groups += (turning * TURNS + work.width - 1) // work.width
     head[FilterColumn.count] = ti.cast(groups * work.width, ti.f32)
 
@@ -289,67 +292,20 @@ def carry(f: ti.template(), way: vec2):
 
 
 @func
+def loosen(f: ti.template(), covariance: vec3):
+    """Add a covariance (xx, xy, yy), m², to the place of all hypotheses."""
+    for g in range(groups_of(f)):
+        f.work[WorkColumn.xx, g] = f.work[WorkColumn.xx, g] + covariance[0]
+        f.work[WorkColumn.xy, g] = f.work[WorkColumn.xy, g] + covariance[1]
+        f.work[WorkColumn.yy, g] = f.work[WorkColumn.yy, g] + covariance[2]
+
+
+@func
 def begin_hypotheses(f: ti.template()):
     """Count the hypotheses of a first measurement, which are `KEPT`; their velocities follow in the next prediction."""
     f.head[FilterColumn.known] = 1.0
     f.head[FilterColumn.fresh] = 1.0
     f.head[FilterColumn.count] = KEPT
-
-
-@func
-def begin_ring(f: ti.template(), place: vec2, covariance: vec3, distance, variance):
-    """Begin hypotheses round the ring of the first range."""
-    begin_hypotheses(f)
-    radius = ti.max(distance, 0.0)
-    half = math.pi / KEPT * radius
-    across = ti.max(half * half, variance)
-    for h in range(KEPT):
-        c, s = circle(2.0 * math.pi / KEPT * ti.cast(h, ti.f32))
-        see(f, h, 1.0 / KEPT, place, covariance, vec2(c, s), vec3(radius, variance, across))
-
-
-@func
-def update(f: ti.template(), g, place: vec2, covariance: vec3, distance, variance):
-    """Update a group of hypotheses by a range."""
-    work = ti.static(f.work)
-    dx, dy = work[WorkColumn.x, g] - place[0], work[WorkColumn.y, g] - place[1]
-    away = ti.sqrt(dx * dx + dy * dy) + 1e-6
-    c, s = dx / away, dy / away
-    xx, xy, yy = work[WorkColumn.xx, g], work[WorkColumn.xy, g], work[WorkColumn.yy, g]
-    along_x, along_y = xx * c + xy * s, xy * c + yy * s
-    along = c * along_x + s * along_y
-    across = ti.max(xx + yy - along, 0.0)
-    expected = ti.sqrt(away * away + across)
-    share, bend = away / expected, across / expected
-    own = c * c * covariance[0] + 2.0 * c * s * covariance[1] + s * s * covariance[2]
-    S = share * share * along + variance + own + 0.5 * bend * bend
-    c, s = share * c, share * s
-    of = [
-        share * along_x,
-        share * along_y,
-        c * work[WorkColumn.xu, g] + s * work[WorkColumn.yu, g],
-        c * work[WorkColumn.xv, g] + s * work[WorkColumn.yv, g],
-    ]
-    correct(f, g, of, distance - expected, S, variance)
-
-
-@func
-def observe_range(f: ti.template(), place: vec2, covariance: vec3, distance, variance):
-    """Update a filter by a range.
-
-    Args:
-        f: a `Filter`, after `predict`.
-        place: of the observer, m.
-        covariance: of that, (xx, xy, yy), m²; 0 where it is exact.
-        distance: measured, horizontally, m.
-        variance: of its error, m², above 0.
-    """
-    if f.head[FilterColumn.count] == 0.0:
-        begin_ring(f, place, covariance, distance, variance)
-    else:
-        f.head[FilterColumn.surprise] = f.head[FilterColumn.surprise] - USUAL
-        for g in range(groups_of(f)):
-            update(f, g, place, covariance, distance, variance)
 
 
 @func
@@ -385,8 +341,8 @@ def weigh(f: ti.template()):
 
 
 @func
-def estimate(f: ti.template()):
-    """Write the moments of all hypotheses."""
+def estimate(f: ti.template(), common: vec3):
+    """Write the moments of all hypotheses, with an error that is common to them."""
     width, work, head = ti.static(f.work.width, f.work, f.head)
     x0, y0 = work.one[WorkColumn.x, 0], work.one[WorkColumn.y, 0]
     sums = [wide(0.0, width) for _ in ti.static(range(7))]
@@ -405,18 +361,22 @@ def estimate(f: ti.template()):
     head[FilterColumn.y] = y0 + mean[1]
     head[FilterColumn.vx] = mean[2]
     head[FilterColumn.vy] = mean[3]
-    head[FilterColumn.xx] = mean[4] - mean[0] * mean[0]
-    head[FilterColumn.xy] = mean[5] - mean[0] * mean[1]
-    head[FilterColumn.yy] = mean[6] - mean[1] * mean[1]
+    head[FilterColumn.xx] = mean[4] - mean[0] * mean[0] + common[0]
+    head[FilterColumn.xy] = mean[5] - mean[0] * mean[1] + common[1]
+    head[FilterColumn.yy] = mean[6] - mean[1] * mean[1] + common[2]
 
 
 @func
-def finish(f: ti.template()):
-    """End a step: write the estimate and reduce the hypotheses."""
+def finish(f: ti.template(), common: vec3):
+    """End a step: write the estimate and reduce the hypotheses.
+
+    Args:
+        common: covariance (xx, xy, yy) of an error of all hypotheses' places that is not in theirs, m².
+    """
     head = ti.static(f.head)
     if head[FilterColumn.count] > 0.0:
         surprise = ti.max(head[FilterColumn.surprise] - weigh(f), 0.0)
-        estimate(f)
+        estimate(f, common)
         if surprise > LOST:
             surprise = 0.0
             head[FilterColumn.count] = 0.0

@@ -23,7 +23,7 @@ SHIPPED = {
     "pass": "passing:Pass",
     "keep": "travel:Keep",
     "circle": "tracking:Circle",
-    "greedy-information": "tracking:GreedyInformation",
+    "tree": "tracking:Tree",
     "random": "random_actions:Random",
 }
 heuristics: Registry[type[Heuristic]] = Registry(

@@ -1,4 +1,4 @@
-"""Following moving targets (task `tracking`): round one, or where the ranges to all of them say most."""
+"""Following moving targets (task `tracking`): round one, or where the ranges to all of them say most in a while."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ from usvauv.policies.heuristics.travel import Clear
 from usvauv.policies.policy import HeuristicWorld, number
 
 LOOKAHEAD = 1.5  # of a circle, over its radius
-COURSES = 16  # among which `GreedyInformation` chooses
-RANGES = 4  # of each AUV to each target that it foresees
+STEPS = 3  # that `Tree` looks ahead without an argument
+TURN, MOST = 0.726, 2  # rad in an interval, and turns to either side among which it chooses
 UNFORESEEN = 0.3  # share of its speed by which a target's velocity is uncertain
 EDGE = 25.0  # m, over which a range becomes unlikely at the largest one
-PULL = 20.0  # nats for a leash's length too far
+LEASH = 2.0  # of an AUV to its target, over the radius of its circle
+PULL = 10.0  # m² for each metre beyond it
 
 
 class Circle(Clear):
@@ -41,14 +42,20 @@ class Circle(Clear):
         super().__init__(name, world, argument)
         self.speed = self.scenario.reference.crab_speed
 
+    @staticmethod
+    def radius(scenario: Scenario) -> float:
+        """The scenario's radius of a circle, m."""
+        if not issubclass(scenario.task_definition.pair_columns or object, PairColumn):
+            raise ValueError(f"needs the task tracking, which scenario {scenario.name!r} does not have")
+        return scenario.reference.circle_radius
+
     @classmethod
     def parse(cls, text: str | None, scenario: Scenario) -> float:
-        if scenario.task_definition.pair_columns is not PairColumn:
-            raise ValueError(f"needs the task tracking, which scenario {scenario.name!r} does not have")
-        usual = getattr(scenario.reference, cls.reference)
-        radius = usual if text is None else number(text, "a distance in m, such as 60")
+        radius = cls.radius(scenario)
+        if text is not None:
+            radius = number(text, "a distance in m, such as 60")
         if not (math.isfinite(radius) and radius > 0.0):
-            raise ValueError(f"the {cls.parameter[0].lower()} must be above 0 m")
+            raise ValueError("the radius must be above 0 m")
         return radius
 
     def reach(self, track: Tensor, carried: Tensor) -> Tensor:
@@ -77,26 +84,43 @@ class Circle(Clear):
         return command(*self.steer(observation), self.scenario)
 
 
-class GreedyInformation(Circle):
-    """Each AUV in turn takes the course whose ranges add most information on all targets.
+class Tree(Circle):
+    """Each AUV in turn takes the way of a few intervals whose ranges leave the least errors of all targets.
 
-    The course maximises Σ ln |P⁻¹ + Σ uu′p/σ²| over the targets: P an AUV's covariance of a target's place, u the
-    directions of sight of the ranges that it foresees, its own and the others', p the probability that they are
-    measured. AUVs before it have chosen; those after it are taken to keep their course. AUV by AUV the sum is at least
-    half of the best: the information is submodular (Krause, Singh and Guestrin, 2008, JMLR 9, 235). It does not tell
-    that sight turns faster near a target, so each AUV is held to a leash of its own: beyond it, `PULL` is taken off.
+    In each interval an AUV turns by one of five angles, the same as in the one before or a neighbour. Of all ways it
+    takes the one with the least Σ tr P over intervals and targets, P an AUV's covariance of a target's place,
+
+        P ← (P + q² I),   P⁻¹ ← P⁻¹ + Σ p uu′/σ²,
+
+    q what the target's velocity may move it besides, u the directions of sight of the ranges, the AUV's own and those
+    of the others, p the probability that they are measured. AUVs before it have chosen; those after it are taken to
+    keep their courses. That sight turns faster near a target counts in more intervals than a search has, so each AUV is
+    held to a leash of its own target: `PULL` is added for each metre beyond it.
+
+    Source of the order of choices: Krause, Singh and Guestrin (2008), JMLR 9, 235.
     """
 
-    parameter = ("LEASH", "m")
+    reference = ""
+    parameter = ("STEPS", "intervals, 1 to 5, default 3")
     world: World
 
     def __init__(self, name: str, world: World, argument: float) -> None:
-        super().__init__(name, world, argument)
-        self.numbers = self.scenario.task_numbers
-        angle = torch.arange(COURSES, dtype=torch.float32, device="cpu") * (2.0 * math.pi / COURSES)
-        self.courses = torch.stack((angle.cos(), angle.sin()), -1)
-        self.times = self.numbers["interval"] * torch.arange(1.0, RANGES + 1.0, device="cpu")
+        super().__init__(name, world, self.radius(world.scenario))
+        self.numbers, steps = self.scenario.task_numbers, int(argument)
+        self.interval = self.numbers["interval"]
+        turns = torch.arange(-MOST, MOST + 1, device="cpu")
+        ways = torch.cartesian_prod(*[turns] * steps).view(-1, steps)
+        self.turns = TURN * ways[(ways.diff(dim=1).abs() <= 1).all(1)]  # (S, N), rad
+        self.times = self.interval * torch.arange(1.0, steps + 1.0, device="cpu")
         self.height = 0.5 * (self.numbers["depth_least"] + self.numbers["depth_most"]) - self.scenario.auv.depth
+
+    @classmethod
+    def parse(cls, text: str | None, scenario: Scenario) -> float:
+        cls.radius(scenario)
+        steps = STEPS if text is None else number(text, "a number of intervals, such as 3")
+        if steps not in range(1, 6):
+            raise ValueError("the steps must be 1 to 5")
+        return steps
 
     def own(self, pairs: Tensor) -> Tensor:
         """Its filter of its own target, (W, K, ·), of those of all targets, (W, K, M, ·)."""
@@ -110,45 +134,63 @@ class GreedyInformation(Circle):
         return places.to(like)
 
     def information(self, places: Tensor, targets: Tensor) -> Tensor:
-        """Information xx, xy, yy of ranges from places (..., 2) to targets (..., 2), (..., 3), 1/m²."""
+        """Information xx, xy, yy of ranges from places (..., 2) to targets (..., 2), (3, ...), 1/m²."""
         away = targets - places
         square = away.square().sum(-1).clamp_min(1.0)
         slant = (square + self.height**2).sqrt()
         measured = torch.sigmoid((self.numbers["range_most"] - slant) / EDGE) * (1.0 - self.numbers["range_loss"])
         share = measured / (self.numbers["range_noise"] ** 2 * slant.square())
         x, y = away.unbind(-1)
-        return share[..., None] * torch.stack((x * x, x * y, y * y), -1)
+        return share * torch.stack((x * x, x * y, y * y))
+
+    def variances(self, covariance: Tensor, information: Tensor) -> Tensor:
+        """Σ tr P over intervals and targets, (W, S), m².
+
+        Args:
+            covariance: xx, xy, yy at the start, (3, W, 1, M), m². information: of each interval, (3, W, S, N, M).
+        """
+        moved = (UNFORESEEN * self.numbers["target_speed_most"] * self.interval) ** 2
+        xx, xy, yy = covariance
+        total = torch.zeros((), device=covariance.device)
+        for n in range(information.shape[3]):
+            xx, yy = xx + moved, yy + moved
+            whole = (xx * yy - xy * xy).clamp_min(1e-6)
+            a, b, c = torch.stack((yy, -xy, xx)) / whole + information[:, :, :, n]
+            whole = (a * c - b * b).clamp_min(1e-12)
+            xx, xy, yy = c / whole, -b / whole, a / whole
+            total = total + (xx + yy).sum(-1)
+        return total
 
     def act(self, observation: Tensor) -> Tensor:
         pairs, times = self.world.task_pair.to(observation), self.times.to(observation)
         here, current = self.places(observation), self.world.current().to(observation)
-        mine, offset = self.own(pairs), self.target(observation) * self.scenario.area.diagonal
-        aim = here + offset + times[-1] * mine[..., PairColumn.span("vx", "vy")]  # its target in the end
-        place, velocity = (pairs[..., PairColumn.span(*names)] for names in (("x", "y"), ("vx", "vy")))
-        targets = place[:, :, None] + times[:, None, None] * velocity[:, :, None]  # (W, K, T, M, 2)
-        loose = (UNFORESEEN * self.numbers["target_speed_most"] * times[-1]) ** 2
-        xx, xy, yy = pairs[..., PairColumn.span("xx", "yy")].unbind(-1)
-        xx, yy = xx + loose, yy + loose
-        prior = torch.stack((yy, -xy, xx), -1) / (xx * yy - xy * xy)[..., None].clamp_min(1e-6)  # (W, K, M, 3)
         course = unit(self.world.water_velocity().to(observation))
-        going = self.speed * course + current
-        options = self.speed * self.courses.to(observation) + current[:, :, None]  # (W, K, C, 2)
+        angle = torch.atan2(course[..., 1], course[..., 0])[..., None, None] + self.turns.to(observation).cumsum(1)
+        heading = torch.stack((angle.cos(), angle.sin()), -1)  # (W, K, S, N, 2)
+        ways = here[:, :, None, None] + self.interval * (self.speed * heading + current[:, :, None, None]).cumsum(3)
+        place, velocity = (pairs[..., PairColumn.span(*names)] for names in (("x", "y"), ("vx", "vy")))
+        targets = place[:, :, None] + times[:, None, None] * velocity[:, :, None]  # (W, K, N, M, 2)
+        covariance = pairs[..., PairColumn.span("xx", "yy")].movedim(-1, 0)[:, :, :, None]  # (3, W, K, 1, M)
+        mine = self.own(pairs)
+        aim = mine[..., None, PairColumn.span("x", "y")] + times[:, None] * mine[..., None, PairColumn.span("vx", "vy")]
+        apart = (ways - aim[:, :, None]).norm(dim=-1)  # (W, K, S, N)
+        loss = PULL * (apart - LEASH * self.argument).clamp_min(0.0).sum(-1)
+        rows = torch.arange(len(here), device=here.device)
+        chosen = here[:, :, None] + times[:, None] * (self.speed * course + current)[:, :, None]  # (W, K, N, 2)
+        best = torch.zeros(here.shape[:2], dtype=torch.int64, device=here.device)
         for k in range(here.shape[1]):
-            ways = here[:, :, None] + times[:, None] * going[:, :, None]  # (W, K, T, 2)
             others = torch.arange(here.shape[1], device=here.device) != k
-            known = self.information(ways[:, others, :, None], targets[:, k, None]).sum((1, 2))  # (W, M, 3)
-            own = here[:, k, None, None] + times[:, None] * options[:, k, :, None]  # (W, C, T, 2)
-            added = self.information(own[..., None, :], targets[:, k, None]).sum(2)  # (W, C, M, 3)
-            a, b, c = (prior[:, k, None] + known[:, None] + added).unbind(-1)
-            gain = (a * c - b * b).clamp_min(1e-20).log().sum(-1)  # (W, C)
-            away = (own[:, :, -1] - aim[:, k, None]).norm(dim=-1)
-            gain = gain - PULL * (away / self.argument - 1.0).clamp_min(0.0)
-            best = gain.argmax(1)
-            going = going.clone()
-            going[:, k] = options[torch.arange(len(best), device=best.device), k, best]
-        heading = self.reach(self.clear(unit(going), observation), current)
-        return command(heading, self.speed, self.scenario)
+            known = self.information(chosen[:, others, :, None], targets[:, None, k]).sum(2)  # (3, W, N, M)
+            added = self.information(ways[:, k, :, :, None], targets[:, None, k])  # (3, W, S, N, M)
+            variances = self.variances(covariance[:, :, k], known[:, :, None] + added)
+            best[:, k] = (variances + loss[:, k]).argmin(1)
+            chosen = chosen.clone()
+            chosen[:, k] = ways[rows, k, best[:, k]]
+        first = heading.gather(2, best[..., None, None, None].expand(*best.shape, 1, *heading.shape[3:]))[:, :, 0, 0]
+        heading = self.reach(self.clear(first, observation), current)
+        found = command(heading, self.speed, self.scenario)
+        return torch.where(mine[..., PairColumn.span("known", "known")] > 0.0, found, super().act(observation))
 
 
 heuristics.register("circle", Circle)
-heuristics.register("greedy-information", GreedyInformation)
+heuristics.register("tree", Tree)

@@ -33,15 +33,16 @@ Array = np.ndarray
 
 
 def range_information(observers: Array, target: Array, deviation: float, depth: float | Array = 0.0) -> Array:
-    """Information of one range on a target's horizontal position, 1/m².
+    """Information of one range on a target's place, 1/m².
 
     Args:
-        observers: (..., 2) places, m. target: (..., 2), m.
+        observers: (..., n) places, m; n = 2, or 3 with the depth where that of the target is not known.
+        target: (..., n), m.
         deviation: σ of the (slant) range, m.
-        depth: known difference of depth, h, m; broadcast to (...).
+        depth: known difference of depth, h, m, where n = 2; broadcast to (...).
 
     Returns:
-        (..., 2, 2); 0 where the observer is straight above the target.
+        (..., n, n); 0 where the observer is straight above a target of known depth.
     """
     way = target - observers
     squared = (way**2).sum(-1) + np.square(depth)
@@ -59,26 +60,29 @@ def bearing_information(observers: Array, target: Array, deviation: float) -> Ar
 
 
 def tracking_bound(information: Array, start: Array, step: float, walk: float) -> Array:
-    """Posterior Cramér–Rao bound of a target's position and velocity after each step.
+    """Posterior Cramér–Rao bound of a target's position, velocity and, where it is not known, depth after each step.
 
     Args:
-        information: (T, 2, 2) of all measurements of a step, summed over observers and averaged over runs, 1/m². One of
-            which a share is lost counts with the probability that it arrives.
-        start: (4, 4) covariance of position (m) and velocity (m/s) before the first step, positive definite.
+        information: (T, n, n) of all measurements of a step, summed over observers and averaged over runs, 1/m². One of
+            which a share is lost counts with the probability that it arrives. n = 2, or 3 where depth is not known.
+        start: (n + 2, n + 2) covariance of position (m), velocity (m/s) and depth (m) before the first step, positive
+            definite.
         step: T, s. walk: q, m/s.
 
     Returns:
-        (T, 4, 4) least covariance of the errors; the root of the first two diagonal numbers' sum is the rms error of
-        the position, m. Leading axes of `information`, as (R, T, 2, 2) of single runs, stay.
+        (T, n + 2, n + 2) least covariance of the errors; the root of the first two diagonal numbers' sum is the rms
+        error of the position, m. Leading axes of `information`, as (R, T, n, n) of single runs, stay.
     """
-    F = np.kron([[1.0, step], [0.0, 1.0]], np.eye(2))
-    Q = walk**2 * np.kron([[step**2, step], [step, 1.0]], np.eye(2))
-    steps = information.shape[-3]
-    bounds = np.empty((*information.shape[:-3], steps, 4, 4))
-    covariance = np.broadcast_to(start, (*information.shape[:-3], 4, 4))
+    steps, size = information.shape[-3], len(start)
+    F, Q = np.eye(size), np.zeros((size, size))
+    F[:4, :4] = np.kron([[1.0, step], [0.0, 1.0]], np.eye(2))
+    Q[:4, :4] = walk**2 * np.kron([[step**2, step], [step, 1.0]], np.eye(2))
+    place = np.array([0, 1, 4])[: information.shape[-1]]
+    bounds = np.empty((*information.shape[:-3], steps, size, size))
+    covariance = np.broadcast_to(start, (*information.shape[:-3], size, size))
     for n in range(steps):
         J = np.linalg.inv(F @ covariance @ F.T + Q)
-        J[..., :2, :2] += information[..., n, :, :]
+        J[..., place[:, None], place] += information[..., n, :, :]
         covariance = np.linalg.inv(J)
         bounds[..., n, :, :] = covariance
     return bounds

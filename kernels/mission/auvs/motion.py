@@ -317,22 +317,38 @@ def own_position(worlds: ti.template(), w, k) -> vec2:
 
 
 @func
+def moved_on(track: ti.template(), w, k, reach, noise) -> vec3:
+    """Covariance (xx, xy, yy) of AUV k's position in a filter after its current has moved it by `reach` s, m²."""
+    A, B, C = tracker.position_block(track, w, k), tracker.cross_block(track, w, k), tracker.current_block(track, w, k)
+    A += reach * (B + B.transpose()) + reach * reach * C
+    return vec3(A[0, 0] + noise, 0.5 * (A[0, 1] + A[1, 0]), A[1, 1] + noise)
+
+
+@func
+def modelled(worlds: ti.template(), w, k) -> vec3:
+    """Covariance of AUV k's position in the boat's filter now, by its model of the AUV's velocity, m²."""
+    p = ti.static(worlds.p)
+    tau = p.velocity_memory
+    f, spreading = tracker.decayed(worlds.exchange.elapsed[w, k] / tau)
+    return moved_on(worlds.track, w, k, tau * f, p.velocity_variance * tau * tau * spreading)
+
+
+@func
 def own_covariance(worlds: ti.template(), w, k) -> vec3:
     """Covariance (xx, xy, yy) of AUV k's own position estimate, m².
 
-    By dead reckoning that is the boat's, in which the AUV's measured displacement takes the place of the boat's model
-    of its velocity.
+    By dead reckoning that of the state which it last had from the boat, moved on by the time since as by
+    `tracker.drift`, and of the errors that fixes have in common, which the boat's estimate has besides its filter.
     """
     estimate = ti.static(worlds.estimate)
-    xx, yy = estimate.covariance_xx[w, k], estimate.covariance_yy[w, k]
+    found = vec3(estimate.covariance_xx[w, k], estimate.covariance_xy[w, k], estimate.covariance_yy[w, k])
     if ti.static(worlds.program.reckoning):
         p = ti.static(worlds.p)
-        elapsed, tau = worlds.exchange.elapsed[w, k], p.velocity_memory
-        modelled = p.velocity_variance * tau * tau * tracker.decayed(elapsed / tau)[1]
-        change = p.velocity_walk * elapsed - modelled
-        xx += change
-        yy += change
-    return vec3(xx, estimate.covariance_xy[w, k], yy)
+        age, tau = worlds.own[w, k, tracker.AGE], p.correlation_time
+        f, spreading = tracker.decayed(age / tau)
+        noise = p.current_variance * tau * tau * spreading + p.velocity_walk * age
+        found += moved_on(worlds.own, w, k, tau * f, noise) - modelled(worlds, w, k)
+    return found
 
 
 @func
@@ -363,19 +379,20 @@ def offset_to_target_from_estimate(worlds: ti.template(), w, k) -> vec2:
 
 @func
 def copy_state(worlds: ti.template(), w, k):
-    """AUV k takes the state of the boat's filter."""
-    for c in ti.static(range(tracker.STATE)):
+    """AUV k takes the state of the boat's filter, as of the last reply that this has."""
+    for c in ti.static(range(tracker.AGE)):
         worlds.own[w, k, c] = worlds.track[w, k, c]
+    worlds.own[w, k, tracker.AGE] = worlds.exchange.elapsed[w, k]
 
 
 @func
 def begin_reckoning(worlds: ti.template(), w, k):
     """Begin to reckon where AUV k is deployed."""
     begin_filter(worlds, w, k)
-    copy_state(worlds, w, k)
     noise = normals(worlds, w, Draw.navigation, k)
     for c in ti.static(range(len(ExchangeColumn.names))):
         worlds.exchange[w, k, c] = 0.0
+    copy_state(worlds, w, k)
     for axis in ti.static(range(2)):
         worlds.exchange[w, k, ExchangeColumn.bias_x + axis] = worlds.p.velocity_bias * noise[axis]
 
@@ -430,6 +447,7 @@ def reckon(worlds: ti.template(), w, k):
     exchange.adrift[w, k] = exchange.adrift[w, k] + adrift
     exchange.elapsed[w, k] = exchange.elapsed[w, k] + step
     tracker.drift_state(worlds.own, w, k, moved, p.current_change, moves * p.correlation_time)
+    worlds.own[w, k, tracker.AGE] = worlds.own[w, k, tracker.AGE] + step
 
 
 @func
@@ -493,16 +511,10 @@ def extrapolate(worlds: ti.template(), w, k):
     exchange = ti.static(worlds.exchange)
     track = ti.static(worlds.track)
     tau = p.velocity_memory
-    f, spreading = tracker.decayed(exchange.elapsed[w, k] / tau)
-    reach = tau * f
-    A = tracker.position_block(track, w, k)
-    B = tracker.cross_block(track, w, k)
-    C = tracker.current_block(track, w, k)
-    A += reach * (B + B.transpose()) + reach * reach * C
-    spread = p.velocity_variance * tau * tau * spreading
+    reach = tau * tracker.decayed(exchange.elapsed[w, k] / tau)[0]
+    covariance = modelled(worlds, w, k)
     for axis in ti.static(range(2)):
         velocity = exchange[w, k, ExchangeColumn.velocity_x + axis] + track[w, k, tracker.CURRENT_X + axis]
         estimate[w, k, EstimateColumn.x + axis] = track[w, k, tracker.X + axis] + reach * velocity
-    estimate.covariance_xx[w, k] = A[0, 0] + spread
-    estimate.covariance_xy[w, k] = 0.5 * (A[0, 1] + A[1, 0])
-    estimate.covariance_yy[w, k] = A[1, 1] + spread
+    for c in ti.static(range(3)):
+        estimate[w, k, EstimateColumn.covariance_xx + c] = covariance[c]

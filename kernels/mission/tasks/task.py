@@ -108,11 +108,12 @@ class Outline(NamedTuple):
     heuristic: str = "clear"
 
 
-OF_TRACKING = {**dict(tracking_numbers.PARAMETERS), **weights_of(tracking_numbers.WEIGHTS)}
+OF_TRACKING = weights_of(tracking_numbers.WEIGHTS)
 SHIPPED = {
     "data-collection": Outline(),
     "station-keeping": Outline(targets="auvs", heuristic="keep"),
-    **dict.fromkeys(("tracking", "tracking-plain"), Outline(OF_TRACKING, "moving", "circle")),
+    "tracking": Outline({**dict(tracking_numbers.PARAMETERS), **OF_TRACKING}, "moving", "circle"),
+    "tracking-plain": Outline({**dict(tracking_numbers.PLAIN), **OF_TRACKING}, "moving", "circle"),
 }
 
 

@@ -6,17 +6,19 @@ times, by a turn. It may drift with the water at the AUVs' cruise depth, and tur
 **Measurements** are those of `tracking_measurements`; AUVs send them to one another.
 
 **Estimates.** Each AUV has a filter of each target, `usvauv.kernels.tracking`, updated by the measurements it has, each
-from where the AUV that made it takes itself to be. The uncertainty of that place counts as noise of the measurement, as
-that of depth does; but errors of dead reckoning and depth last from one measurement to the next. Where targets drift,
-the filter's velocity is that through the water, which is taken to flow as at the AUV, with a random walk for what
-differs. The team's estimate of a target is that of the AUV whose range, measured last, is the smallest; without ranges
-that of the AUV which heard it last and takes it to be nearest.
+from where the AUV that made it takes itself to be, whose error lasts from one measurement to the next
+(`tracking_places`). Filters estimate the targets' depths, of which they
+know the limits (`depths_known`: the depth itself). Where targets drift, the filter's velocity is that through the
+water, which is taken to flow as at the AUV, with a random walk for what differs. The team's estimate of a target is
+that of the AUV whose range, measured last, is the smallest; without ranges that of the AUV which heard it last and
+takes it to be nearest.
 
 **Assignment.** AUV by AUV, each follows the target with the fewest followers, and of those the nearest by its own
 estimate; it changes only for one nearer by `HYSTERESIS`. With fewer AUVs than targets a metre of the deviation of its
 estimate of a target outweighs `uncertainty_weight` metres of way, so that it goes from one target to another.
 """
 
+import math
 from typing import Annotated, Any
 
 import taichi as ti
@@ -37,10 +39,9 @@ from usvauv.kernels.mission.columns import (
     Turn,
 )
 from usvauv.kernels.mission.observation import ObservationTerm, observation_terms
-from usvauv.kernels.mission.tasks import rewards
+from usvauv.kernels.mission.tasks import rewards, tracking_places
 from usvauv.kernels.mission.tasks.task import SHIPPED, RewardTerm, Task, tasks
 from usvauv.kernels.mission.tasks.tracking_measurements import (
-    believed_place,
     forget,
     measure,
     senders,
@@ -48,13 +49,17 @@ from usvauv.kernels.mission.tasks.tracking_measurements import (
     use_measurements,
 )
 from usvauv.kernels.mission.tasks.tracking_numbers import PARAMETERS, WEIGHTS
+from usvauv.kernels.mission.tasks.tracking_places import believed_place
 from usvauv.kernels.mission.worlds import WORLDS_PER_BLOCK, Worlds, normals, uniforms
 from usvauv.kernels.tracking import range_filter
 from usvauv.kernels.tracking.hypotheses import (
-    BOUNDS,
+    ANYWHERE,
     HEAD_BOUNDS,
     KEPT,
+    LEVEL,
+    NUMBER,
     ROOM,
+    SHARE,
     Filter,
     FilterColumn,
     HypothesisColumn,
@@ -69,6 +74,7 @@ PRECISE, USELESS = 10.0, 50.0  # m, errors between which the reward falls from 1
 NEVER = 1e8  # s
 PLACINGS = 64  # attempts to place a target apart from the others
 SPREAD = 100.0  # m, unit of an estimate's deviation in an observation
+HALF = math.sqrt(0.5)
 FOLLOWERS = 1e5  # m, that a follower of a target counts for another one
 
 
@@ -90,16 +96,19 @@ class TargetColumn(StateColumns):
     distance: Amount  # to the nearest AUV, horizontal, m
 
 
-HYPOTHESES = tuple(f"{name}_{h}" for name in HypothesisColumn.names for h in range(KEPT))
-
-
 def _within(names: tuple[str, ...], bounds: tuple[tuple[float, float], ...]) -> dict[str, object]:
     """Annotations of columns with these bounds."""
     return {name: Annotated[int, Range(*both)] for name, both in zip(names, bounds, strict=True)}
 
 
+def _hypotheses(names: tuple[str, ...]) -> dict[str, object]:
+    """Annotations of these columns of all hypotheses."""
+    of_all = tuple(f"{name}_{h}" for name in names for h in range(KEPT))
+    return _within(of_all, tuple(SHARE if name.startswith("share_") else NUMBER for name in of_all))
+
+
 class PairColumn(StateColumns):
-    """An AUV's filter of a target, and what it measured in this step, (W, K, M, ·).
+    """An AUV's filter of a target of known depth, and what it measured in this step, (W, K, M, ·).
 
     Between the filter's columns: whether it heard the target, the slant range, 0 for none, m, and the bearing, rad.
     """
@@ -110,15 +119,41 @@ class PairColumn(StateColumns):
         "measured": Amount,
         "bearing": Turn,
         "unused": Binary,
-        **_within(HYPOTHESES, BOUNDS),
+        **_hypotheses(HypothesisColumn.names[:LEVEL]),
     }
 
 
-def pair_filter(worlds: Worlds, w: Any, k: Any, i: Any) -> Filter:
-    """AUV k's filter of target i of world w; called while the kernel is compiled."""
+class UncertainPairColumn(PairColumn):
+    """Likewise of a target of unknown depth, by AUVs that do not know exactly where they are."""
+
+    __annotations__ = {
+        **PairColumn.__annotations__,
+        **_hypotheses(HypothesisColumn.names[LEVEL:]),
+        **_within(tracking_places.COLUMNS, len(tracking_places.COLUMNS) * (ANYWHERE,)),
+    }
+
+
+def depth_unknown(worlds: Worlds) -> bool:
+    """Whether filters estimate depths; called while the kernel is compiled."""
+    return worlds.program.task.pair_columns is UncertainPairColumn
+
+
+@func
+def depth_limits(worlds: ti.template(), w, i) -> vec2:
+    """Limits between which target i is known to be, m."""
+    found = vec2(worlds.task_node.depth[w, i])
+    if ti.static(depth_unknown(worlds)):
+        if worlds.task_parameters.depths_known == 0.0:
+            found = vec2(worlds.task_parameters.depth_least, worlds.task_parameters.depth_most)
+    return found
+
+
+def pair_filter(worlds: Worlds, w: Any, k: Any, i: Any, depths: Any) -> Filter:
+    """AUV k's filter of target i of world w, between limits of its depth; called while the kernel is compiled."""
     place = w // WORLDS_PER_BLOCK if worlds.program.in_lanes else w
-    in_lanes = not worlds.program.in_threads
-    return filter_of(worlds.task_pair, worlds.pair_rows, worlds.room, (w, k, i), place, in_lanes)
+    in_lanes, at = not worlds.program.in_threads, (w, k, i)
+    unknown = depth_unknown(worlds)
+    return filter_of(worlds.task_pair, worlds.pair_rows, worlds.room, at, place, in_lanes, unknown, depths)
 
 
 @func
@@ -261,7 +296,8 @@ def assumed(worlds: ti.template()):
     if given.turn_after_most > 0.0:
         least = ti.floor(given.turn_after_least / p.step) + 1.0
         greatest = ti.ceil(given.turn_after_most / p.step)
-    walk = vec2(given.target_speed_most * given.course_walk, given.drifts * given.drift_walk)
+    # A course that walks moves the velocity across the way only, as much as half of the variance in both axes does.
+    walk = vec2(HALF * given.target_speed_most * given.course_walk, given.drifts * given.drift_walk)
     return range_filter.Motion(
         step=p.step,
         slowest=given.target_speed_least,
@@ -296,12 +332,13 @@ def update(worlds: ti.template(), w):
         if due:
             received = senders(worlds, w, k)
         for i in range(num_targets):
-            f = ti.static(pair_filter(worlds, w, k, i))
+            depths = depth_limits(worlds, w, i)
+            f = ti.static(pair_filter(worlds, w, k, i, depths))
             range_filter.predict(f, motion)
             if given.drifts > 0.0:
                 range_filter.carry(f, water)
-            use_measurements(worlds, w, i, received, f)
-            range_filter.finish(f)
+            use_measurements(worlds, w, k, i, received, f)
+            range_filter.finish(f, tracking_places.common_error(worlds, w, k, i))
     for i in range(num_targets):
         share_estimate(worlds, w, i)
 
@@ -415,7 +452,7 @@ TRACKING = Task(
     observation=("track",),
     heuristic=SHIPPED["tracking"].heuristic,
     node_columns=TargetColumn,
-    pair_columns=PairColumn,
+    pair_columns=UncertainPairColumn,
     room=ROOM,
     way=way,
     known_place=known_place,

@@ -4,10 +4,8 @@ Every `interval` seconds each AUV within `range_most` hears each target, unless 
 `signal_excess` SE at 1 m it is also lost where it fades below the threshold: by Rayleigh fading it is heard with the
 probability exp(−10^(−E/10)), E = SE − 20 log10 r − α r/1000 (Urick, "Principles of Underwater Sound" (1983), §2).
 
-The AUV then measures its slant range r, its bearing or both, with normal errors. With h the difference of depth, of the
-variance σ_h² where only the limits of depths are known, the horizontal range √(r² − h² − σ_h²) has the variance
-(r² σ² + h² σ_h²)/(r² − h² − σ_h² + r σ), which near r = h stays that of √(r σ). Each AUV sends what it measured and its
-own position, with the covariance of that, to the others within `message_range`; each receives the message or not. The
+The AUV then measures its slant range, its bearing or both, with normal errors. It sends what it measured and its own
+position, with the covariance of that, to the others within `message_range`; each receives the message or not. The
 messages take the acoustic channel one after another, each for `message_time`, when the exchange under way is over, and
 the boats wait with the next one. What is in them counts at once.
 """
@@ -15,49 +13,20 @@ the boats wait with the next one. What is in them counts at once.
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission.auvs.motion import own_covariance, own_position
 from usvauv.kernels.mission.columns import Draw, Schedule
+from usvauv.kernels.mission.tasks import tracking_places
+from usvauv.kernels.mission.tasks.tracking_places import believed_place
 from usvauv.kernels.mission.worlds import normals, uniforms
 from usvauv.kernels.positioning.sonar import path_loss, power_of_10
-from usvauv.kernels.tracking import bearings, range_filter
+from usvauv.kernels.tracking import bearings, ranges
 from usvauv.kernels.trigonometry import wrapped
 from usvauv.kernels.types import vec2, vec3
 
 
 @func
-def believed_place(worlds: ti.template(), w, k) -> vec2:
-    """Where AUV k takes itself to be, m."""
-    here = own_position(worlds, w, k)
-    if worlds.task_parameters.places_known > 0.0:
-        here = vec2(worlds.auv.x[w, k], worlds.auv.y[w, k])
-    return here
-
-
-@func
-def place_covariance(worlds: ti.template(), w, k) -> vec3:
-    """Covariance (xx, xy, yy) of that, m²."""
-    found = own_covariance(worlds, w, k)
-    if worlds.task_parameters.places_known > 0.0:
-        found = vec3(0.0)
-    return found
-
-
-@func
-def height_over(worlds: ti.template(), w, k, i):
-    """Height of AUV k over target i, m."""
-    return worlds.task_node.depth[w, i] - worlds.p.cruise - worlds.auv.depth_error[w, k]
-
-
-@func
-def assumed_height(worlds: ti.template(), w, k, i) -> vec2:
-    """Height of AUV k over target i as far as it is known, and the variance of that, m and m²."""
-    given = ti.static(worlds.task_parameters)
-    found = vec2(height_over(worlds, w, k, i), 0.0)
-    if given.depths_known == 0.0:
-        middle, width = 0.5 * (given.depth_least + given.depth_most), given.depth_most - given.depth_least
-        found[0] += middle - worlds.task_node.depth[w, i]
-        found[1] = width * width / 12.0
-    return found
+def depth_of(worlds: ti.template(), w, k):
+    """Depth of AUV k, m."""
+    return worlds.p.cruise + worlds.auv.depth_error[w, k]
 
 
 @func
@@ -74,7 +43,7 @@ def measure(worlds: ti.template(), w, k, i):
     """What AUV k measures of target i, if it hears it in this step."""
     given, pair = ti.static(worlds.task_parameters, worlds.task_pair)
     away = vec2(worlds.node.x[w, i] - worlds.auv.x[w, k], worlds.node.y[w, i] - worlds.auv.y[w, k])
-    slant = vec2(away.norm(), height_over(worlds, w, k, i)).norm()
+    slant = vec3(away[0], away[1], worlds.task_node.depth[w, i] - depth_of(worlds, w, k)).norm()
     index = k * worlds.node.shape[1] + i
     u = uniforms(worlds, w, Draw.range_loss, index)
     lost = given.range_loss
@@ -123,19 +92,20 @@ def senders(worlds: ti.template(), w, k):
 
 
 @func
-def use_measurements(worlds: ti.template(), w, i, senders, f: ti.template()):
-    """Update filter `f` of target i by what some AUVs have measured, `senders`."""
+def use_measurements(worlds: ti.template(), w, k, i, senders, f: ti.template()):
+    """Update AUV k's filter of target i, `f`, by what some AUVs have measured, `senders`."""
     given, pair = ti.static(worlds.task_parameters, worlds.task_pair)
     for j in range(worlds.auv.shape[1]):
         if senders >> j & 1 != 0 and pair.heard[w, j, i] > 0.0:
-            here, covariance = believed_place(worlds, w, j), place_covariance(worlds, w, j)
+            place = believed_place(worlds, w, j)
+            here = vec3(place[0], place[1], depth_of(worlds, w, j))
             if given.ranges > 0.0:
-                r, sigma = pair.measured[w, j, i], given.range_noise
-                height = assumed_height(worlds, w, j, i)
-                h, unknown = height[0], height[1]
-                square = ti.max(r * r - h * h - unknown, 0.0)
-                variance = (r * r * sigma * sigma + h * h * unknown) / (square + r * sigma)
-                range_filter.observe_range(f, here, covariance, ti.sqrt(square), variance)
+                r, variance = pair.measured[w, j, i], given.range_noise * given.range_noise
+                covariance = tracking_places.assumed(worlds, w, k, i, j, f)
+                moved = ranges.observe_range(f, here, covariance, r, variance)
+                tracking_places.move(worlds, w, k, i, j, moved)
             if given.bearing_noise > 0.0:
                 bearing, variance = pair.bearing[w, j, i], given.bearing_noise * given.bearing_noise
-                bearings.observe_bearing(f, here, covariance, bearing, variance, given.range_most)
+                covariance = tracking_places.assumed(worlds, w, k, i, j, f)
+                moved = bearings.observe_bearing(f, here, covariance, bearing, variance, given.range_most)
+                tracking_places.move(worlds, w, k, i, j, moved)

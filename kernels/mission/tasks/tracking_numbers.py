@@ -15,7 +15,7 @@ PARAMETERS = (
     ("evade_range", Quantity(0.0, 0.0, 1e4, "distance at which a target turns away from an AUV, m")),
     ("depth_least", Quantity(5.0, 0.0, 1e4, "a target's depth is uniform from this, m")),
     ("depth_most", Quantity(20.0, 0.0, 1e4, "to this")),
-    ("depths_known", Quantity(1.0, 0.0, 1.0, "0: of targets' depths only these limits are known")),
+    ("depths_known", Quantity(0.0, 0.0, 1.0, "0: of targets' depths only these limits are known")),
     ("interval", Quantity(10.0, 0.01, 1e4, "time from one measurement to the next, s")),
     ("ranges", Quantity(1.0, 0.0, 1.0, "1: AUVs measure slant ranges; 0: no ranges")),
     ("range_noise", Quantity(2.0, 0.01, 1e3, "standard deviation of a slant range, m")),
@@ -34,4 +34,5 @@ PARAMETERS = (
     ("uncertainty_weight", Quantity(30.0, 0.0, 1e6, "way that 1 m of deviation outweighs, with few AUVs, m")),
     ("settling", Quantity(600.0, 0.0, 1e6, "time at the start that figures of merit leave out, s")),
 )
+PLAIN = tuple(each for each in PARAMETERS if each[0] != "depths_known")  # of `tracking-plain`, where they are
 WEIGHTS = {"tracked": 1.0, "covered": 1.0, "collision": -1.0}  # of terms of the reward

@@ -1,4 +1,5 @@
-"""Tracking as a published environment has it, for comparison: no water, AUVs that know where they are, five rudders.
+"""Tracking as a published environment has it, for comparison: no water, AUVs that know where they are and how deep
+their targets, five rudders.
 
 In each step an AUV turns by its rudder, one of five, of which only the same or a neighbour may follow, and a normal
 error; then it goes straight. It takes the rudder that turns it most nearly to the course of its action. The turn of a
@@ -15,7 +16,8 @@ from usvauv.kernels.mission.auvs.motion import move_to, travelling_power
 from usvauv.kernels.mission.columns import Draw, Range, StateColumns, Turn
 from usvauv.kernels.mission.tasks import tracking
 from usvauv.kernels.mission.tasks.task import tasks
-from usvauv.kernels.mission.tasks.tracking import TRACKING
+from usvauv.kernels.mission.tasks.tracking import TRACKING, PairColumn
+from usvauv.kernels.mission.tasks.tracking_numbers import PLAIN
 from usvauv.kernels.mission.worlds import normals, uniforms
 from usvauv.kernels.trigonometry import TWO_PI, wrapped
 from usvauv.kernels.types import vec2
@@ -65,4 +67,7 @@ def move(worlds: ti.template(), w, k, a0, a1):
     helm.rudder[w, k] = ti.cast(rudder, ti.f32)
 
 
-tasks.register("tracking-plain", replace(TRACKING, assign=assign, move=move, auv_columns=HelmColumn))
+TRACKING_PLAIN = replace(
+    TRACKING, assign=assign, move=move, auv_columns=HelmColumn, pair_columns=PairColumn, parameters=PLAIN
+)
+tasks.register("tracking-plain", TRACKING_PLAIN)

@@ -149,15 +149,15 @@ def test_a_fading_signal_is_heard_as_often_as_the_sonar_equation_says():
 @pytest.mark.parametrize(
     "measured",
     [
-        ("ranges=0", "bearing_noise=0.05"),
-        ("ranges=1", "bearing_noise=0.05"),
-        ("depths_known=0", "bearing_noise=0"),
+        ("task_parameters.ranges=0", "task_parameters.bearing_noise=0.05"),
+        ("task_parameters.ranges=1", "task_parameters.bearing_noise=0.05"),
+        ("task=tracking", "task_parameters.depth_most=80"),
     ],
-    ids="-".join,
+    ids=("bearings", "both", "ranges, depths not known"),
 )
 def test_what_is_measured_in_missions_locates_targets_consistently(measured):
     """Squared errors are as large as the covariances say, where AUVs know their place."""
-    world = made(*(f"task_parameters.{one}" for one in measured))
+    world = made(*measured)
     policy, observation, squared = load("circle", world), world.observation, []
     for step in range(80):
         observation = world.step(policy.act(observation)).observation
@@ -247,19 +247,56 @@ def test_on_a_circle_an_auv_keeps_its_distance():
     assert torch.stack(distances).mean() == pytest.approx(80, abs=8)
 
 
-def test_who_seeks_information_has_more_of_it():
-    """The team's covariances are smaller than those of AUVs that head straight for their targets."""
-    areas = {}
-    for rule in ("greedy-information", "straight"):
-        world = made(worlds=64)
+def test_who_looks_ahead_knows_targets_better():
+    """Than on circles, by mean errors in the same worlds."""
+    errors = []
+    for rule in ("tree:3", "circle"):
+        world = made("task_parameters.target_speed_least=0.15", "task_parameters.target_speed_most=0.49", worlds=96)
         policy, observation, found = load(rule, world), world.observation, []
-        for step in range(80):
+        for step in range(100):
             observation = world.step(policy.act(observation)).observation
-            xx, xy, yy = world.task_node[..., TargetColumn.span("covariance_xx", "covariance_yy")].double().unbind(-1)
             if step >= 20:
-                found.append((xx * yy - xy * xy).clamp(min=0).sqrt())
-        areas[rule] = torch.stack(found).median()
-    assert areas["greedy-information"] < 0.95 * areas["straight"]
+                found.append(world.task_node[..., TargetColumn.error].clone())
+        errors.append(torch.stack(found).mean((0, 2)).double())
+    gain = errors[1] - errors[0]
+    assert gain.mean() > 3 * gain.std() / math.sqrt(len(gain))
+
+
+def test_tree_chooses_the_way_that_leaves_least_variance():
+    """Of one AUV and one target by itself: against all ways, each with a Kalman filter's covariance."""
+    world = made("auv.count=1", "nodes.count=1", worlds=16)
+    policy = load("tree:2", world)
+    for _ in range(12):
+        world.step(policy.act(world.observation))
+    pair, auv = world.task_pair[:, 0, 0].double().numpy(), world.auv[:, 0].double().numpy()
+    action = policy.act(world.observation)[:, 0].double().numpy()
+    turns = [(a, b) for a in range(-2, 3) for b in range(-2, 3) if abs(a - b) <= 1]
+    for w in range(16):
+        if not pair[w, PairColumn.known]:
+            continue
+        P0 = pair[w, [PairColumn.xx, PairColumn.xy, PairColumn.xy, PairColumn.yy]].reshape(2, 2)
+        course = math.atan2(auv[w, AuvColumn.velocity_y], auv[w, AuvColumn.velocity_x])
+        losses = []
+        for way in turns:
+            place, target, angle, P, loss = (
+                auv[w, AuvColumn.span("x", "y")].copy(),
+                pair[w, PairColumn.span("x", "y")].copy(),
+                course,
+                P0.copy(),
+                0.0,
+            )
+            for turn in way:
+                angle += 0.726 * turn
+                place += 30 * 0.986 * np.array([math.cos(angle), math.sin(angle)])
+                target += 30 * pair[w, PairColumn.span("vx", "vy")]
+                off = target - place
+                slant = np.append(off, 12.5 - 1.0) / math.hypot(*off, 11.5)
+                J = 0.9 / (1 + math.exp((math.hypot(*off, 11.5) - 450) / 25)) * np.outer(slant[:2], slant[:2]) / 100
+                P = np.linalg.inv(np.linalg.inv(P + (0.3 * 0.69 * 30) ** 2 * np.eye(2)) + J)
+                loss += np.trace(P) + 10 * max(math.hypot(*off) - 120, 0)
+            losses.append((loss, course + 0.726 * way[0]))
+        best = min(losses)[1]
+        assert action[w] @ [math.cos(best), math.sin(best)] == pytest.approx(np.linalg.norm(action[w]), rel=1e-4)
 
 
 def test_figures_of_merit_are_those_of_the_trace(tmp_path):

@@ -16,9 +16,9 @@ from usvauv.kernels import runtime
 from usvauv.kernels.flow.airy import lanes
 from usvauv.kernels.functions import LANES, kernel
 from usvauv.kernels.network import rooms
-from usvauv.kernels.tracking import bearings, range_filter
-from usvauv.kernels.tracking.hypotheses import COLUMNS, ROOM, FilterColumn, filter_of
-from usvauv.kernels.types import array1, array2, array4, mask1, vec2, vec3
+from usvauv.kernels.tracking import bearings, range_filter, ranges
+from usvauv.kernels.tracking.hypotheses import ROOM, FilterColumn, columns_of, filter_of
+from usvauv.kernels.types import array1, array2, array4, mask1, vec3
 
 rows1 = ti.types.ndarray(dtype=lanes, ndim=1)
 
@@ -62,9 +62,9 @@ def begin_all(filters: array4):
 
 
 @kernel
-def predict_all(in_lanes: ti.template(), filters: array4, rows: rows1, room: rooms, numbers: array1):
+def predict_all(way: ti.template(), filters: array4, rows: rows1, room: rooms, depths: array1, numbers: array1):
     for w in range(filters.shape[0]):
-        f = ti.static(filter_of(filters, rows, room, (w, 0, 0), w, in_lanes))
+        f = ti.static(filter_of(filters, rows, room, (w, 0, 0), w, *way, depths))
         model = range_filter.Motion(
             *(numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5], numbers[6], numbers[7])
         )
@@ -73,10 +73,11 @@ def predict_all(in_lanes: ti.template(), filters: array4, rows: rows1, room: roo
 
 @kernel
 def observe_all(
-    in_lanes: ti.template(),
+    way: ti.template(),
     filters: array4,
     rows: rows1,
     room: rooms,
+    depths: array1,
     place: array2,
     covariance: array2,
     distance: array1,
@@ -85,18 +86,19 @@ def observe_all(
 ):
     for w in range(filters.shape[0]):
         if received[w] != 0:
-            f = ti.static(filter_of(filters, rows, room, (w, 0, 0), w, in_lanes))
+            f = ti.static(filter_of(filters, rows, room, (w, 0, 0), w, *way, depths))
             uncertainty = vec3(covariance[w, 0], covariance[w, 1], covariance[w, 2])
-            observer = vec2(place[w, 0], place[w, 1])
-            range_filter.observe_range(f, observer, uncertainty, distance[w], variance[w])
+            observer = vec3(place[w, 0], place[w, 1], 0.0)
+            ranges.observe_range(f, observer, uncertainty, distance[w], variance[w])
 
 
 @kernel
 def observe_bearings_all(
-    in_lanes: ti.template(),
+    way: ti.template(),
     filters: array4,
     rows: rows1,
     room: rooms,
+    depths: array1,
     place: array2,
     covariance: array2,
     bearing: array1,
@@ -105,23 +107,32 @@ def observe_bearings_all(
 ):
     for w in range(filters.shape[0]):
         if received[w] != 0:
-            f = ti.static(filter_of(filters, rows, room, (w, 0, 0), w, in_lanes))
+            f = ti.static(filter_of(filters, rows, room, (w, 0, 0), w, *way, depths))
             uncertainty = vec3(covariance[w, 0], covariance[w, 1], covariance[w, 2])
-            observer = vec2(place[w, 0], place[w, 1])
+            observer = vec3(place[w, 0], place[w, 1], 0.0)
             bearings.observe_bearing(f, observer, uncertainty, bearing[w], variance[w], REACH)
 
 
 @kernel
-def finish_all(in_lanes: ti.template(), filters: array4, rows: rows1, room: rooms):
+def finish_all(way: ti.template(), filters: array4, rows: rows1, room: rooms, depths: array1):
     for w in range(filters.shape[0]):
-        range_filter.finish(ti.static(filter_of(filters, rows, room, (w, 0, 0), w, in_lanes)))
+        range_filter.finish(ti.static(filter_of(filters, rows, room, (w, 0, 0), w, *way, depths)), vec3(0.0))
 
 
 class Filters:
-    """F filters of this program; `numbers` of `range_filter.Motion`."""
+    """F filters of this program; `numbers` of `range_filter.Motion`; limits of depths below the AUVs, m."""
 
-    def __init__(self, count: int, numbers: Sequence[float], device: torch.device, variance: float = NOISE**2) -> None:
-        self.rows = torch.zeros(count, 1, 1, COLUMNS, device=device)
+    def __init__(
+        self,
+        count: int,
+        numbers: Sequence[float],
+        device: torch.device,
+        variance: float = NOISE**2,
+        depths: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
+        self.depth_unknown = depths[0] < depths[1]
+        self.depths = torch.tensor(depths, dtype=torch.float32, device=device)
+        self.rows = torch.zeros(count, 1, 1, columns_of(self.depth_unknown), device=device)
         self.room = torch.zeros(count, ROOM, LANES, device=device)
         self.in_lanes = runtime.start().on_cpu
         self.numbers = torch.tensor(numbers, dtype=torch.float32, device=device)
@@ -131,7 +142,8 @@ class Filters:
     def call(self, kernel: Callable[..., None], calls: int, *arguments: torch.Tensor) -> None:
         """Call a kernel that makes some calls of the filter's function."""
         with runtime.settings(runtime.vectors_in_registers()):
-            kernel(self.in_lanes, self.rows, self.rows.view(-1, LANES), self.room, *arguments)
+            way = (self.in_lanes, self.depth_unknown)
+            kernel(way, self.rows, self.rows.view(-1, LANES), self.room, self.depths, *arguments)
 
     def predict(self) -> None:
         self.call(predict_all, len(self.rows), self.numbers)

@@ -9,13 +9,13 @@ from tests.kernels.tracking.rules import LEVELS, NOISE, STEP, Filters, Particles
 from usvauv.kernels.functions import LANES
 from usvauv.kernels.tracking.hypotheses import (
     CAPACITY,
-    COLUMNS,
     FIRST,
     KEPT,
-    WIDTH,
+    LEVEL,
     FilterColumn,
     HypothesisColumn,
     WorkColumn,
+    columns_of,
 )
 
 NEVER = 1e6  # steps
@@ -29,9 +29,9 @@ def straight(slowest: float, fastest: float, walk: float = 0.0) -> list[float]:
 
 
 def hypotheses(filters: Filters) -> np.ndarray:
-    """(F, KEPT, WIDTH) in double precision; those beyond `count` are NaN."""
+    """(F, KEPT, columns) in double precision; those beyond `count` are NaN."""
     rows = filters.rows[:, 0, 0].double().cpu().numpy()
-    one = rows[:, FIRST:].reshape(-1, WIDTH, KEPT).transpose(0, 2, 1).copy()
+    one = rows[:, FIRST:].reshape(len(rows), -1, KEPT).transpose(0, 2, 1).copy()
     one[np.arange(KEPT) >= rows[:, FilterColumn.count, None]] = np.nan
     return one
 
@@ -45,7 +45,7 @@ def full(covariance: np.ndarray) -> np.ndarray:
 
 def set_one(filters: Filters, mean: np.ndarray, P: np.ndarray, age: float = 0.0) -> None:
     """Give filters one hypothesis each, of means (F, 4) and covariance (4, 4), before a step or within one."""
-    rows = np.zeros((len(mean), COLUMNS))
+    rows = np.zeros((len(mean), columns_of(False)))
     one = rows[:, FIRST::KEPT]
     one[:, HypothesisColumn.share] = 1
     one[:, HypothesisColumn.age] = age
@@ -54,7 +54,7 @@ def set_one(filters: Filters, mean: np.ndarray, P: np.ndarray, age: float = 0.0)
     rows[:, [FilterColumn.known, FilterColumn.count]] = 1
     filters.rows[:, 0, 0] = filters.tensor(rows)
     work = np.zeros((len(mean), len(WorkColumn.names), CAPACITY))
-    work[:, :WIDTH, 0] = one
+    work[:, :LEVEL, 0] = one
     work[:, WorkColumn.volume] = 1
     filters.room[:] = filters.tensor(work.reshape(filters.room.shape))
 

@@ -63,9 +63,7 @@ class TestRanges:
         """det J and tr J⁻¹ of (x, y, z) have their extremes at r = √2 h."""
         h, distance = 50.0, np.linspace(20, 200, 1801)
         places = round_about(equally_spaced(3), 1.0)[None] * distance[:, None, None]
-        gradient = np.concatenate([-places, np.full((len(distance), 3, 1), h)], -1)
-        gradient /= np.linalg.norm(gradient, axis=-1, keepdims=True)
-        J = np.einsum("rna,rnb->rab", gradient, gradient) / SIGMA**2
+        J = range_information(np.pad(places, ((0, 0), (0, 0), (0, 1))), np.array([0.0, 0.0, h]), SIGMA).sum(1)
         horizontal = range_information(places, np.zeros(2), SIGMA, h).sum(1)
         assert J[:, :2, :2] == pytest.approx(horizontal)
         for best in (np.linalg.det(J).argmax(), np.einsum("rii->r", np.linalg.inv(J)).argmin()):
@@ -97,6 +95,17 @@ class TestRecursion:
         start = np.diag([1e6, 1e6, 1e-12, 1e-12])
         J = range_information(round_about(equally_spaced(count), 60.0), np.zeros(2), SIGMA)
         assert rms(tracking_bound(J, start, 30.0, 0.0)[-1]) == pytest.approx(2 * SIGMA / math.sqrt(count), rel=1e-4)
+
+    def test_a_target_at_rest_of_unknown_depth(self):
+        """From all round it the horizontal error is as with known depth, 2σ √(1 + h²/r²)/√N, that of depth
+        σ √(r² + h²)/(h √N).
+        """
+        count, r, h = 24, 60.0, 40.0
+        places = np.pad(round_about(equally_spaced(count), r), ((0, 0), (0, 1)))
+        J = range_information(places, np.array([0.0, 0.0, h]), SIGMA)
+        bound = tracking_bound(J, np.diag([1e6, 1e6, 1e-12, 1e-12, 1e6]), 30.0, 0.0)[-1]
+        assert rms(bound) == pytest.approx(2 * SIGMA * math.hypot(1, h / r) / math.sqrt(count), rel=1e-4)
+        assert math.sqrt(bound[4, 4]) == pytest.approx(SIGMA * math.hypot(r, h) / h / math.sqrt(count), rel=1e-4)
 
     @pytest.mark.parametrize("count", [2, 10, 40])
     def test_a_straight_way_is_a_regression(self, count):
