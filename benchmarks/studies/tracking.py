@@ -47,7 +47,7 @@ from usvauv.env.record.recorder import record
 from usvauv.env.record.trace import Trace
 from usvauv.env.record.tracking_metrics import nees, settled, track_error
 from usvauv.env.render.style import Ground, write_pair
-from usvauv.kernels.mission.tasks.tracking import TargetColumn
+from usvauv.kernels.mission.tasks.tracking_columns import TargetColumn
 from usvauv.policies.checkpoint import ENDING, LAST, path_of, read_history
 
 SETTINGS = {  # share of the AUVs' speed, and time between turns, s: 5 to 14 steps, or 2 to 9

@@ -13,7 +13,8 @@ import taichi as ti
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission import water
 from usvauv.kernels.mission.auvs import vehicles
-from usvauv.kernels.mission.auvs.motion import offset_to_target_from_estimate, own_position, target_of
+from usvauv.kernels.mission.auvs.motion import target_of
+from usvauv.kernels.mission.auvs.reckoning import offset_to_target_from_estimate, own_position
 from usvauv.kernels.mission.columns import BodyColumn, NodeColumn
 from usvauv.kernels.mission.target_rules import knowledge
 from usvauv.kernels.mission.water import BEAM_ANGLE, BEAM_CELL, BEAMS, PROFILE_POINTS

@@ -14,7 +14,7 @@ import taichi as ti
 from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.mission import observation, water
 from usvauv.kernels.mission.arguments import PARAMETERS, Given, worlds_of
-from usvauv.kernels.mission.auvs import motion
+from usvauv.kernels.mission.auvs import motion, reckoning
 from usvauv.kernels.mission.boats import boat_motion, foresight
 from usvauv.kernels.mission.boats.belief_planner import OTHER_GOALS
 from usvauv.kernels.mission.episode import begin_episode
@@ -51,7 +51,7 @@ def move_auvs(worlds: ti.template(), w):
         if ti.static(worlds.program.battery):
             motion.discharge(worlds, w, k)
         if ti.static(worlds.program.reckoning):
-            motion.reckon(worlds, w, k)
+            reckoning.reckon(worlds, w, k)
 
 
 @func

@@ -12,7 +12,7 @@ from usvauv.kernels.flow import airy, at_depth, current, vortex, vortex_motion
 from usvauv.kernels.flow.vortex import PLACES, places
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission.auvs import vehicles
-from usvauv.kernels.mission.auvs.motion import offset_to_target_from_estimate
+from usvauv.kernels.mission.auvs.reckoning import offset_to_target_from_estimate
 from usvauv.kernels.mission.boats import boat_motion
 from usvauv.kernels.mission.columns import AuvColumn
 from usvauv.kernels.mission.worlds import worlds_per_block

@@ -10,7 +10,7 @@ from torch import Tensor
 from usvauv.env.scenario import Scenario
 from usvauv.env.world.world import World
 from usvauv.kernels.mission.columns import AuvColumn
-from usvauv.kernels.mission.tasks.tracking import PairColumn
+from usvauv.kernels.mission.tasks.tracking_columns import PairColumn
 from usvauv.policies.guidance import command, follow_circle, unit
 from usvauv.policies.heuristics import heuristics
 from usvauv.policies.heuristics.travel import Clear

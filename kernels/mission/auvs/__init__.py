@@ -1,1 +1,1 @@
-"""The AUVs of a mission: `motion` of points, dead reckoning of all; `vehicles` with dynamics, and the water there."""
+"""The AUVs of a mission: `motion` of points, `vehicles` with dynamics and the water there, and dead `reckoning`."""

@@ -1,12 +1,12 @@
 """The boats' estimates of AUVs: by fixes alone, or by fixes and what replies say of dead reckoning.
 
-See `usvauv.kernels.mission.auvs.motion` for dead reckoning and `usvauv.kernels.positioning.tracker` for the filter.
+See `usvauv.kernels.mission.auvs.reckoning` for dead reckoning and `usvauv.kernels.positioning.tracker` for the filter.
 """
 
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission.auvs import motion
+from usvauv.kernels.mission.auvs import reckoning
 from usvauv.kernels.mission.blocks import for_auvs, put, take
 from usvauv.kernels.mission.boats import boat_motion
 from usvauv.kernels.mission.columns import (
@@ -88,7 +88,7 @@ def use_fix(worlds: ti.template(), w, k):
         own += common  # errors common to a boat's fixes differ from boat to boat
     if ti.static(worlds.program.reckoning):
         if flags & usbl.DETECTED:  # the reply's contents are received even if its fix is not usable
-            motion.read_reply(worlds, w, k)
+            reckoning.read_reply(worlds, w, k)
             update_track(worlds, w, k, flags, place, own)
     else:
         set_estimate_from_fix(worlds, w, k, here, place, own, flags)
@@ -131,8 +131,8 @@ def set_estimate_from_fix(worlds: ti.template(), w, k, here: vec2, place: vec2, 
 def fill_reply(worlds: ti.template(), w, k, age):
     """Contents of the reply of AUV k that left `age` seconds before the end of the step."""
     if ti.static(worlds.program.reckoning):
-        motion.receive_state(worlds, w, k)
-        motion.write_reply(worlds, w, k, age)
+        reckoning.receive_state(worlds, w, k)
+        reckoning.write_reply(worlds, w, k, age)
 
 
 @func
@@ -155,7 +155,7 @@ def finish(worlds: ti.template(), w, k):
     estimate = ti.static(worlds.estimate)
     estimate.age[w, k] = estimate.age[w, k] + worlds.p.step
     if ti.static(worlds.program.reckoning):
-        motion.extrapolate(worlds, w, k)
+        reckoning.extrapolate(worlds, w, k)
     estimate.separation[w, k] = -height(worlds, w, boat_motion.serving_boat(worlds, w, k), k)
     error = vec2(estimate.x[w, k] - worlds.auv.x[w, k], estimate.y[w, k] - worlds.auv.y[w, k])
     worlds.auv.position_error[w, k] = error.norm()
@@ -194,7 +194,7 @@ def begin_estimate(worlds: ti.template(), w, k):
     estimate.covariance_xy[w, k] = common[1]
     estimate.covariance_yy[w, k] = common[2] + DEPLOYMENT_VARIANCE
     if ti.static(worlds.program.reckoning):
-        motion.begin_reckoning(worlds, w, k)
+        reckoning.begin_reckoning(worlds, w, k)
     if ti.static(worlds.program.schedule == Schedule.every_step):
         channel.receive_without_channel(worlds, w, k)
         fixes.fix_auvs(worlds, [w], [k], 1, worlds.link, k)

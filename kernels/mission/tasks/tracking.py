@@ -7,8 +7,8 @@ times, by a turn. It may drift with the water at the AUVs' cruise depth, and tur
 
 **Estimates.** Each AUV has a filter of each target, `usvauv.kernels.tracking`, updated by the measurements it has, each
 from where the AUV that made it takes itself to be, whose error lasts from one measurement to the next
-(`tracking_places`). Filters estimate the targets' depths, of which they
-know the limits (`depths_known`: the depth itself). Where targets drift, the filter's velocity is that through the
+(`tracking_places`). Filters estimate the targets' depths, of which they know the limits (`depths_known`: the depth
+itself). Where targets drift, the filter's velocity is that through the
 water, which is taken to flow as at the AUV, with a random walk for what differs. The team's estimate of a target is
 that of the AUV whose range, measured last, is the smallest; without ranges that of the AUV which heard it last and
 takes it to be nearest.
@@ -19,28 +19,18 @@ estimate of a target outweighs `uncertainty_weight` metres of way, so that it go
 """
 
 import math
-from typing import Annotated, Any
+from typing import Any
 
 import taichi as ti
 
 from usvauv.kernels.flow import current
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission.auvs.motion import target_of, travel
-from usvauv.kernels.mission.columns import (
-    Amount,
-    AuvOrNone,
-    Binary,
-    Covariance,
-    Draw,
-    Duration,
-    Position,
-    Range,
-    StateColumns,
-    Turn,
-)
+from usvauv.kernels.mission.columns import Draw
 from usvauv.kernels.mission.observation import ObservationTerm, observation_terms
 from usvauv.kernels.mission.tasks import rewards, tracking_places
 from usvauv.kernels.mission.tasks.task import SHIPPED, RewardTerm, Task, tasks
+from usvauv.kernels.mission.tasks.tracking_columns import TargetColumn, UncertainPairColumn
 from usvauv.kernels.mission.tasks.tracking_measurements import (
     forget,
     measure,
@@ -53,16 +43,8 @@ from usvauv.kernels.mission.tasks.tracking_places import believed_place
 from usvauv.kernels.mission.worlds import WORLDS_PER_BLOCK, Worlds, normals, uniforms
 from usvauv.kernels.tracking import range_filter
 from usvauv.kernels.tracking.hypotheses import (
-    ANYWHERE,
-    HEAD_BOUNDS,
-    KEPT,
-    LEVEL,
-    NUMBER,
     ROOM,
-    SHARE,
     Filter,
-    FilterColumn,
-    HypothesisColumn,
     filter_of,
 )
 from usvauv.kernels.trigonometry import TWO_PI, wrapped
@@ -76,61 +58,6 @@ PLACINGS = 64  # attempts to place a target apart from the others
 SPREAD = 100.0  # m, unit of an estimate's deviation in an observation
 HALF = math.sqrt(0.5)
 FOLLOWERS = 1e5  # m, that a follower of a target counts for another one
-
-
-class TargetColumn(StateColumns):
-    """A target, and the team's estimate of it, (W, M, ·)."""
-
-    course: Turn  # rad anticlockwise from east
-    speed: Annotated[int, Range(0.0, 5.0)]  # through the water, m/s
-    depth: Annotated[int, Range(0.0, 1e4)]  # m
-    turn_at: Duration  # time of its next turn, s
-    known: Binary  # 1 once there is a range of it
-    by: AuvOrNone  # the AUV whose estimate is the team's
-    estimate_x: Position  # m
-    estimate_y: Position
-    covariance_xx: Covariance  # m²
-    covariance_xy: Covariance
-    covariance_yy: Covariance
-    error: Amount  # of the team's estimate, horizontal, m
-    distance: Amount  # to the nearest AUV, horizontal, m
-
-
-def _within(names: tuple[str, ...], bounds: tuple[tuple[float, float], ...]) -> dict[str, object]:
-    """Annotations of columns with these bounds."""
-    return {name: Annotated[int, Range(*both)] for name, both in zip(names, bounds, strict=True)}
-
-
-def _hypotheses(names: tuple[str, ...]) -> dict[str, object]:
-    """Annotations of these columns of all hypotheses."""
-    of_all = tuple(f"{name}_{h}" for name in names for h in range(KEPT))
-    return _within(of_all, tuple(SHARE if name.startswith("share_") else NUMBER for name in of_all))
-
-
-class PairColumn(StateColumns):
-    """An AUV's filter of a target of known depth, and what it measured in this step, (W, K, M, ·).
-
-    Between the filter's columns: whether it heard the target, the slant range, 0 for none, m, and the bearing, rad.
-    """
-
-    __annotations__ = {
-        **_within(FilterColumn.names, HEAD_BOUNDS),
-        "heard": Binary,
-        "measured": Amount,
-        "bearing": Turn,
-        "unused": Binary,
-        **_hypotheses(HypothesisColumn.names[:LEVEL]),
-    }
-
-
-class UncertainPairColumn(PairColumn):
-    """Likewise of a target of unknown depth, by AUVs that do not know exactly where they are."""
-
-    __annotations__ = {
-        **PairColumn.__annotations__,
-        **_hypotheses(HypothesisColumn.names[LEVEL:]),
-        **_within(tracking_places.COLUMNS, len(tracking_places.COLUMNS) * (ANYWHERE,)),
-    }
 
 
 def depth_unknown(worlds: Worlds) -> bool:

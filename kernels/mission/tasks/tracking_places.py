@@ -25,7 +25,7 @@ Source: Schmidt, "Application of state-space methods to navigation problems", Ad
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.mission.auvs.motion import own_covariance, own_position
+from usvauv.kernels.mission.auvs.reckoning import own_covariance, own_position
 from usvauv.kernels.tracking import range_filter
 from usvauv.kernels.tracking.hypotheses import columns_of
 from usvauv.kernels.types import mat2, vec2, vec3, vec4

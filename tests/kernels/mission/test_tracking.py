@@ -14,7 +14,7 @@ from usvauv.env.record.trace import Trace
 from usvauv.env.record.tracking_metrics import number
 from usvauv.kernels.mission.columns import AuvColumn, ExchangeColumn, NodeColumn
 from usvauv.kernels.mission.tasks.task import SHIPPED, Outline, tasks
-from usvauv.kernels.mission.tasks.tracking import PairColumn, TargetColumn
+from usvauv.kernels.mission.tasks.tracking_columns import PairColumn, TargetColumn
 from usvauv.kernels.mission.tasks.tracking_plain import HelmColumn
 from usvauv.policies.loading import load
 

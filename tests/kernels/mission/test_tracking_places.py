@@ -5,7 +5,7 @@ import torch
 
 from usvauv.env import Scenario, World
 from usvauv.kernels.mission.columns import AuvColumn, NodeColumn
-from usvauv.kernels.mission.tasks.tracking import TargetColumn
+from usvauv.kernels.mission.tasks.tracking_columns import TargetColumn
 from usvauv.kernels.mission.tasks.tracking_places import EACH, START
 from usvauv.policies.loading import load
 
