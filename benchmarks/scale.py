@@ -36,7 +36,7 @@ from usvauv.kernels.errors import UserError
 from usvauv.policies import TrainingConfig
 from usvauv.policies.training.figures import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET
 from usvauv.policies.training.saving import save
-from usvauv.policies.training.trainer import EVALUATIONS, SeedStack
+from usvauv.policies.training.trainer import SeedStack, usual_evaluations
 
 ROOT = Path(__file__).parents[1]
 SCENARIO = "extreme"
@@ -82,7 +82,12 @@ class Costs:
     def whole(self) -> float:
         """Seconds of a run whose kernels another one has compiled."""
         steps = STEPS / TrainingConfig().num_worlds
-        return self.start + self.cached + steps * self.together + (EVALUATIONS + 1) * (self.evaluation + self.save)
+        return self.start + self.cached + steps * self.together + evaluations() * (self.evaluation + self.save)
+
+
+def evaluations() -> int:
+    """Evaluations of a run, with the first."""
+    return usual_evaluations(STEPS) + 1
 
 
 def child(code: str, **variables: str) -> tuple[float, str]:
@@ -164,7 +169,7 @@ def runs_an_hour(jobs: int) -> float:
 
 def on_paper(found: Costs, overheads: dict[str, float]) -> None:
     """Print what follows for 1,000 cores and 8 cards."""
-    whole, written = found.whole, (EVALUATIONS + 1) * found.bytes
+    whole, written = found.whole, evaluations() * found.bytes
     print(f"\na run on one core: {whole:.0f} s; 1,000 cores: {3.6e6 / whole:,.0f} runs per hour")
     for name, overhead in overheads.items():
         print(f"{name}: one process that dispatches runs supplies {whole / overhead:,.0f} cores")

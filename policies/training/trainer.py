@@ -34,7 +34,8 @@ from usvauv.policies.training.training_run import TrainingRun, learning_bytes
 
 TINY = 1e-6
 GAIN_RATE = 0.002  # step size of the running mean of the reward, for each step of all worlds
-EVALUATIONS = 3  # evaluations in a training by default: each takes as long as some hundred updates
+EVALUATED_EVERY, FEWEST, MOST = 200_000, 3, 10  # world-steps between evaluations, and numbers of them in a training
+SAVED_EVERY = 300.0  # s, after which a checkpoint is written without an evaluation
 WINDOW = 100  # steps of all worlds between two reports
 
 Figures = list[dict[str, Any]]  # of each run, see `Trainer.train`
@@ -280,7 +281,8 @@ class Trainer:
 
     Args:
         runs: new or resumed, each with its own worlds and directory.
-        evaluations: number of evaluations of each run, besides that of the untrained policy.
+        evaluations: number of evaluations of each run, besides that of the untrained policy; None:
+            `usual_evaluations`.
         log: one of `meter.LOGS`, where the curves go.
         threads: number of threads in which equal shares of the runs learn on a CPU, where several small stacks are
             faster than one whose operations are spread over its cores. On a GPU it is one.
@@ -294,7 +296,7 @@ class Trainer:
     """
 
     def __init__(
-        self, *runs: TrainingRun, evaluations: int = EVALUATIONS, log: str = LOGS[0], threads: int = 1
+        self, *runs: TrainingRun, evaluations: int | None = None, log: str = LOGS[0], threads: int = 1
     ) -> None:
         first = runs[0]
         for run in runs[1:]:
@@ -351,13 +353,15 @@ class Trainer:
         first, before = runs[0], [run.seconds for run in runs]
         count, worlds = min(self.threads, len(runs)), first.config.num_worlds
         stacks = [SeedStack(runs[index::count]) for index in range(count)]
+        evaluations = self.evaluations or usual_evaluations(total)
         begun, over = time.perf_counter(), False
+        saved = begun
         since, steps_then = begun, first.steps  # the rate is that from then on: of steps with updates, which are slower
         with ThreadPoolExecutor(1) as pool, ThreadPoolExecutor(count) as workers:
             while not over:
                 list((workers.map if count > 1 else map)(lambda each: each.step(pool, total), stacks))
                 over = self.stopped or first.steps >= until
-                due = first.steps * self.evaluations // total > (first.steps - worlds) * self.evaluations // total
+                due = first.steps * evaluations // total > (first.steps - worlds) * evaluations // total
                 if not (due or over or first.meter.rows == WINDOW):
                     continue
                 for each in stacks:
@@ -373,10 +377,11 @@ class Trainer:
                     since, steps_then = time.perf_counter(), first.steps
                 yield figures
                 over |= self.stopped
-                if due or over:
+                if due or over or time.perf_counter() - saved > SAVED_EVERY:
                     for run in runs:
                         if run.directory is not None:
                             save(run)
+                    saved = time.perf_counter()
 
     def _writer(self, run: TrainingRun) -> AbstractContextManager[Callable[[dict[str, Any]], None]]:
         """A function that writes figures for TensorBoard or Weights & Biases; without a directory it does nothing."""
@@ -385,6 +390,11 @@ class Trainer:
         if self.log == "wandb":
             return wandb_writer(run.directory, asdict(run.config) | {"scenario": run.world.scenario.to_dict()})
         return scalar_writer(run.directory / TENSORBOARD, run.steps)
+
+
+def usual_evaluations(steps: int) -> int:
+    """Number of evaluations in a training of so many world-steps: each takes as long as some hundred updates."""
+    return min(max(steps // EVALUATED_EVERY, FEWEST), MOST)
 
 
 @contextmanager

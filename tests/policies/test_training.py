@@ -16,7 +16,8 @@ from usvauv import policies
 from usvauv.env import Scenario, World
 from usvauv.kernels.errors import UserError
 from usvauv.policies import PolicyError, Trainer, TrainingConfig, TrainingRun
-from usvauv.policies.training.trainer import SeedStack
+from usvauv.policies.checkpoint import read_run
+from usvauv.policies.training.trainer import SeedStack, usual_evaluations
 
 
 class TestTraining:
@@ -122,6 +123,23 @@ class TestTraining:
         run = TrainingRun(ToyWorld(scenario(), 32, seed=1), LEARNING)
         run.history = [{"arps": score} | ({"margin_half": half} if half else {}) for score in scores]
         assert run.kept is run.history[kept]
+
+    @pytest.mark.parametrize(("steps", "number"), [(9000, 3), (600_000, 3), (1_500_000, 7), (10_000_000, 10)])
+    def test_a_long_training_is_evaluated_more_often(self, steps, number):
+        assert usual_evaluations(steps) == number
+
+    def test_a_long_time_without_an_evaluation_is_saved(self, tmp_path, monkeypatch):
+        monkeypatch.setattr("usvauv.policies.training.trainer.SAVED_EVERY", 0.0)
+        run = TrainingRun(ToyWorld(scenario(), 32, seed=1), LEARNING, tmp_path)
+        steps = []
+
+        def look(figures):
+            if (file := tmp_path / "last.safetensors").exists():
+                steps.append(read_run(tmp_path)[2]["steps"])
+                file.unlink()
+
+        Trainer(run, evaluations=1).train(32 * 400, look)
+        assert steps == [3200, 6400, 9600]
 
     def test_figures_count_what_happened(self):
         toy = scenario()

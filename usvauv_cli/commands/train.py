@@ -82,8 +82,8 @@ def train(
     beside them or in Weights & Biases.
 
     An untrained network steers much like a heuristic, most often `clear`. The policy is evaluated before training and
-    three times during it, in other worlds, against the scenario's default heuristic: its margin is shown with a 95 %
-    interval. Ctrl-C ends the run cleanly; `--resume` continues it.
+    three to ten times during it, in other worlds, against the scenario's default heuristic: its margin is shown with a
+    95 % interval. Ctrl-C ends the run cleanly; `--resume` continues it.
 
     **Examples:**
 

@@ -35,7 +35,7 @@ from usvauv.policies.inputs import digests
 from usvauv.policies.learned import LearnedPolicy
 from usvauv.policies.training.figures import EVALUATION_EPISODES, EVALUATION_SEED_OFFSET, figures_of_merit
 from usvauv.policies.training.saving import resume
-from usvauv.policies.training.trainer import EVALUATIONS, Trainer
+from usvauv.policies.training.trainer import Trainer, usual_evaluations
 from usvauv.policies.training.training_run import TrainingRun
 
 RESULT = "episodes.csv"
@@ -97,7 +97,10 @@ class Piece:
         steps = EVALUATION_STEP * Scenario.from_dict(self.definition["scenario"]).mission.steps
         evaluated = steps * self.definition["evaluation"]["episodes"] / EVALUATION_EPISODES
         config = self.definition["training"]
-        return evaluated + (config["total"] + (config.get("evaluations", EVALUATIONS) + 1) * steps if config else 0)
+        if not config:
+            return evaluated
+        total = config["total"]
+        return evaluated + total + (config.get("evaluations", usual_evaluations(total)) + 1) * steps
 
     def place(self, folder: Path) -> Path:
         """Folder of the run in that of a study, out of which no link may lead."""
@@ -155,7 +158,8 @@ def _train(definition: Mapping[str, Any], place: Path, signs: Signs) -> None:
     checkpoint.clean(place)
     scenario, usv = Scenario.from_dict(definition["scenario"], str(place)), definition["usv"]
     settings = dict(definition["training"])
-    total, evaluations = settings.pop("total"), settings.pop("evaluations", EVALUATIONS)
+    total = settings.pop("total")
+    evaluations = settings.pop("evaluations", usual_evaluations(total))
     judged = settings.pop("judged", EVALUATION_EPISODES)
     config = TrainingConfig.from_dict(settings, str(place))
     evaluation_work = EVALUATION_STEP * scenario.mission.steps
