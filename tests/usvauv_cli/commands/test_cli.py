@@ -234,7 +234,7 @@ def test_a_run_that_ends_before_it_learns_says_so(tmp_path, run_usvauv, monkeypa
     assert stage == "evaluating clear …"
     words = " ".join(" ".join(rest).split())
     assert begun.startswith("training sac in extreme: an untrained network steers much like clear:80; ")
-    assert "; at 8 ARPS " in words
+    assert "; at 14 ARPS " in words
     assert words.count(", margin over clear ") > 1
     assert "best policy, the untrained one: ARPS " in words
     assert " in run/best.safetensors " in words
