@@ -5,8 +5,8 @@
 
 Scenario `extreme` with all its physics: sea, currents, a plan of the boat every step, fixes, 30 nodes, 2 AUVs. Resets
 at the end of an episode are in the time. "environment" steps with random actions drawn before; "with_policy" with those
-of the best shipped policy, inferred each step; "with_training" is `usvauv train` at work: exploration, replay and, with
-each step of all worlds, the updates of its settings. VMAS is not in any extra: `pip install vmas`.
+of a learned policy that ships, inferred each step; "with_training" is `usvauv train` at work: exploration, replay and,
+with each step of all worlds, the updates of its settings. VMAS is not in any extra: `pip install vmas`.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from usvauv.kernels import runtime
 LEAD = 60  # steps before rates are taken, because the first ones, after which no fix or plan is due yet, take less
 CYCLE = 8  # steps of a round at least: every few steps replies come in
 ACTIONS = 16  # different sets of random actions, taken in turn
+LEARNED = "sac-extreme"
 TRAINING_STEPS = 10  # of all worlds, between two looks at the clock
 VMAS_WORLDS = 4096
 VMAS_TASKS = {"navigation": {"n_agents": 2}, "simple_spread": {}}
@@ -168,7 +169,7 @@ def measure(largest: int, seconds: float) -> dict[str, object]:
     """All figures."""
     machine = describe()
     scenario = Scenario.load("extreme")
-    name = "sac-extreme"
+    name = LEARNED
     batches = [
         {"worlds": size}
         | measure_batch(size, scenario, name, seconds)
@@ -193,9 +194,9 @@ def measure(largest: int, seconds: float) -> dict[str, object]:
 
 
 def print_curve(scenario: Scenario, sizes: list[int], seconds: float) -> None:
-    """Rates against the number of worlds alone, and with the learned policy that ships."""
+    """Rates against the number of worlds alone, and with the scenario's default policy, in `extreme` with `LEARNED`."""
     print(json.dumps(describe()))
-    name = scenario.reference.policy or f"sac-{scenario.name}"
+    name = LEARNED if scenario.name == "extreme" else policies.default(scenario)
     for size in sizes:
         for part, found in measure_batch(size, scenario, name, seconds).items():
             rate = found["agent_steps_per_second"]
