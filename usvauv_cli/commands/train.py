@@ -30,7 +30,7 @@ def train(
     scenario: options.ScenarioName = "extreme",
     algorithm: Annotated[
         str | None,
-        typer.Option(help="sac, td3, ddpg or ppo; by default ppo for vehicles that take data in passing, else sac."),
+        typer.Option(help="sac, td3, ddpg or ppo; by default ppo for data in passing, tracking and fins, else sac."),
     ] = None,
     steps: Annotated[
         int | None,
