@@ -166,6 +166,12 @@ class Command(Helpful, TyperCommand):
                 each.rich_help_panel = GROUP.get(name)
                 each.opts += [SHORT[name]] if name in SHORT else []
 
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Write the help text, with the groups of all commands in one order."""
+        order = [None, *dict.fromkeys(GROUP.values())]
+        self.params.sort(key=lambda each: order.index(getattr(each, "rich_help_panel", None)))
+        super().format_help(ctx, formatter)
+
     def get_short_help_str(self, limit: int = 0) -> str:
         """The first paragraph of the help text, whole, whatever the limit."""
         return " ".join(inspect.cleandoc(self.help or "").split("\n\n")[0].split())

@@ -39,6 +39,7 @@ def test_help_names_every_command(run_usvauv):
         assert "<" not in told  # no types of a programming language
         assert "--out" in told
         assert "-o " in told
+        assert told.index("─ Mission ─") < told.index("─ Result ─") < told.index("─ Machine ─")
     assert run_usvauv("help", "plan") == run_usvauv("plan", "--help") == run_usvauv("plan", "-h")
 
 
