@@ -20,8 +20,8 @@ Sources: Bar-Shalom, Li and Kirubarajan, "Estimation with Applications to Tracki
 import taichi as ti
 
 from usvauv.kernels.functions import LANES, func
-from usvauv.kernels.tracking.hypotheses import KEPT, OF, FilterColumn, WorkColumn, correct, see, sum_of, wide
-from usvauv.kernels.tracking.range_filter import USUAL, begin_hypotheses, groups_of
+from usvauv.kernels.tracking.hypotheses import KEPT, OF, FilterColumn, WorkColumn, correct, see
+from usvauv.kernels.tracking.range_filter import begin_hypotheses, update_hypotheses
 from usvauv.kernels.trigonometry import circle, wrapped
 from usvauv.kernels.types import vec2, vec3, vec4
 
@@ -95,13 +95,5 @@ def observe_bearing(f: ti.template(), place: vec3, covariance: vec3, bearing, va
     if f.head[FilterColumn.count] == 0.0:
         begin_ray(f, place, covariance, bearing, variance, farthest)
     else:
-        f.head[FilterColumn.surprise] = f.head[FilterColumn.surprise] - USUAL
-        sums = [wide(0.0, f.work.width) for _ in ti.static(range(4))]
-        for g in range(groups_of(f)):
-            xx, xy, yx, yy = update(f, g, place, covariance, bearing, variance)
-            sums[0] += xx
-            sums[1] += xy
-            sums[2] += yx
-            sums[3] += yy
-        moved = vec4([sum_of(sums[n], f.work.width) for n in ti.static(range(4))])
+        moved = update_hypotheses(f, update, place, covariance, bearing, variance)
     return moved

@@ -107,6 +107,30 @@ def groups_of(f: ti.template()):
 
 
 @func
+def update_hypotheses(
+    f: ti.template(), update: ti.template(), place: vec3, covariance: vec3, measured, variance
+) -> vec4:
+    """Update all hypotheses by a measurement, group by group.
+
+    Args:
+        update: a Taichi function (f, g, place, covariance, measured, variance) that does so with group g, and gives
+            that group's part of what is returned.
+
+    Returns:
+        as `usvauv.kernels.tracking.ranges.observe_range`.
+    """
+    f.head[FilterColumn.surprise] = f.head[FilterColumn.surprise] - USUAL
+    sums = [wide(0.0, f.work.width) for _ in ti.static(range(4))]
+    for g in range(groups_of(f)):
+        xx, xy, yx, yy = update(f, g, place, covariance, measured, variance)
+        sums[0] += xx
+        sums[1] += xy
+        sums[2] += yx
+        sums[3] += yy
+    return vec4([sum_of(sums[n], f.work.width) for n in ti.static(range(4))])
+
+
+@func
 def arc_moments(first, last) -> vec4:
     """Means of cos θ, sin θ, cos 2θ and sin 2θ over angles from `first` to `last`, rad."""
     c0, s0 = circle(first)

@@ -19,8 +19,8 @@ import math
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.tracking.hypotheses import KEPT, OF, FilterColumn, WorkColumn, correct, see, sum_of, wide
-from usvauv.kernels.tracking.range_filter import USUAL, begin_hypotheses, groups_of
+from usvauv.kernels.tracking.hypotheses import KEPT, OF, FilterColumn, WorkColumn, correct, see
+from usvauv.kernels.tracking.range_filter import begin_hypotheses, update_hypotheses
 from usvauv.kernels.trigonometry import circle
 from usvauv.kernels.types import vec2, vec3, vec4
 
@@ -106,13 +106,5 @@ def observe_range(f: ti.template(), place: vec3, covariance: vec3, distance, var
     if f.head[FilterColumn.count] == 0.0:
         begin_ring(f, place, covariance, distance, variance)
     else:
-        f.head[FilterColumn.surprise] = f.head[FilterColumn.surprise] - USUAL
-        sums = [wide(0.0, f.work.width) for _ in ti.static(range(4))]
-        for g in range(groups_of(f)):
-            xx, xy, yx, yy = update(f, g, place, covariance, distance, variance)
-            sums[0] += xx
-            sums[1] += xy
-            sums[2] += yx
-            sums[3] += yy
-        moved = vec4([sum_of(sums[n], f.work.width) for n in ti.static(range(4))])
+        moved = update_hypotheses(f, update, place, covariance, distance, variance)
     return moved
