@@ -98,6 +98,8 @@ def test_every_number_has_bounds():
         ("reference.zermelo_speed=2", "0.4: with"),
         ("usbl.model=waveform", "0.4: fixes are drawn"),
         ("acoustics.sediment=gravel", "0.4: fixes are drawn"),
+        ("auv.action=polar", "0.4: an action is a velocity"),
+        ("usbl.latency=2", "0.4"),
     ],
 )
 def test_what_is_gone_is_refused_in_a_file_and_read_from_what_was_stored(tmp_path, retired, version):
@@ -116,7 +118,8 @@ def test_a_file_that_an_earlier_version_printed_is_read(tmp_path):
     (tmp_path / "printed.toml").write_text(
         '[planner]\nhorizon = 10\n[auv]\nrefused_power = "hovering"\n[reference]\nzermelo_speed = 1.7\n'
         "[sea]\nsponge_edges = []\nsponge_width = 40.0\n"
-        '[usbl]\nmodel = "statistical"\n[acoustics]\nmultipath = false\nsediment = "sand"\n'
+        "[tracker]\nenabled = false\ncurrent_reading = 0.0\n"
+        '[usbl]\nmodel = "statistical"\nlatency = 0.0\n[acoustics]\nmultipath = false\nsediment = "sand"\n'
     )
     assert Scenario.load(tmp_path / "printed.toml") == Scenario.from_dict({})
 
