@@ -9,5 +9,5 @@ paper; `web_report` writes their pages. `live` shows a mission in a browser tab 
 import os
 
 # NumPy's products of matrices are small here. A second thread gains little, and while another process or thread keeps
-# its core busy the first one waits for it at full load: drawing took 2.5 times as long. Read when NumPy is imported.
+# its core busy the first one waits for it at full load. Read when NumPy is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
