@@ -113,13 +113,16 @@ class TestMap:
             name: random.uniform(1000, 1400, getattr(made, name).shape) for name in ("auv_position", "boat_position")
         }
         way, ranges = random.uniform(1000, 1400, (30, 1, 3, 2)), np.zeros((30, 1, 3, 3))
+        of_boat = np.zeros((30, 1, 1, 3))
         scenario = Scenario.load("tracking")
         ranges[7, 0, 2, 1] = 50.0
+        of_boat[20, 0, 0, 2] = 65.0
         tracks = {
             "node_way": way,
             "node_estimate": way,
             "node_covariance": np.ones((30, 1, 3, 3)),
             "node_range": ranges,
+            "boat_range": of_boat,
         }
         moving = replace(made, scenario=scenario, **tracks, **ways)
         moving = replace(moving, auv_depth=np.full((30, 1, 3), middle_depth(moving) - 30.0))
@@ -132,6 +135,9 @@ class TestMap:
         ((auv, target, place, across, fresh),) = play.ranges(17.0)
         assert (auv, target, across, fresh) == (2, 1, pytest.approx(40.0), pytest.approx(np.exp(-1.0)))
         np.testing.assert_allclose(place, moving.own_position[7, 0, 2])
+        *_, (observer, target, place, across, _) = play.ranges(20.0)
+        assert (observer, target, across**2) == (3, 2, pytest.approx(65.0**2 - middle_depth(moving) ** 2))
+        np.testing.assert_allclose(place, moving.boat_position[20, 0, 0])
 
     def test_waves_that_are_short_on_it_are_no_pattern_below_symbols(self):
         """Of a height; a wave of a twentieth of the side, as in `tracking`, and one of a third, as in `extreme`."""
