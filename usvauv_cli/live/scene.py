@@ -16,7 +16,7 @@ from usvauv.cli.live.session import Session
 from usvauv.env.exchange.poses import afloat, triangles, turn
 from usvauv.env.render import style
 from usvauv.env.render.mission import error_axes
-from usvauv.env.render.scene import BOAT_BODY, Body, auv_body, tube
+from usvauv.env.render.views.scene import BOAT_BODY, Body, auv_body, tube
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn
 
 TRAIL = 90  # states

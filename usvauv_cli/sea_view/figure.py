@@ -12,8 +12,8 @@ import numpy as np
 from usvauv.cli.sea_view.surface import LONG_WAVES, SHADED, LevelSurface, Section, land, thumbnail, weather
 from usvauv.env.render import style
 from usvauv.env.render.layout import Rectangle
-from usvauv.env.render.sea_surface import MapView
 from usvauv.env.render.style import ON_DARK, WrittenOut, clock, log_ticks, save_figure, set_title, style_axes, web
+from usvauv.env.render.views.sea_surface import MapView
 from usvauv.env.sea.simulation import SeaSimulation
 from usvauv.env.sea.storm import System, cumulative, density, moment, total_height, wave_systems
 from usvauv.env.site.site import Site

@@ -211,7 +211,8 @@ class Playback:
     Attributes:
         pace: steps of the mission from one frame to the next. sea: its surface. stations: whether the AUVs keep some.
         nodes: series of places, m; `node_way` has them at each step, or once. moving: whether they move, as targets
-            that AUVs track. tracked, track_covariance: the AUVs' estimates of these, m, m²; empty without any.
+            that AUVs track. tracks: whether the AUVs estimate where they are. tracked, track_covariance: their
+            estimates, m, m²; empty without any.
             track_error: (T,) their error, mean over targets, m. target_depth: at which they are drawn, m.
         time, duration: s. depths: of the AUVs, m. covariance: m².
         boats, auvs, estimated, foreseen, goals: series of places, m.
@@ -237,7 +238,8 @@ class Playback:
         self.nodes = self.of_nodes(self.node_way)
         self.tracked, self.track_covariance = (self.of_nodes(np.zeros((1, 0, n))) for n in (2, 3))
         self.track_error, self.target_depth = np.zeros(len(trace.time)), 0.0
-        if trace.node_estimate.size:
+        self.tracks = trace.node_estimate.size > 0
+        if self.tracks:
             self.tracked = Series(trace.node_estimate[:, 0].astype(float))
             self.track_covariance = Series(trace.node_covariance[:, 0].astype(float))
             self.track_error = track_error(trace)[:, 0].mean(axis=1)

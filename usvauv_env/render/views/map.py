@@ -13,9 +13,9 @@ from usvauv.env.record.tracking_metrics import letter
 from usvauv.env.render import shapes, style
 from usvauv.env.render.layout import Layout, nice, nice_above
 from usvauv.env.render.mission import RHYTHM, TRAIL, Playback, Series, Vehicle, error_axes, step_of
-from usvauv.env.render.sea_surface import CurrentStreaks, MapView, SeaSurface, colour_scale
 from usvauv.env.render.shapes import Overlay
 from usvauv.env.render.style import text_width, write
+from usvauv.env.render.views.sea_surface import CurrentStreaks, MapView, SeaSurface, colour_scale
 from usvauv.kernels.flow.vortex import Eddies
 from usvauv.kernels.types import Level
 
