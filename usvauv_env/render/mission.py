@@ -243,7 +243,7 @@ class Playback:
             self.tracked = Series(trace.node_estimate[:, 0].astype(float))
             self.track_covariance = Series(trace.node_covariance[:, 0].astype(float))
             self.track_error = track_error(trace)[:, 0].mean(axis=1)
-            self.target_depth = middle_depth(trace)
+            self.target_depth = middle_depth(trace.scenario)
         self._ranged = latest(trace.node_range[:, 0] > 0) if trace.node_range.size else np.zeros((1, 0, 0), int)
         self.duration = max(float(trace.time[-1]), scenario.mission.step)
         self.time, self.depths = Series(trace.time), Series(trace.depth[:, 0])

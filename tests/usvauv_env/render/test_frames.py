@@ -116,7 +116,7 @@ class TestMap:
         ways = {name: random.uniform(1000, 1400, getattr(made, name).shape) for name in names}
         ranges[7, 0, 2, 1] = 50.0
         moving = replace(made, **ways, node_estimate=ways["node_way"], node_range=ranges)
-        moving = replace(moving, auv_depth=np.full((30, 1, 3), middle_depth(moving) - 30.0))
+        moving = replace(moving, auv_depth=np.full((30, 1, 3), middle_depth(moving.scenario) - 30.0))
         (low, high), every = frames_of([moving], (640, 360)).map.view.bounds, np.concatenate([*ways.values()], 2)
         assert (low <= every.min((0, 1, 2))).all()
         assert (high >= every.max((0, 1, 2))).all()
