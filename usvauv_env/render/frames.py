@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from usvauv.env.record.trace import Trace
+from usvauv.env.record.tracking_metrics import settled
 from usvauv.env.render import shapes, style
 from usvauv.env.render.layout import (
     AXES,
@@ -178,7 +179,7 @@ class MissionFrames(Frames):
         for name in boxes.keys() & {"reward", "fixes", "errors", "section", "depth"}:
             draw_card(still, boxes[name], layout)
         if "map" in boxes:
-            self.map = MissionMap(play, layout, follow=follow, near=True)
+            self.map = MissionMap(play, layout, follow=follow, near=(play,))
             draw_map_axes(still, self.map, layout, view_note(trace))
             self._parts.append(self.map)
         scale = self.map.view.per_metre if "map" in boxes else 0.0
@@ -318,7 +319,8 @@ class ComparisonFrames(Frames):
         across, up = round(box.width * area.width / largest.width), round(box.height * area.length / largest.length)
         box = Rectangle(box.left + (box.width - across) // 2, box.bottom - up, across, up)
         layout = replace(layout, boxes={"map": box}, left=max(0, box.left - round(AXES[0] * unit)))
-        shown = MissionMap(play, layout, limit, follow)
+        areas = [(each.trace.scenario.area.width, each.trace.scenario.area.length) for each in self._plays]
+        shown = MissionMap(play, layout, limit, follow, self._plays if areas[0] == areas[1] else ())
         draw_map_axes(self._still, shown, layout, "")
         self._sample(entry, box.left, box.top - 33 * unit)
         left, room = box.left + (SAMPLE + 8) * unit, box.width - (SAMPLE + 8 - AXES[1]) * unit
@@ -368,8 +370,11 @@ class ComparisonFrames(Frames):
         title, series = "Data delivered, Mbit", [play.delivered for play in self._plays]
         if self._plays[0].stations:
             title, series = "Distance of the AUVs to their stations, m", [play.off_target for play in self._plays]
-        if self._plays[0].moving:
+        if self._plays[0].tracks:
             title, series = "Error of the targets, m", [play.track_error for play in self._plays]
+            late = np.concatenate([play.track_error[settled(play.trace)] for play in self._plays])
+            low, high = np.quantile(late, (0.01, 0.998)).tolist()
+            return self._plot(box, title, series, max(low, LOWEST), max(high, 1.5 * low, 2 * LOWEST), log=True)
         return self._plot(box, title, series, 0.0, 1.05 * max(float(values.max()) for values in series) or 1.0)
 
     def _plot_errors(self, box: Rectangle) -> RecordedPlot:

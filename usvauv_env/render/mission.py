@@ -18,7 +18,7 @@ import numpy as np
 from usvauv.env.record.headings import latest
 from usvauv.env.record.metrics import age, energy_consumption, position_error, target_distance
 from usvauv.env.record.trace import Trace
-from usvauv.env.record.tracking_metrics import middle_depth, track_error
+from usvauv.env.record.tracking_metrics import middle_depth, settled, track_error
 from usvauv.env.render.reply_field import ReplyField
 from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.sea.storm import elevation
@@ -238,12 +238,13 @@ class Playback:
         self.nodes = self.of_nodes(self.node_way)
         self.tracked, self.track_covariance = (self.of_nodes(np.zeros((1, 0, n))) for n in (2, 3))
         self.track_error, self.target_depth = np.zeros(len(trace.time)), 0.0
-        self.tracks = trace.node_estimate.size > 0
+        self.tracks, self._settled = trace.node_estimate.size > 0, 0
         if self.tracks:
             self.tracked = Series(trace.node_estimate[:, 0].astype(float))
             self.track_covariance = Series(trace.node_covariance[:, 0].astype(float))
             self.track_error = track_error(trace)[:, 0].mean(axis=1)
-            self.target_depth = middle_depth(trace)
+            self.target_depth = middle_depth(trace.scenario)
+            self._settled = settled(trace).start
         ranges = [values[:, 0] for values in (trace.node_range, trace.boat_range) if values.size]
         self._ranges = np.concatenate(ranges or [np.zeros((1, 0, 0))], axis=1)
         self._ranged = latest(self._ranges > 0)
@@ -311,7 +312,7 @@ class Playback:
         if self.moving:
             return [
                 ("target error, m", self.track_error[t], ".1f"),
-                ("mean so far, m", self.track_error[: t + 1].mean(), ".1f"),
+                ("mean so far, m", self.track_error[min(self._settled, t) : t + 1].mean(), ".1f"),
                 ("power now, W", self._power[t], ".0f"),
                 ("EC, W", self._ec[t], ".1f"),
                 ("AUVs too close", self.trace.collisions[: t + 1, 0].sum(), ".0f"),

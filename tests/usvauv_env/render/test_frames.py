@@ -117,7 +117,7 @@ class TestMap:
         ranges[7, 0, 2, 1], of_boat[20, 0, 0, 2] = 50.0, 65.0
         measured = {"node_range": ranges, "boat_range": of_boat}
         moving = replace(made, **ways, **measured, node_estimate=ways["node_way"])
-        moving = replace(moving, auv_depth=np.full((30, 1, 3), middle_depth(moving) - 30.0))
+        moving = replace(moving, auv_depth=np.full((30, 1, 3), middle_depth(moving.scenario) - 30.0))
         (low, high), every = frames_of([moving], (640, 360)).map.view.bounds, np.concatenate([*ways.values()], 2)
         assert (low <= every.min((0, 1, 2))).all()
         assert (high >= every.max((0, 1, 2))).all()
@@ -128,7 +128,7 @@ class TestMap:
         assert (auv, target, across, fresh) == (2, 1, pytest.approx(40.0), pytest.approx(np.exp(-1.0)))
         np.testing.assert_allclose(place, moving.own_position[7, 0, 2])
         *_, (observer, target, place, across, _) = play.ranges(20.0)
-        assert (observer, target, across**2) == (3, 2, pytest.approx(65.0**2 - middle_depth(moving) ** 2))
+        assert (observer, target, across**2) == (3, 2, pytest.approx(65.0**2 - middle_depth(moving.scenario) ** 2))
         np.testing.assert_allclose(place, moving.boat_position[20, 0, 0])
 
     def test_waves_that_are_short_on_it_are_no_pattern_below_symbols(self):
