@@ -1,8 +1,9 @@
 """Ranges in an AUV's filter of a target.
 
 A range √(|x − o|² + h²) + n has a normal error n of the variance R: o is the place of the observer, itself known with a
-covariance, of which the part along the line of sight adds to R, and h the target's depth below it. Each hypothesis is
-updated by an extended Kalman filter of second order in the directions across the line of sight,
+covariance, of which the part along the line of sight adds to R and that across it to P_⊥ below, and h the target's
+depth below it. Each hypothesis is updated by an extended Kalman filter of second order in the directions across the
+line of sight,
 
     ẑ = √(d² + P_⊥),   S = (d/ẑ)² P_∥ + R + ½ (P_⊥/ẑ)²,
 
@@ -76,10 +77,10 @@ def update(f: ti.template(), g, place: vec3, covariance: vec3, distance, varianc
     if ti.static(f.depth_unknown):
         along += e * seen[4]
         spread += work[WorkColumn.zz, g]
-    across = ti.max(spread - along, 0.0)
+    own = c * c * covariance[0] + 2.0 * c * s * covariance[1] + s * s * covariance[2]
+    across = ti.max(spread - along, 0.0) + (covariance[0] + covariance[2] - own)
     expected = ti.sqrt(away * away + across)
     share, bend = away / expected, across / expected
-    own = c * c * covariance[0] + 2.0 * c * s * covariance[1] + s * s * covariance[2]
     S = share * share * along + variance + own + 0.5 * bend * bend
     of = [share * seen[a] for a in ti.static(range(f.axes))]
     correct(f, g, of, distance - expected, S, variance)

@@ -126,11 +126,11 @@ class TestClosedForms:
         assert nees(filters, target).mean() == pytest.approx(1, abs=0.08)
 
     def test_the_observers_uncertainty_counts_along_the_line_of_sight(self, device):
-        """R + uᵀ P u: the same as a noisier range, with uncertainty across that adds nothing."""
+        """R + uᵀ P u: the same as a noisier range; uncertainty across adds nothing from so far away."""
         P, mean = np.diag([400.0, 400.0, 0.01, 0.01]), np.array([[0.0, 0.0, 0.1, 0.2]])
         u = np.array([0.6, 0.8])
         place, across = np.array([[-0.6, -0.8]]) * 5000, np.array([0.8, -0.6])
-        own = 300 * np.outer(u, u) + 900 * np.outer(across, across)
+        own = 300 * np.outer(u, u) + 9 * np.outer(across, across)
         results = []
         for covariance, variance in ((own, 100.0), (np.zeros((2, 2)), 400.0)):
             filters = Filters(1, straight(0, 1), device)
@@ -142,6 +142,21 @@ class TestClosedForms:
         assert results[0][0] == pytest.approx(results[1][0], abs=1e-3)
         assert results[0][1] == pytest.approx(results[1][1], rel=1e-4, abs=0.05)
         assert u @ results[0][1][0] @ u == pytest.approx(1 / (1 / 400 + 1 / 400), rel=1e-3)
+
+
+def test_the_observers_uncertainty_across_the_line_of_sight_bends_it(device):
+    """As that of the target does: what a range of 75 m tells along it is the same where either is known to 30 m."""
+    along, across, found = np.diag([400.0, 1e-6, 1e-4, 1e-4]), np.diag([0.0, 900.0]), []
+    for covariance in (np.zeros((2, 2)), across):
+        filters = Filters(1, straight(0, 1), device)
+        P = along.copy()
+        P[:2, :2] += across - covariance
+        set_one(filters, np.array([[60.0, 0.0, 0.0, 0.0]]), P)
+        filters.observe(np.zeros((1, 2)), np.array([75.0]), np.array([True]), covariance[[0, 0, 1], [0, 1, 1]][None])
+        filters.finish()
+        found.append((filters.mean[0, 0], filters.covariance[0, 0, 0]))
+    assert found[0] == pytest.approx(found[1], rel=1e-4)
+    assert found[0][0] < 60 + 0.8 * 15 - 3  # the gain, and 15 m of which 6.7 m are by the bend
 
 
 def test_the_line_of_sight_bends(device):
