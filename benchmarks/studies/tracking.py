@@ -20,7 +20,8 @@ error and the posterior Cramér–Rao bound of it for the ways of targets and AU
 Then fewer AUVs than targets: with AUVs that keep to a target, and that go to those of which they know least; the
 difference is paired.
 
-Then `tracking`: the same by the boat's strategy, and with places known exactly; differences from `belief` are paired.
+Then `tracking`: the same by the boat's strategy, with a boat that does not listen to targets, and with places known
+exactly; differences from `belief` are paired.
 Then with rare fixes, and with the share of targets within the ellipse of 95 % of their estimate.
 
 With `--runs`, a folder of training runs that differ only in the seed, instead: their curves, and the errors of their
@@ -71,6 +72,7 @@ PUBLISHED = {
 }
 PLACES = {
     "belief": ("belief", ()),
+    "belief, does not listen": ("belief", ("task_parameters.boat_listens=0",)),
     "fim": ("fim", ()),
     "hold": ("hold:1200,1200", ()),  # the middle
     "places known": ("belief", ("task_parameters.places_known=1",)),

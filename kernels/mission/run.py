@@ -215,9 +215,9 @@ def _run(
     stream, bed, eta, U, V, unit_x, unit_y, nx, ny, sea_index, wave, since, felt, p, flag, link, links, layers,
     arrivals, fixed_vortex, strategy_arguments, rule_numbers, task_parameters, otter, reward_weights,
     observation_first, key, draw_numbers, vortex, drift, hull, body, auv, node, boat, tally, estimate, track,
-    own, exchange, foresight, belief, task_auv, task_node, task_pair, observation, reward, reward_terms, clock,
-    chosen, action, horizon_ended, truncated, workspace, drawn, numbers, vortex_rows, drift_rows, pair_rows,
-    room, due, spans, which, bounds, fault, ways, profile, reception,
+    own, exchange, foresight, belief, task_auv, task_node, task_pair, task_boat, observation, reward,
+    reward_terms, clock, chosen, action, horizon_ended, truncated, workspace, drawn, numbers, vortex_rows,
+    drift_rows, pair_rows, room, due, spans, which, bounds, fault, ways, profile, reception,
 ):
     """Run stages of a step for all worlds, or `RESET` for those with `chosen[w]` ≠ 0.
 
@@ -247,7 +247,7 @@ def _run(
                     rule_numbers, task_parameters, otter, reward_weights, observation_first, key,
                     draw_numbers, vortex, drift, hull, body, auv, node, boat, tally, estimate,
                     track, own, exchange, foresight, belief, task_auv, task_node, task_pair,
-                    observation, reward, reward_terms, clock, chosen, action, horizon_ended,
+                    task_boat, observation, reward, reward_terms, clock, chosen, action, horizon_ended,
                     truncated, workspace, drawn, numbers, vortex_rows, drift_rows, pair_rows,
                     room, due, spans, which, bounds, fault, ways, profile, reception,
                 ),

@@ -191,7 +191,12 @@ class NoColumns(StateColumns):
 
 def state_arrays(task: Task) -> dict[str, Array]:
     """`STATE` with the columns of a task's own memory."""
-    own = {"task_auv": task.auv_columns, "task_node": task.node_columns, "task_pair": task.pair_columns}
+    own = {
+        "task_auv": task.auv_columns,
+        "task_node": task.node_columns,
+        "task_pair": task.pair_columns,
+        "task_boat": task.boat_columns,
+    }
     return STATE | {name: STATE[name]._replace(columns=columns) for name, columns in own.items() if columns}
 
 
@@ -241,6 +246,7 @@ STATE = {
     "task_auv": Array("WK", "what the task keeps of each AUV", NoColumns, whose="the task's memory of AUV"),
     "task_node": Array("WM", "what the task keeps of each node", NoColumns, whose="the task's memory of node"),
     "task_pair": Array("WKM", "what it keeps of each AUV and node", NoColumns, whose="the task's memory of AUV"),
+    "task_boat": Array("WBM", "what it keeps of each boat and node", NoColumns, whose="the task's memory of boat"),
     "observation": Array("WKO", "what each AUV observes"),
 }
 REWARDS = {

@@ -23,11 +23,13 @@ def tables(trace: Trace) -> dict[str, Table]:
 
     A column is named after its variable of `usvauv.env.record.trace.VARIABLES`, with the part of it behind: "fix_x".
     AUVs, boats and nodes are numbered from 1, worlds from 0. What does not change with time is repeated. "fixes" has a
-    row for each detected reply, "services" one for each completed service, "ranges" one for each range to a target
-    that moves.
+    row for each detected reply, "services" one for each completed service, "ranges" and "boat_ranges" one for each
+    range to a target that moves.
     """
     found = {name: _table(trace, variable) for name, variable in ROWS.items()}
-    ranges = {"ranges": _ranges(trace)} if trace.node_range.size else {}
+    ranges = {"ranges": _ranges(trace, "auv", "node_range")} if trace.node_range.size else {}
+    if trace.boat_range.any():
+        ranges["boat_ranges"] = _ranges(trace, "boat", "boat_range")
     return found | {"fixes": _fixes(trace), "services": _services(trace)} | ranges
 
 
@@ -89,10 +91,12 @@ def _services(trace: Trace) -> Table:
     return _rows(trace, step, world, auv) | {"node": node + 1} | values
 
 
-def _ranges(trace: Trace) -> Table:
-    """Slant ranges that AUVs measured, ordered by time."""
-    step, world, auv, node = np.nonzero(trace.node_range)
-    return _rows(trace, step, world, auv) | {"node": node + 1, "node_range": trace.node_range[step, world, auv, node]}
+def _ranges(trace: Trace, observer: str, variable: str) -> Table:
+    """Slant ranges that AUVs or boats measured, ordered by time."""
+    values = getattr(trace, variable)
+    step, world, each, node = np.nonzero(values)
+    measured = {"node": node + 1, variable: values[step, world, each, node]}
+    return {"time": trace.time[step], "world": world, observer: each + 1} | measured
 
 
 def _rows(trace: Trace, step: np.ndarray, world: np.ndarray, auv: np.ndarray) -> Table:

@@ -66,8 +66,14 @@ class Recorder:
         self.world = world
         self._start, self._flow = world.site.start, world.site.current
         self._moving = world.scenario.task_definition.targets == "moving"
-        pairs = world.scenario.task_definition.pair_columns
-        self._measured = pairs.names.index("measured") if pairs and "measured" in pairs.names else None
+        self._measured = {  # of each trace's variable the task's memory that has it, and its column there
+            variable: (memory, columns.names.index("measured"))
+            for variable, memory, columns in (
+                ("node_range", world.task_pair, world.scenario.task_definition.pair_columns),
+                ("boat_range", world.task_boat, world.scenario.task_definition.boat_columns),
+            )
+            if columns and "measured" in columns.names
+        }
         self._rows: defaultdict[str, list[np.ndarray]] = defaultdict(list)
 
     def __len__(self) -> int:
@@ -99,7 +105,7 @@ class Recorder:
             ("body", world.body if world.scenario.auv.dynamic else NO_BODY),
             ("way", world.node[..., NodeColumn.span("x", "y")] if self._moving else NO_BODY),
             ("targets", world.task_node if self._moving else NO_BODY),
-            ("ranges", world.task_pair[..., self._measured] if self._measured is not None else NO_BODY),
+            *((name, memory[..., column]) for name, (memory, column) in self._measured.items()),
         ):
             self._rows[name].append(tensor.cpu().numpy().copy())
 
@@ -126,7 +132,7 @@ class Recorder:
             ScenarioError: each world has its own seed.
         """
         world = self.world
-        vehicles, boats, hull, tally, backlog, terms, known, own, foreseen, vortex, body, way, targets, ranges = (
+        vehicles, boats, hull, tally, backlog, terms, known, own, foreseen, vortex, body, way, targets, *ranges = (
             np.stack([row[worlds] for row in rows[first:]]) for rows in self._rows.values()
         )
         nodes = world.node[worlds].cpu().numpy()
@@ -188,7 +194,7 @@ class Recorder:
             **({"auv_charge": column("charge")} if world.scenario.auv.battery else {}),
             **({"boat_power": boat_power(world.scenario, boats)} if world.scenario.boat.metered else {}),
             **({"node_way": way, **estimates(world.scenario, targets)} if self._moving else {}),
-            **({"node_range": ranges} if self._measured is not None else {}),
+            **dict(zip(self._measured, ranges, strict=True)),
         )
 
 

@@ -57,7 +57,7 @@ _AUV_XY, _BOAT_XY, _COVARIANCE = (*_AUV, "axis"), (*_BOAT, "axis"), (*_AUV, "com
 
 OPTIONAL = (  # may be empty
     *("auv_depth", "auv_attitude", "auv_fins", "auv_touched", "auv_charge", "boat_power"),
-    *("node_way", "node_estimate", "node_covariance", "node_range"),
+    *("node_way", "node_estimate", "node_covariance", "node_range", "boat_range"),
     *("stream_time", "stream", "surface", "storm"),
 )
 DERIVED = "boat_heading"  # missing in files of earlier versions
@@ -205,6 +205,9 @@ class Trace:
     )
     node_range: np.ndarray = _array(
         (*_AUV, "node"), "m", "slant range to it that an AUV measured in this step, else 0", optional=True
+    )
+    boat_range: np.ndarray = _array(
+        (*_BOAT, "node"), "m", "slant range to it that a boat measured in this step, else 0", optional=True
     )
 
     def __repr__(self) -> str:

@@ -245,7 +245,9 @@ class Playback:
             self.track_error = track_error(trace)[:, 0].mean(axis=1)
             self.target_depth = middle_depth(trace.scenario)
             self._settled = settled(trace).start
-        self._ranged = latest(trace.node_range[:, 0] > 0) if trace.node_range.size else np.zeros((1, 0, 0), int)
+        ranges = [values[:, 0] for values in (trace.node_range, trace.boat_range) if values.size]
+        self._ranges = np.concatenate(ranges or [np.zeros((1, 0, 0))], axis=1)
+        self._ranged = latest(self._ranges > 0)
         self.duration = max(float(trace.time[-1]), scenario.mission.step)
         self.time, self.depths = Series(trace.time), Series(trace.depth[:, 0])
         moving = trace.boat_position, trace.auv_position
@@ -358,16 +360,17 @@ class Playback:
         return int(self._by[last, auv]), math.exp((last - t) / HEARD_STEPS) if last >= 0 else 0.0
 
     def ranges(self, t: float) -> list[tuple[int, int, np.ndarray, float, float]]:
-        """Ranges that are fresh at a moment: the AUV, the target, the place (2,) where the AUV took itself to be, the
-        horizontal range, m, and how recent it is, 1 in its step."""
+        """Ranges that are fresh at a moment: the observer, an AUV or after all AUVs a boat, the target, the place (2,)
+        where the observer took itself to be, the horizontal range, m, and how recent it is, 1 in its step."""
         found, trace = [], self.trace
-        for auv, target in np.ndindex(self._ranged.shape[1:]):
-            step = int(self._ranged[step_of(t), auv, target])
+        for observer, target in np.ndindex(self._ranged.shape[1:]):
+            step = int(self._ranged[step_of(t), observer, target])
             fresh = math.exp((step - t) / RANGE_STEPS) if step >= 0 else 0.0
             if fresh > 0.1:
-                height = self.target_depth - float(trace.depth[step, 0, auv])
-                across = math.sqrt(max(float(trace.node_range[step, 0, auv, target]) ** 2 - height**2, 0.0))
-                found.append((auv, target, trace.own_position[step, 0, auv].astype(float), across, fresh))
+                place = np.concatenate([trace.own_position[step, 0], trace.boat_position[step, 0]])[observer]
+                depth = float(trace.depth[step, 0, observer]) if observer < trace.depth.shape[2] else 0.0
+                square = float(self._ranges[step, observer, target]) ** 2 - (self.target_depth - depth) ** 2
+                found.append((observer, target, place.astype(float), math.sqrt(max(square, 0.0)), fresh))
         return found
 
     def stops(self, t: int, auv: int) -> list[int]:

@@ -251,11 +251,12 @@ def _channel(site: Site) -> Iterator[Finding]:
 
 
 def _messages(scenario: Scenario) -> Iterator[Finding]:
-    """The share of the channel that messages between AUVs take."""
+    """The share of the channel that messages of what AUVs and boats measured take."""
     numbers = scenario.task_numbers
     if numbers.get("message_time", 0.0) > 0.0 and scenario.channel.schedule != "every-step":
-        share = scenario.auv.count * numbers["message_time"] / numbers["interval"]
-        check, limit = "messages between AUVs take of the channel", "below 1, or the boat locates nobody"
+        senders = scenario.auv.count + (scenario.boat.count if numbers.get("boat_listens", 0.0) > 0.0 else 0)
+        share = senders * numbers["message_time"] / numbers["interval"]
+        check, limit = "messages of ranges take of the channel", "below 1, or the boat locates nobody"
         yield Finding(check, f"{share:.3g}", limit, _judge(share >= 1.0, "error"), "task_parameters.message_time")
 
 

@@ -48,6 +48,7 @@ def array_shapes(scenario: Scenario, num_worlds: int, foresees: bool) -> dict[st
         "task_auv": scenario.task_definition.auv_columns is not None,
         "task_node": scenario.task_definition.node_columns is not None,
         "task_pair": scenario.task_definition.pair_columns is not None,
+        "task_boat": scenario.task_definition.boat_columns is not None,
     }
     lengths = {
         "W": num_worlds,

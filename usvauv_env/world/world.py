@@ -144,6 +144,7 @@ class World:
     task_auv: torch.Tensor
     task_node: torch.Tensor
     task_pair: torch.Tensor
+    task_boat: torch.Tensor
     observation: torch.Tensor
     reward: torch.Tensor
     reward_terms: torch.Tensor

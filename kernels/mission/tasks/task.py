@@ -53,9 +53,10 @@ class Task:
             `worlds.task_parameters.name`.
         observation: names of observation terms that the task adds, see `usvauv.kernels.mission.observation`.
         heuristic: name of the heuristic that is taken where no policy is named, and that a learned one has to beat.
-        auv_columns, node_columns, pair_columns: columns of the task's own memory of each AUV, `worlds.task_auv[w, k]`,
-            of each node, `worlds.task_node[w, i]`, and of each AUV and node, `worlds.task_pair[w, k, i]`; None for no
-            such memory. They are part of the worlds' state, and zero before the first episode.
+        auv_columns, node_columns, pair_columns, boat_columns: columns of the task's own memory of each AUV,
+            `worlds.task_auv[w, k]`, of each node, `worlds.task_node[w, i]`, of each AUV and node,
+            `worlds.task_pair[w, k, i]`, and of each boat and node, `worlds.task_boat[w, b, i]`; None for no such
+            memory. They are part of the worlds' state, and zero before the first episode.
         room: vectors of `LANES` numbers in `worlds.room[w, :]` that `update` needs, which are not kept; on a CPU
             `worlds.room[w // WORLDS_PER_BLOCK, :]` where worlds take a step side by side.
         way: (worlds, w, k) → vec2, what AUV k takes the way to its target to be, m, which its observation has; None:
@@ -76,6 +77,7 @@ class Task:
     auv_columns: type[Columns] | None = None
     node_columns: type[Columns] | None = None
     pair_columns: type[Columns] | None = None
+    boat_columns: type[Columns] | None = None
     room: int = 1
     way: Annotated[Function, "worlds, w, k"] | None = None
     known_place: Annotated[Function, "worlds, w, i"] | None = None

@@ -3,7 +3,7 @@
 **Targets** carry a transmitter. Each moves at a constant speed on a course that changes by a random walk and, at random
 times, by a turn. It may drift with the water at the AUVs' cruise depth, and turn away from an AUV that comes near.
 
-**Measurements** are those of `tracking_measurements`; AUVs send them to one another.
+**Measurements** are those of `tracking_measurements`; AUVs send them to one another, and boats that listen to AUVs.
 
 **Estimates.** Each AUV has a filter of each target, `usvauv.kernels.tracking`, updated by the measurements it has, each
 from where the AUV that made it takes itself to be, whose error lasts from one measurement to the next
@@ -30,10 +30,11 @@ from usvauv.kernels.mission.columns import Draw
 from usvauv.kernels.mission.observation import ObservationTerm, observation_terms
 from usvauv.kernels.mission.tasks import rewards, tracking_places
 from usvauv.kernels.mission.tasks.task import SHIPPED, RewardTerm, Task, tasks
-from usvauv.kernels.mission.tasks.tracking_columns import TargetColumn, UncertainPairColumn
+from usvauv.kernels.mission.tasks.tracking_columns import BoatHearingColumn, TargetColumn, UncertainPairColumn
 from usvauv.kernels.mission.tasks.tracking_measurements import (
-    forget,
     measure,
+    note,
+    observers,
     senders,
     take_channel,
     use_measurements,
@@ -48,7 +49,7 @@ from usvauv.kernels.tracking.hypotheses import (
     filter_of,
 )
 from usvauv.kernels.trigonometry import TWO_PI, wrapped
-from usvauv.kernels.types import Level, vec2
+from usvauv.kernels.types import Level, vec2, vec3
 
 HYSTERESIS = 30.0  # m
 COVERED = 150.0  # m, from an AUV to a target that is covered
@@ -144,10 +145,11 @@ def assign(worlds: ti.template(), w, k):
     if k == 0:
         for i in range(worlds.node.shape[1]):
             place_target(worlds, w, i)
+            for j in range(observers(worlds)):
+                note(worlds, w, j, i, vec3(0.0))
     worlds.auv.target[w, k] = ti.cast(k % worlds.node.shape[1], ti.f32)
     for i in range(worlds.node.shape[1]):
         range_filter.begin(worlds.task_pair, w, k, i)
-        forget(worlds, w, k, i)
 
 
 @func
@@ -245,11 +247,12 @@ def update(worlds: ti.template(), w):
     due = ti.floor(now / given.interval + 1e-4) > ti.floor((now - p.step) / given.interval + 1e-4)
     for i in range(num_targets):
         move_target(worlds, w, i)
-    for k in range(worlds.auv.shape[1]):
+    for j in range(observers(worlds)):
         for i in range(num_targets):
-            forget(worlds, w, k, i)
+            signal = vec3(0.0)
             if due:
-                measure(worlds, w, k, i)
+                signal = measure(worlds, w, j, i)
+            note(worlds, w, j, i, signal)
     if due:
         take_channel(worlds, w)
     motion = assumed(worlds)
@@ -380,6 +383,7 @@ TRACKING = Task(
     heuristic=SHIPPED["tracking"].heuristic,
     node_columns=TargetColumn,
     pair_columns=UncertainPairColumn,
+    boat_columns=BoatHearingColumn,
     room=ROOM,
     way=way,
     known_place=known_place,

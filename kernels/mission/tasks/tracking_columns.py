@@ -71,6 +71,14 @@ class PairColumn(StateColumns):
     }
 
 
+class BoatHearingColumn(StateColumns):
+    """What a boat that listens measured of a target in this step, as in `PairColumn`, (W, B, M, ·)."""
+
+    heard: Binary
+    measured: Amount
+    bearing: Turn
+
+
 class UncertainPairColumn(PairColumn):
     """Likewise of a target of unknown depth, by AUVs that do not know exactly where they are."""
 

@@ -30,9 +30,12 @@ PARAMETERS = (
         "message_time",
         Quantity(0.0, 0.0, 60.0, "time for which one takes the acoustic channel, way and pauses included, s"),
     ),
+    ("boat_listens", Quantity(0.0, 0.0, 1.0, "1: boats hear targets too, and send the AUVs what they measure")),
     ("places_known", Quantity(0.0, 0.0, 1.0, "1: AUVs know exactly where they are")),
     ("uncertainty_weight", Quantity(30.0, 0.0, 1e6, "way that 1 m of deviation outweighs, with few AUVs, m")),
     ("settling", Quantity(600.0, 0.0, 1e6, "time at the start that figures of merit leave out, s")),
 )
-PLAIN = tuple(each for each in PARAMETERS if each[0] != "depths_known")  # of `tracking-plain`, where they are
+PLAIN = tuple(  # of `tracking-plain`, where depths are known and boats play no part
+    each for each in PARAMETERS if each[0] not in ("depths_known", "boat_listens")
+)
 WEIGHTS = {"tracked": 1.0, "covered": 1.0, "collision": -1.0}  # of terms of the reward

@@ -14,7 +14,7 @@ takes the second part as noise too, as if AUV j's place had the covariance
 A lone AUV has W = 1 and D = 0: it tracks the target from itself, and the estimate is as far off as it is. When B_j
 becomes B′, larger by dead reckoning or smaller by a fix, the share 1 − r, r the ratio of their traces below 1, of
 W_j B_j W_jᵀ is no longer due to e_j: it is added to the covariance of ϱ, and where B_j has grown W_j ← r W_j. The
-covariance of the estimate is that of ϱ and Σ_l W_l B_l W_lᵀ.
+covariance of the estimate is that of ϱ and Σ_l W_l B_l W_lᵀ. A boat that listens has no e: its D is that too.
 
 As in Schmidt's filter the errors e_l are considered, not estimated; unlike there the gain is not the best one.
 
@@ -47,11 +47,11 @@ def believed_place(worlds: ti.template(), w, k) -> vec2:
 
 
 @func
-def place_covariance(worlds: ti.template(), w, k) -> vec3:
-    """Covariance (xx, xy, yy) of that, m²."""
-    found = own_covariance(worlds, w, k)
-    if worlds.task_parameters.places_known > 0.0:
-        found = vec3(0.0)
+def place_covariance(worlds: ti.template(), w, j) -> vec3:
+    """Covariance (xx, xy, yy) of where observer j takes itself to be, m²; 0 of a boat."""
+    found = vec3(0.0)
+    if j < worlds.auv.shape[1] and worlds.task_parameters.places_known == 0.0:
+        found = own_covariance(worlds, w, j)
     return found
 
 
@@ -123,10 +123,10 @@ def renew(worlds: ti.template(), w, k, i, j, f: ti.template()):
 
 @func
 def assumed(worlds: ti.template(), w, k, i, j, f: ti.template()) -> vec3:
-    """Covariance of AUV j's place that AUV k's filter of target i takes with a measurement, D, m²."""
+    """Covariance of observer j's place that AUV k's filter of target i takes with a measurement, D, m²."""
     found = place_covariance(worlds, w, j)
     if ti.static(worlds.task_pair.shape[3] > START):
-        if j < OBSERVERS:
+        if j < considered(worlds):
             renew(worlds, w, k, i, j, f)
             found = common(worlds, w, k, i, j)
         else:
@@ -136,7 +136,7 @@ def assumed(worlds: ti.template(), w, k, i, j, f: ti.template()) -> vec3:
 
 @func
 def move(worlds: ti.template(), w, k, i, j, moved: vec4):
-    """Change the weights after a measurement by AUV j, of which the estimate moves by `moved` with that AUV's place."""
+    """Change the weights after a measurement by observer j, with whose place the estimate moves by `moved`."""
     if ti.static(worlds.task_pair.shape[3] > START):
         M = mat2([[moved[0], moved[1]], [moved[2], moved[3]]])
         for n in range(considered(worlds)):

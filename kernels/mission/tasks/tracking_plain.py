@@ -69,6 +69,12 @@ def move(worlds: ti.template(), w, k, a0, a1):
 
 
 TRACKING_PLAIN = replace(
-    TRACKING, assign=assign, move=move, auv_columns=HelmColumn, pair_columns=PairColumn, parameters=PLAIN
+    TRACKING,
+    assign=assign,
+    move=move,
+    auv_columns=HelmColumn,
+    pair_columns=PairColumn,
+    boat_columns=None,
+    parameters=PLAIN,
 )
 tasks.register("tracking-plain", TRACKING_PLAIN)

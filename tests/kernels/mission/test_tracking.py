@@ -173,9 +173,9 @@ def test_what_is_measured_in_missions_locates_targets_consistently(measured):
     assert found[~lost].mean() == pytest.approx(1, abs=0.25)
 
 
-def test_while_auvs_send_messages_the_boat_locates_nobody():
-    """Three messages of 2 s every 10 s, and exchanges of less than 1 s."""
-    world = World(Scenario.load("tracking", ["task_parameters.message_time=2"]), 8, 1)
+def test_while_auvs_and_boat_send_messages_it_locates_nobody():
+    """Four messages of 1.5 s every 10 s, and exchanges of less than 1 s."""
+    world = World(Scenario.load("tracking", ["task_parameters.message_time=1.5"]), 8, 1)
     world.reset()
     located = []
     for _ in range(100):

@@ -24,9 +24,10 @@ def place_covariance(world: World) -> torch.Tensor:
     return torch.stack([world.task_pair[:, k, 0, at : at + 3] for k, at in enumerate(first)], 1)
 
 
-def test_places_and_targets_are_as_uncertain_as_said():
+@pytest.mark.parametrize("listens", [0, 1])
+def test_places_and_targets_are_as_uncertain_as_said(listens):
     """Fixes every 3 minutes, errors of 8 m, which as mere noise of ranges leave a fifth of targets out of ellipses."""
-    world = World(Scenario.load("tracking", [RARE]), 24, seed=4)
+    world = World(Scenario.load("tracking", [RARE, f"task_parameters.boat_listens={listens}"]), 24, seed=4)
     observation, policy, own, of_targets = world.reset(), load("circle", world), [], []
     for step in range(650):
         observation = world.step(policy.act(observation)).observation
@@ -47,7 +48,8 @@ def test_places_and_targets_are_as_uncertain_as_said():
 
 def test_a_lone_auv_knows_a_target_no_better_than_its_own_place():
     """But for the time that it takes to learn of a fix."""
-    world = World(Scenario.load("tracking", [RARE, "auv.count=1", "nodes.count=1"]), 32, seed=4)
+    alone = ["auv.count=1", "nodes.count=1", "task_parameters.boat_listens=0"]
+    world = World(Scenario.load("tracking", [RARE, *alone]), 32, seed=4)
     observation, policy, as_uncertain = world.reset(), load("circle", world), []
     for step in range(400):
         observation = world.step(policy.act(observation)).observation

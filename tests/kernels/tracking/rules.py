@@ -88,7 +88,7 @@ def observe_all(
         if received[w] != 0:
             f = ti.static(filter_of(filters, rows, room, (w, 0, 0), w, *way, depths))
             uncertainty = vec3(covariance[w, 0], covariance[w, 1], covariance[w, 2])
-            observer = vec3(place[w, 0], place[w, 1], 0.0)
+            observer = vec3(place[w, 0], place[w, 1], place[w, 2])
             ranges.observe_range(f, observer, uncertainty, distance[w], variance[w])
 
 
@@ -109,7 +109,7 @@ def observe_bearings_all(
         if received[w] != 0:
             f = ti.static(filter_of(filters, rows, room, (w, 0, 0), w, *way, depths))
             uncertainty = vec3(covariance[w, 0], covariance[w, 1], covariance[w, 2])
-            observer = vec3(place[w, 0], place[w, 1], 0.0)
+            observer = vec3(place[w, 0], place[w, 1], place[w, 2])
             bearings.observe_bearing(f, observer, uncertainty, bearing[w], variance[w], REACH)
 
 
@@ -157,8 +157,9 @@ class Filters:
         variance: Any = None,
         kernel: Callable[..., None] = observe_all,
     ) -> None:
-        """Ranges, m, or with `observe_bearings_all` bearings, rad."""
-        count = len(self.rows)
+        """Ranges, m, or with `observe_bearings_all` bearings, rad, from places (F, 2), or (F, 3) with depths, m."""
+        count, place = len(self.rows), np.asarray(place)
+        place = np.pad(place, ((0, 0), (0, 3 - place.shape[1])))
         variance = np.full(count, self.variance) if variance is None else variance
         covariance = np.zeros((count, 3)) if covariance is None else covariance
         arrays = [self.tensor(array) for array in (place, covariance, measured, variance)]

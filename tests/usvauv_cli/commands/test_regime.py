@@ -228,3 +228,10 @@ def test_commands_warn_once_and_refuse(run_usvauv, tmp_path):
 
 def _set(settings):
     return [part for setting in settings for part in ("--set", setting)]
+
+
+def test_messages_of_ranges_leave_time_for_fixes():
+    """Each takes 2.6 s every 10 s: those of three AUVs do, those of three AUVs and a boat do not."""
+    long, field = "task_parameters.message_time=2.6", "task_parameters.message_time"
+    assert verdicts(long, scenario="tracking")[field].verdict == "error"
+    assert field not in verdicts(long, "task_parameters.boat_listens=0", scenario="tracking")

@@ -111,11 +111,12 @@ class TestMap:
     def test_of_targets_that_move_it_shows_where_they_get_and_ranges_to_them(self):
         """Ways within 400 m of an area of 2400 m; a range of 50 m to a target 30 m deeper is 40 m across."""
         made = following(synthetic_trace(steps=30, auvs=3, nodes=3, area=(2400.0, 2400.0)))
-        random, ranges = np.random.default_rng(1), np.zeros((30, 1, 3, 3))
+        random, ranges, of_boat = np.random.default_rng(1), np.zeros((30, 1, 3, 3)), np.zeros((30, 1, 1, 3))
         names = "auv_position", "boat_position", "node_way"
         ways = {name: random.uniform(1000, 1400, getattr(made, name).shape) for name in names}
-        ranges[7, 0, 2, 1] = 50.0
-        moving = replace(made, **ways, node_estimate=ways["node_way"], node_range=ranges)
+        ranges[7, 0, 2, 1], of_boat[20, 0, 0, 2] = 50.0, 65.0
+        measured = {"node_range": ranges, "boat_range": of_boat}
+        moving = replace(made, **ways, **measured, node_estimate=ways["node_way"])
         moving = replace(moving, auv_depth=np.full((30, 1, 3), middle_depth(moving.scenario) - 30.0))
         (low, high), every = frames_of([moving], (640, 360)).map.view.bounds, np.concatenate([*ways.values()], 2)
         assert (low <= every.min((0, 1, 2))).all()
@@ -126,6 +127,9 @@ class TestMap:
         ((auv, target, place, across, fresh),) = play.ranges(17.0)
         assert (auv, target, across, fresh) == (2, 1, pytest.approx(40.0), pytest.approx(np.exp(-1.0)))
         np.testing.assert_allclose(place, moving.own_position[7, 0, 2])
+        *_, (observer, target, place, across, _) = play.ranges(20.0)
+        assert (observer, target, across**2) == (3, 2, pytest.approx(65.0**2 - middle_depth(moving.scenario) ** 2))
+        np.testing.assert_allclose(place, moving.boat_position[20, 0, 0])
 
     def test_waves_that_are_short_on_it_are_no_pattern_below_symbols(self):
         """Of a height; a wave of a twentieth of the side, as in `tracking`, and one of a third, as in `extreme`."""

@@ -165,15 +165,17 @@ class MissionMap:
                 shapes.badge(picture, letter(number), place - self._label, 11 * unit, style.TARGET)
 
     def _draw_ranges(self, t: float) -> None:
-        """Arcs through targets around the AUVs that have measured their ranges: where they cross, a target is."""
+        """Arcs through targets around those that have measured their ranges: where they cross, a target is."""
         targets = self.view.pixel(self._play.nodes.at(t))
-        for auv, target, place, across, fresh in self._play.ranges(t):
+        auvs = self._play.auvs.values.shape[1]
+        for observer, target, place, across, fresh in self._play.ranges(t):
             centre, radius = self.view.pixel(place), across * self.view.per_metre
             half = min(ARC * self._layout.unit / max(radius, 1.0), math.pi)
             x, y = targets[target] - centre
             turns = math.atan2(y, x) + np.linspace(-half, half, 25)
             line = centre + radius * np.stack([np.cos(turns), np.sin(turns)], 1)
-            self._overlay.strokes([line], style.auv_colour(auv), 0.8 * fresh, self._layout.px(1.3))
+            colour = style.auv_colour(observer) if observer < auvs else style.BOAT
+            self._overlay.strokes([line], colour, 0.8 * fresh, self._layout.px(1.3))
 
     def _draw_pings(self, t: float, auvs: np.ndarray, boats: np.ndarray) -> None:
         """A ring from each boat that has interrogated, and lines from the boats to the AUVs that have replied."""
