@@ -171,7 +171,7 @@ class TargetInsets(ErrorInsets):
     """Estimates of the targets.
 
     The rim is brighter in directions from which a measurement tells more, at the distance of the nearest AUV. A mark
-    on it is the direction of an AUV within range.
+    on it is the direction of an AUV within range, or of a boat that listens.
     """
 
     def __init__(self, still: np.ndarray, play: Playback, card: Rectangle, layout: Layout, view: MapView) -> None:
@@ -185,6 +185,7 @@ class TargetInsets(ErrorInsets):
             scaled=settled(play.trace),
         )
         self._reach = number(play.trace, "range_most")
+        self._boats = play.trace.scenario.task_numbers.get("boat_listens", 0.0) > 0
         turns = np.linspace(0.0, 2 * math.pi, DIRECTIONS, endpoint=False)
         self._around = np.stack([np.cos(turns), np.sin(turns)], axis=1)
 
@@ -208,7 +209,11 @@ class TargetInsets(ErrorInsets):
         for place, gain in enumerate(share.tolist()):
             ink = style.mix(style.SEA[0], style.TARGET, 0.15 + 0.85 * min(gain / BRIGHTEST, 1.0))
             shapes.stroke(picture, ends[[place - 1, place]], ink, self._layout.px(5))
-        for auv in np.flatnonzero(apart < self._reach).tolist():
-            x, y = away[auv] / apart[auv]
-            at = centre + self._radius * np.array([x, -y])
-            shapes.arrow(picture, at, math.atan2(-y, -x), 12 * unit, style.auv_colour(auv), self._layout.zoom)
+        marks = [(way, style.auv_colour(auv)) for auv, way in enumerate(away)]
+        marks += [(way, style.BOAT) for way in play.boats.at(t) - play.nodes.at(t)[item] if self._boats]
+        for way, ink in marks:
+            distance = max(float(np.hypot(*way)), 1.0)
+            if distance < self._reach:
+                x, y = way / distance
+                at = centre + self._radius * np.array([x, -y])
+                shapes.arrow(picture, at, math.atan2(-y, -x), 12 * unit, ink, self._layout.zoom)
