@@ -2,7 +2,7 @@
 
     python -m benchmarks.digest
 
-The missions are those of all shipped scenarios and of some with rarer settings, three worlds each, with random actions
+The missions are those of shipped scenarios and of some with rarer settings, three worlds each, with random actions
 and one reset of a single world. All that a step returns, the current and the sea enter the digest bit for bit. A
 digest depends on the versions of Taichi and torch and on the processor.
 """
@@ -37,6 +37,8 @@ MISSIONS = [  # scenario, overrides, the boat's strategy
     ("extreme-torpedo", [], "fim"),
     ("wide-torpedo", [], "belief"),
     ("ideal", PAPER_OBJECTIVE, "fim"),
+    ("tracking", [], "belief"),
+    ("tracking-plain", [], "hold:5000,5000"),
 ]
 SEAS = [
     [],
