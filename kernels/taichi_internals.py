@@ -49,7 +49,8 @@ UNSIGNED = (ti.u8, ti.u16, ti.u32, ti.u64)
 
 
 TAICHI_READER = kernel_impl._get_tree_and_ctx
-TAICHI_VISIT = Builder.__call__
+TAICHI_BUILDER: Any = Builder
+TAICHI_VISIT = TAICHI_BUILDER.__call__
 BUILDERS = {
     kind: builder
     for kind in vars(ast).values()
@@ -221,12 +222,13 @@ class TaichiKernel(kernel_impl.Kernel):
         collects = gc.isenabled()
         gc.disable()  # or it would go through what grows here again and again
         try:
-            kernel_impl._get_tree_and_ctx, Builder.__call__ = _together or _Reader(), _visit
+            kernel_impl._get_tree_and_ctx, TAICHI_BUILDER.__call__ = _together or _Reader(), _visit
             if not impl.current_cfg().real_matrix_scalarize:
                 ops._ti_core = _Operations()
             super().materialize(*args, **kwargs)
         finally:
-            kernel_impl._get_tree_and_ctx, Builder.__call__, ops._ti_core = TAICHI_READER, TAICHI_VISIT, core
+            kernel_impl._get_tree_and_ctx, TAICHI_BUILDER.__call__ = TAICHI_READER, TAICHI_VISIT
+            ops._ti_core = core
             if collects:
                 gc.enable()
 
