@@ -24,13 +24,13 @@ from usvauv import policies
 from usvauv.env import Scenario, Trace, World
 from usvauv.env.record.recorder import record
 from usvauv.env.render import style
-from usvauv.env.render.boat_view import BoatView
 from usvauv.env.render.layout import Layout, Rectangle
-from usvauv.env.render.map import MissionMap
 from usvauv.env.render.mission import HEARD_STEPS, Playback
-from usvauv.env.render.sea_surface import elevation_limit
 from usvauv.env.render.style import write
 from usvauv.env.render.video import one_drawing_thread, video_file
+from usvauv.env.render.views.boat_view import BoatView
+from usvauv.env.render.views.map import MissionMap
+from usvauv.env.render.views.sea_surface import elevation_limit
 
 WIDTH, HEIGHT = 1280, 720  # pixels that are drawn, before they are reduced
 STORM, RACE, END = 4.0, 6.0, 2.0  # s of film

@@ -268,11 +268,19 @@ def meeting(origin: np.ndarray, direction: np.ndarray, height: float) -> np.ndar
 
 def table(figures: EpisodeMetrics, more: Mapping[str, str]) -> str:
     """The figures that the panel shows, and more of them, as HTML."""
-    rows = {
-        "SDR": f"{figures.sdr:.1f} Mbit/s",
+    task = figures.of_task
+    rows = {"Distance to targets": f"{figures.target_distance:.1f} m"}
+    if "lost_mbit" in task:
+        rows = {
+            "SDR": f"{figures.sdr:.1f} Mbit/s",
+            "Services": f"{figures.services}, {figures.delivered_mbit:.1f} Mbit",
+            "Lost at full nodes": f"{task['lost_mbit']:.2f} Mbit",
+        }
+    elif "track_error_median" in task:
+        error = f"{task['track_error_median']:.1f} m median, {task['track_error_p95']:.1f} m p95"
+        rows |= {"Error of targets": error, "Targets within 20 m": f"{task['track_close']:.1%}"}
+    rows |= {
         "EC": f"{figures.ec:.0f} W",
-        "Services": f"{figures.services}, {figures.delivered_mbit:.1f} Mbit",
-        "Lost at full nodes": f"{figures.of_task['lost_mbit']:.2f} Mbit" if "lost_mbit" in figures.of_task else "–",
         "Position error": f"{figures.position_error_median:.1f} m median, {figures.position_error_p95:.1f} m p95",
         "AUVs' own error": f"{figures.own_error_median:.1f} m median, {figures.own_error_p95:.1f} m p95",
         "Fixes available": f"{figures.fix_availability:.1%}",

@@ -30,6 +30,7 @@ class Snapshot:
     attitude: np.ndarray  # of the AUVs, (K, 3), rad, as in a trace
     fins: np.ndarray  # of the AUVs, (K, 3), rad and 1/s, as in a trace
     own: np.ndarray  # the AUVs' own position estimates, (K, 2), m
+    tracked: np.ndarray  # the team's estimates of targets that move, (M, 2), m; (0, 2) without
     flow: np.ndarray  # velocity of the water at cruise level on a grid, (rows, columns, 2), m/s
     long_waves: np.ndarray  # elevation on the points of a `SurfaceGrid`, (Y, X), m
     storm: AirySea  # the short waves, whatever time they were set to last

@@ -14,9 +14,10 @@ import numpy as np
 from usvauv.cli.live.history import History, Moment
 from usvauv.cli.live.session import Session
 from usvauv.env.exchange.poses import afloat, triangles, turn
+from usvauv.env.record.tracking_metrics import middle_depth
 from usvauv.env.render import style
 from usvauv.env.render.mission import error_axes
-from usvauv.env.render.scene import BOAT_BODY, Body, auv_body, tube
+from usvauv.env.render.views.scene import BOAT_BODY, Body, auv_body, tube
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn, NodeColumn
 
 TRAIL = 90  # states
@@ -65,6 +66,7 @@ class Scene:
         self._size = size = max(scenario.area.width, scenario.area.length)
         self._unit = SYMBOL * size
         self._depth = scenario.auv.depth
+        self._moving = scenario.task_definition.targets == "moving"
         self._colours = [np.array(rgb(style.auv_colour(k)), np.uint8) for k in range(scenario.auv.count)]
         self._shown: Any = None  # the snapshot whose nodes, flow and trails are drawn
         scene = server.scene
@@ -127,6 +129,10 @@ class Scene:
             self._auvs.append(self._add_body(name, auv_body(style.auv_colour(k))))
             self._labels.append(scene.add_label(f"{name} name", f"AUV {k + 1}", font_screen_scale=0.8))
             self._known.append(scene.add_icosphere(f"{name} estimate", 0.2 * unit, tuple(colour), opacity=0.55, **ball))
+        self._tracked = [
+            scene.add_icosphere(f"/target {m + 1} estimate", 0.2 * unit, rgb(style.TARGET), opacity=0.55, **ball)
+            for m in range(len(self._session.history.latest.tracked))
+        ]
         self.boats, self._goals = [], []
         for b in range(self._session.scenario.boat.count):
             name = f"/boat {b + 1}"
@@ -172,6 +178,8 @@ class Scene:
             points[:, :, 2] = surface
             self.sea.vertices = points.reshape(-1, 3)
             self._show_auvs(moment)
+            if self._moving:
+                self._show_targets(moment)
             self._show_boats(moment, surface)
             if moment.after is not self._shown:
                 self._shown = moment.after
@@ -199,8 +207,15 @@ class Scene:
         believed = self._at_depth(own, depth)
         errors = np.concatenate([np.stack([place, known], axis=1), np.stack([place, believed], axis=1)])
         self._set("errors", errors, np.concatenate([self._colours, np.full((len(place), 3), 255, np.uint8)]))
-        node = self._node_places(moment.after.node)[moment.after.auv[:, AuvColumn.target].astype(int)]
+        node = self._node_places(moment.mixed("node"))[moment.after.auv[:, AuvColumn.target].astype(int)]
         self._set("courses", np.stack([place, node], axis=1), self._colours)
+
+    def _show_targets(self, moment: Moment) -> None:
+        """Targets that move, and where the team takes them to be."""
+        places, tracked = self._node_places(moment.mixed("node")), moment.mixed("tracked")
+        self.nodes.batched_positions = places
+        for ball, estimate, place in zip(self._tracked, tracked, places, strict=False):
+            ball.position = np.array([*estimate, place[2]])
 
     def _show_boats(self, moment: Moment, surface: np.ndarray) -> None:
         boat, grid = moment.mixed("boat"), self._session.grid
@@ -260,10 +275,15 @@ class Scene:
 
     def _node_places(self, nodes: np.ndarray) -> np.ndarray:
         places = nodes[:, NodeColumn.span("x", "y")]
-        return np.column_stack([places, -self._session.world.site.depth_at(places)]).astype(np.float32)
+        scenario, site = self._session.scenario, self._session.world.site
+        tracks = len(self._session.history.latest.tracked) > 0
+        depth = middle_depth(scenario) if tracks else site.depth_at(places)
+        return self._at_depth(places, depth).astype(np.float32)
 
     def _node_colours(self, nodes: np.ndarray) -> np.ndarray:
-        """By what they hold; stations have the colours of their AUVs."""
+        """By what they hold; stations have the colours of their AUVs, targets that move their own."""
+        if self._moving:
+            return np.tile(np.array(rgb(style.TARGET), np.uint8), (len(nodes), 1))
         if self._session.scenario.task_definition.targets == "auvs":
             return np.stack(self._colours)
         fill = nodes[:, NodeColumn.backlog] / self._session.scenario.nodes.buffer

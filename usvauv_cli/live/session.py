@@ -16,7 +16,7 @@ import torch
 from usvauv.cli.live.history import POINTS, History, Moment, Snapshot, SurfaceGrid
 from usvauv.env.record.headings import AT_REST, turned
 from usvauv.env.record.metrics import EpisodeMetrics, episode_metrics
-from usvauv.env.record.recorder import Recorder, check_room, of_bodies
+from usvauv.env.record.recorder import Recorder, check_room, estimates, of_bodies
 from usvauv.env.scenario import Scenario
 from usvauv.env.world.strategy_choice import StrategyChoice
 from usvauv.env.world.world import World
@@ -29,6 +29,7 @@ from usvauv.policies import loading
 
 BUDGET = 0.012  # s of stepping from one picture to the next
 FLOW_POINTS = 13  # on the longer side of the area
+NO_ESTIMATES = np.zeros((0, 2), np.float32)
 NO_SURFACE = np.zeros((0, 0, 0), np.float32)
 
 
@@ -240,6 +241,7 @@ class Session:
                 attitude=self._attitude,
                 fins=fins,
                 own=copied(world.own_position),
+                tracked=estimates(self.scenario, copied(world.task_node)).get("node_estimate", NO_ESTIMATES),
                 flow=copied(self._flow),
                 long_waves=world.long_waves(POINTS)[0],
                 storm=world.storm,

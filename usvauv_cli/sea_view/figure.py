@@ -13,8 +13,8 @@ from usvauv.cli.sea_view.surface import LONG_WAVES, SHADED, LevelSurface, Sectio
 from usvauv.env.render import figures, style
 from usvauv.env.render.figures import WrittenOut, log_ticks, save_figure, set_title, style_axes
 from usvauv.env.render.layout import Rectangle
-from usvauv.env.render.sea_surface import MapView
 from usvauv.env.render.style import ON_DARK, clock, web
+from usvauv.env.render.views.sea_surface import MapView
 from usvauv.env.sea.simulation import SeaSimulation
 from usvauv.env.sea.storm import System, cumulative, density, moment, total_height, wave_systems
 from usvauv.env.site.site import Site

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from usvauv.env.render import style
-from usvauv.env.render.sea_surface import MapView, SeaSurface
+from usvauv.env.render.views.sea_surface import MapView, SeaSurface
 from usvauv.env.sea.simulation import SeaSimulation
 from usvauv.env.sea.storm import wave_systems
 from usvauv.env.site.site import Site

@@ -23,12 +23,12 @@ from usvauv.env.render.layout import (
     within_margins,
     write_heading,
 )
-from usvauv.env.render.map import draw_map_axes
-from usvauv.env.render.plots import Plot
-from usvauv.env.render.sea_surface import CurrentStreaks, MapView, SeaSurface
+from usvauv.env.render.panel.plots import Plot
 from usvauv.env.render.shapes import Overlay
 from usvauv.env.render.style import Colour, write
 from usvauv.env.render.video import even, one_drawing_thread, video_file
+from usvauv.env.render.views.map import draw_map_axes
+from usvauv.env.render.views.sea_surface import CurrentStreaks, MapView, SeaSurface
 from usvauv.env.scenario.environment import Area
 from usvauv.env.sea.simulation import SeaSimulation, Surface
 from usvauv.env.sea.storm import wave_systems

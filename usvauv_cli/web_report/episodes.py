@@ -1,4 +1,4 @@
-"""Data that the page keeps from traces: one episode for the player, and distributions of position and fix errors.
+"""Data that the page keeps from traces: one episode for the player, and distributions of errors.
 
 The player, `player.js`, reads the episodes as JSON. An array of numbers is {"shape", "low", "step", "bits",
 "data"} with value = low + step × unsigned number of so many bits, little-endian, in base64. The rounding error is half
@@ -8,7 +8,7 @@ a step.
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -17,6 +17,7 @@ import numpy as np
 from usvauv.env.record import metrics
 from usvauv.env.record.metrics import usable
 from usvauv.env.record.trace import Trace
+from usvauv.env.record.tracking_metrics import track_error
 from usvauv.env.render.style import CATEGORICAL
 from usvauv.env.scenario import Scenario
 from usvauv.env.storage.result_tables import Combination
@@ -28,6 +29,7 @@ FRAME_BYTES = 900_000  # of the frames of all episodes
 TRACK_POINTS = 12_000  # of all tracks of all episodes
 MOST_TRACK = 400  # points of a track
 MOST_AGES = 200  # moments with ages of data
+AROUND = 1.2  # of the reach of all ways, the side of the part of the area that is shown
 PERIODS = 100  # of the mission, for errors over time
 ERRORS = np.logspace(-3, 4, 7 * 40 + 1)  # edges of the classes of errors, m: 6 % wide
 
@@ -45,9 +47,10 @@ class Episode:
             "boat" (F, B, 2), m; "vortex", centres, m, circulations of the share of the speed that the AUVs meet, m²/s,
             and core radii, m; "fill" (F, M), share of the buffer, (F, 0) where nodes have no data; "data", collected so
             far, Mbit; "energy", spent so far, Wh. Of the real current: "stream_time", s, and "stream" at its arrows,
-            m/s. "node" (F, M, 2), or (1, M, 2) where they stay, m.
+            m/s. "node" (F, M, 2), or (1, M, 2) where they stay, m. "tracked" (F, M, 2), the team's estimates of
+            targets that move, m; (F, 0, 2) without.
         auvs: K. node: (M, 2) at the end, m. with_data: whether nodes have data.
-        tracks: of the AUVs, then of the boats, (points, 2) m.
+        tracks: of the AUVs, then of the boats, (points, 2) m. targets: of those that move.
         age: (4, F) time, and of the ages of the nodes' data then the 10th, 50th and 90th percentile, s; (4, 0) where
             nodes have none.
     """
@@ -59,18 +62,20 @@ class Episode:
     node: np.ndarray
     with_data: bool
     tracks: list[np.ndarray]
+    targets: list[np.ndarray]
     age: np.ndarray
 
 
 @dataclass
 class Recording:
     """One combination: its recorded episode, and counts (PERIODS, classes of `ERRORS`) over all episodes of the errors
-    of the boat's estimates of positions, at each step, and of usable fixes.
+    of the boat's estimates of positions, at each step, of usable fixes, and of the team's estimates of targets.
     """
 
     episode: Episode
     positions: np.ndarray = field(default_factory=lambda: np.zeros((PERIODS, len(ERRORS) - 1), np.int64))
     fixes: np.ndarray = field(default_factory=lambda: np.zeros((PERIODS, len(ERRORS) - 1), np.int64))
+    targets: np.ndarray = field(default_factory=lambda: np.zeros((PERIODS, len(ERRORS) - 1), np.int64))
 
 
 class Recordings(dict[Combination, Recording]):
@@ -90,6 +95,9 @@ class Recordings(dict[Combination, Recording]):
         off = np.linalg.norm(trace.fix - trace.heard_position, axis=-1)
         _count(self[combination].positions, metrics.position_error(trace), np.ones_like(off, bool))
         _count(self[combination].fixes, off, usable(trace))
+        if trace.node_estimate.size:
+            apart = track_error(trace)
+            _count(self[combination].targets, apart, np.ones_like(apart, bool))
 
 
 def _count(counts: np.ndarray, error: np.ndarray, known: np.ndarray) -> None:
@@ -123,9 +131,10 @@ def thinned(trace: Trace, episodes: int) -> Episode:
     size = (
         2 * (3 + (8 + (trace.auv_attitude.size > 0)) * auvs + 2 * boats + 4 * vortices) + auvs + nodes * with_data
     )  # bytes, as encoded below
-    size += 4 * nodes * (trace.node_way.size > 0)
+    moves, tracks = trace.node_way.size > 0, trace.node_estimate.size > 0
+    size += 4 * nodes * (moves + tracks)
     kept = evenly(steps, FRAME_BYTES // (episodes * size))
-    points = evenly(steps, min(TRACK_POINTS // (episodes * (auvs + boats)), MOST_TRACK))
+    points = evenly(steps, min(TRACK_POINTS // (episodes * (auvs + boats + moves * nodes)), MOST_TRACK))
     moving = [*np.moveaxis(trace.auv_position[points, 0], 1, 0), *np.moveaxis(trace.boat_position[points, 0], 1, 0)]
     centre, circulation, core = np.split(trace.vortex[kept, 0], [2, 3], axis=-1)
     ellipse = ellipses(trace.estimate_covariance[kept, 0], max(area.width, area.length))
@@ -150,7 +159,8 @@ def thinned(trace: Trace, episodes: int) -> Episode:
         ],
         "stream_time": encoded(trace.stream_time if len(trace.stream_time) else np.zeros(1)),
         "stream": encoded(at_arrows(trace.stream, area.width, area.length)),
-        "node": encoded(trace.node_way[kept, 0] if trace.node_way.size else trace.node_position[:1]),
+        "node": encoded(trace.node_way[kept, 0] if moves else trace.node_position[:1]),
+        "tracked": encoded(trace.node_estimate[kept, 0] if tracks else np.zeros((len(kept), 0, 2))),
         "fill": encoded(fill, bits=8),
         "data": encoded(data),
         "energy": encoded(power * trace.scenario.mission.step / 3600),
@@ -159,7 +169,20 @@ def thinned(trace: Trace, episodes: int) -> Episode:
     if with_data:
         some = evenly(len(trace.time), MOST_AGES)
         age = np.vstack([trace.time[some], np.quantile(metrics.age(trace)[some, 0], (0.1, 0.5, 0.9), axis=1)])
-    return Episode(steps, trace.time[kept], player, auvs, trace.node_position[0], with_data, moving, age)
+    targets = [*np.moveaxis(trace.node_way[points, 0], 1, 0)] if moves else []
+    return Episode(steps, trace.time[kept], player, auvs, trace.node_position[0], with_data, moving, targets, age)
+
+
+def part_shown(scenario: Scenario, episodes: Sequence[Episode]) -> tuple[float, float, float, float]:
+    """West, south, width and length of what maps show, m: the area, or where targets move a square around all ways."""
+    area = scenario.area
+    ways = [way for episode in episodes for way in (*episode.tracks, *episode.targets)]
+    if not any(episode.targets for episode in episodes):
+        return 0.0, 0.0, area.width, area.length
+    low, high = np.min([way.min(0) for way in ways], axis=0), np.max([way.max(0) for way in ways], axis=0)
+    side = min(AROUND * float((high - low).max()), area.width, area.length)
+    west, south = np.clip((low + high - side) / 2, 0.0, (area.width - side, area.length - side)).tolist()
+    return west, south, side, side
 
 
 def evenly(count: int, most: int) -> np.ndarray:
@@ -206,11 +229,12 @@ def encoded(values: np.ndarray, bits: int = 16, whole: bool = False) -> dict[str
     }
 
 
-def player_data(scenario: Scenario, names: Iterable[str], episodes: Iterable[Episode]) -> dict[str, Any]:
-    """Number of colours of AUVs, area, and each episode under its name."""
+def player_data(scenario: Scenario, names: Iterable[str], episodes: Sequence[Episode]) -> dict[str, Any]:
+    """Number of colours of AUVs, area and the part of it that is shown, and each episode under its name."""
     return {
         "colours": len(CATEGORICAL),
         "area": [scenario.area.width, scenario.area.length],
+        "shown": part_shown(scenario, episodes),
         "period": scenario.current.period,
         "images": IMAGES,
         "episodes": [{"name": name, **each.player} for name, each in zip(names, episodes, strict=True)],

@@ -7,22 +7,24 @@ from collections.abc import Sequence
 
 from usvauv.cli.web_report import document
 from usvauv.cli.web_report.document import COLUMN, INK, NODE, SEA, colour, dash
-from usvauv.cli.web_report.episodes import Recording
+from usvauv.cli.web_report.episodes import Recording, part_shown
 from usvauv.env.render.figures import Axes, Figure, Line2D, MaxNLocator
 from usvauv.env.scenario import Scenario
 
 
-def maps(names: Sequence[str], scenario: Scenario, handles: Sequence[Line2D]) -> tuple[Figure, list[Axes]]:
-    """A map of the area for each name, side by side, and a legend of handles."""
+def maps(
+    names: Sequence[str], part: tuple[float, float, float, float], handles: Sequence[Line2D]
+) -> tuple[Figure, list[Axes]]:
+    """A map of a part of the area (`part_shown`) for each name, side by side, and a legend of handles."""
     columns = min(len(names), 2)
     rows = math.ceil(len(names) / columns)
-    width, length = scenario.area.width, scenario.area.length
+    west, south, width, length = part
     side = min((COLUMN - 0.5) / columns - 0.1, 2.9)
     figure = document.new(rows * (min(max(side * length / width, 0.4), 2 * side) + 0.22) + 0.42, handles)
     plots = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
     for i, (axes, name) in enumerate(zip(plots, names, strict=False)):
         axes.set_facecolor(SEA)
-        axes.set(xlim=(0, width), ylim=(0, length), aspect="equal")
+        axes.set(xlim=(west, west + width), ylim=(south, south + length), aspect="equal")
         document.name_axes(axes, name, columns)
         for axis in (axes.xaxis, axes.yaxis):
             axis.set_major_locator(MaxNLocator(3 if columns > 1 else 5))
@@ -47,10 +49,13 @@ def trajectories(names: Sequence[str], recordings: Sequence[Recording], scenario
     places = {"nodes": "node", "auvs": "station", "moving": "target, at the end"}
     place = places[scenario.task_definition.targets]
     ways.append(Line2D([], [], ls="none", marker="^", ms=3.5, color=NODE, label=place))
-    figure, plots = maps(names, scenario, ways)
+    part = part_shown(scenario, [recording.episode for recording in recordings])
+    figure, plots = maps(names, part, ways)
     for axes, recording in zip(plots, recordings, strict=True):
         episode = recording.episode
         axes.plot(*episode.node.T, "^", ms=2.4, color=NODE, mew=0)
+        for way in episode.targets:
+            axes.plot(*way.T, color=NODE, lw=0.7)
         for k, track in reversed(list(enumerate(episode.tracks))):
             boat = k >= auvs
             look = INK if boat else colour(k)

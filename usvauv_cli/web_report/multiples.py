@@ -36,10 +36,10 @@ def bands(names: Sequence[str], time: Sequence[np.ndarray], shown: Sequence[np.n
     return figure
 
 
-def errors_of_each(names: Sequence[str], recordings: Sequence[Recording], duration: float) -> Figure:
-    """Errors of the boat's estimates of positions over time, of all episodes, m."""
+def errors_of_each(names: Sequence[str], recordings: Sequence[Recording], duration: float, kind: str) -> Figure:
+    """Errors of a kind, an attribute of the recordings, over time, of all episodes, m."""
     time = (np.arange(PERIODS) + 0.5) / PERIODS * duration
-    found = [error_quantiles(recording.positions, (0.05, 0.5, 0.95)) for recording in recordings]
+    found = [error_quantiles(getattr(recording, kind), (0.05, 0.5, 0.95)) for recording in recordings]
     figure = bands(names, [time] * len(names), found, "error, m")
     axis = figure.axes[0]
     axis.set(yscale="log", xlim=(0, duration))

@@ -157,14 +157,16 @@ def _figures(
         shown = list(recordings)
         draw = partial(front_of_many, shown, comparison) if many else partial(front, names, shown, comparison)
         yield "front", draw, "Data and energy", f"{about} Better is further up and left."
+    kinds = ("targets", "positions") if recorded[0].targets.any() else ("positions", "fixes")
     if many:
-        about = "Of the boat's estimates of the AUVs' positions over the mission, of all episodes: the median in each"
+        about = f"Of {ERRORS_OF[kinds[0]]} over the mission, of all episodes: the median in each"
         about += " hundredth, and a band that holds 90 %. Grey: the median of the first."
-        draw = partial(errors_of_each, names, recorded, steps * scenario.mission.step)
-        yield "errors", draw, "Errors of positions", about
+        draw = partial(errors_of_each, names, recorded, steps * scenario.mission.step, kinds[0])
+        yield "errors", draw, f"Errors of {kinds[0]}", about
     else:
-        yield _errors_of_few(names, recorded, steps * scenario.mission.step)
-    about = f"The first episode, world 0, the same for all{thinned}."
+        yield _errors_of_few(names, recorded, steps * scenario.mission.step, kinds)
+    ways = " Thin and grey: the ways of the targets." if recorded[0].episode.targets else ""
+    about = f"The first episode, world 0, the same for all{thinned}.{ways}"
     yield "trajectories", partial(trajectories, names, recorded, scenario), "Tracks of AUVs and boat", about
     if collects_data(scenario):
         about = "Of the nodes in the first episode: the median age of their data, and a band that holds 80 % of them."
@@ -173,13 +175,23 @@ def _figures(
         yield "ages", partial(ages, names, recorded), "Age of data", about
 
 
-def _errors_of_few(names: Sequence[str], recorded: Sequence[Recording], duration: float) -> document.Drawn:
+ERRORS_OF = {
+    "targets": "the team's estimates of targets",
+    "positions": "the boat's estimates of the AUVs' positions",
+    "fixes": "usable fixes",
+}
+
+
+def _errors_of_few(
+    names: Sequence[str], recorded: Sequence[Recording], duration: float, kinds: tuple[str, str]
+) -> document.Drawn:
+    left, right = (ERRORS_OF[kind] for kind in kinds)
     about = (
-        "Left: of the boat's estimates of the AUVs' positions, at each step; right: of usable fixes. Of all episodes."
+        f"Left: of {left}, at each step; right: of {right}. Of all episodes."
         " Above: the median in each hundredth of the mission, and for the first combination a band that holds 90 %."
         " Below: the share with a smaller error, which is known to 6 %."
     )
-    return "errors", partial(errors, names, recorded, duration), "Errors of positions and fixes", about
+    return "errors", partial(errors, names, recorded, duration, kinds), f"Errors of {kinds[0]} and {kinds[1]}", about
 
 
 @dataclass(frozen=True)
@@ -263,15 +275,15 @@ def front(names: Sequence[str], shown: Sequence[Combination], comparison: Compar
     return figure
 
 
-def errors(names: Sequence[str], recordings: Sequence[Recording], duration: float) -> Figure:
-    """Errors of positions beside those of fixes: over time, the median and of the first combination what holds 90 %,
-    and their distribution.
+def errors(names: Sequence[str], recordings: Sequence[Recording], duration: float, kinds: tuple[str, str]) -> Figure:
+    """Errors of two kinds, attributes of the recordings, side by side: over time, the median and of the first
+    combination what holds 90 %, and their distribution.
     """
     figure = document.new(3.6, document.lines(names))
     plots = figure.subplots(2, 2, sharex="row", sharey="row")
     time = (np.arange(PERIODS) + 0.5) / PERIODS * duration
     reach = []
-    for column, kind in enumerate(("positions", "fixes")):
+    for column, kind in enumerate(kinds):
         over_time, whole = plots[:, column]
         over_time.set_title(kind, loc="left", pad=3)
         for i, recording in enumerate(recordings):

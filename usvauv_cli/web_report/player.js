@@ -8,7 +8,7 @@
     const canvas = place.querySelector("canvas");
     return { place, canvas, context: canvas.getContext("2d"), output: place.querySelector("output"), episode: null };
   });
-  const [width, length] = data.area;
+  const [areaWidth, areaLength] = data.area, [west, south, width, length] = data.shown;
 
   // An array as `episodes.py` writes it: its shape, and its values one after another.
   function decoded(array) {
@@ -61,7 +61,7 @@
     colours = Object.fromEntries(names.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
   }
   const ofAuv = (k) => colours[`series${k % data.colours}`];
-  const pixel = ([x, y]) => [margin + x * perMetre, margin / 2 + (length - y) * perMetre];
+  const pixel = ([x, y]) => [margin + (x - west) * perMetre, margin / 2 + (south + length - y) * perMetre];
 
   function resize() {
     const ratio = window.devicePixelRatio || 1, across = views[0].canvas.clientWidth;
@@ -104,18 +104,19 @@
   }
 
   function drawGround() {
-    const step = niceStep(Math.max(width, length) / 5), [left, bottom] = pixel([0, 0]), [right, top] = pixel([width, length]);
+    const step = niceStep(Math.max(width, length) / 5), east = west + width, north = south + length;
+    const [left, bottom] = pixel([west, south]), [right, top] = pixel([east, north]);
     context.font = "11px system-ui, sans-serif";
     context.fillStyle = colours.muted;
     context.textBaseline = "middle";
-    for (let x = 0; x <= width * 1.0001; x += step) {
-      const [at] = pixel([x, 0]);
+    for (let x = Math.ceil(west / step) * step; x <= east * 1.0001; x += step) {
+      const [at] = pixel([x, south]);
       line([[at, bottom], [at, top]], colours.line, 1);
       context.textAlign = "center";
       context.fillText(x ? x.toFixed(0) : "0 m", at, bottom + 12);
     }
-    for (let y = 0; y <= length * 1.0001; y += step) {
-      const [, at] = pixel([0, y]);
+    for (let y = Math.ceil(south / step) * step; y <= north * 1.0001; y += step) {
+      const [, at] = pixel([west, y]);
       line([[left, at], [right, at]], colours.line, 1);
       context.textAlign = "right";
       context.fillText(y.toFixed(0), left - 6, at);
@@ -149,7 +150,9 @@
     let fastest = 0;
     for (let row = 0; row < rows; row++) {
       for (let column = 0; column < columns; column++) {
-        const x = (column + 0.5) * width / columns, y = (row + 0.5) * length / rows, at = 2 * (row * columns + column);
+        const x = (column + 0.5) * areaWidth / columns, y = (row + 0.5) * areaLength / rows;
+        if (x < west || x > west + width || y < south || y > south + length) continue;
+        const at = 2 * (row * columns + column);
         let [u, v] = [at, at + 1].map((i) => between(episode.stream, 2 * rows * columns, when, i));
         for (let i = frame * count; i < (frame + 1) * count; i++) {
           const dx = nearest(x - centres.values[2 * i]), dy = nearest(y - centres.values[2 * i + 1]);
@@ -163,7 +166,7 @@
       }
     }
     if (fastest < 1e-4) return "no current";
-    const scale = 0.95 * width / columns / fastest;
+    const scale = 0.95 * areaWidth / columns / fastest;
     for (const [x, y, u, v] of arrows) {
       const from = pixel([x - u * scale / 2, y - v * scale / 2]), to = pixel([x + u * scale / 2, y + v * scale / 2]);
       const head = 0.3, bx = from[0] - to[0], by = from[1] - to[1];
@@ -198,7 +201,9 @@
 
   function drawNodes(place) {
     const nodes = nodesAt(place), count = nodes.length, filled = episode.fill.shape[1] > 0;
-    const radius = Math.min(Math.max(0.14 * Math.sqrt(width * length / count) * perMetre, 3.5), 9 * unit);
+    const tracked = episode.tracked.shape[1] ? pairs(episode.tracked, place) : [];
+    const most = tracked.length ? 5 : 9, magnify = Number(element("magnify").value);
+    const radius = Math.min(Math.max(0.14 * Math.sqrt(width * length / count) * perMetre, 3.5), most * unit);
     for (let i = 0; i < count; i++) {
       const [x, y] = pixel(nodes[i]);
       const fill = filled ? between(episode.fill, count, place, i) : 0, full = fill > 0.995;
@@ -221,6 +226,14 @@
       }
       context.stroke();
     }
+    tracked.forEach((estimate, i) => {
+      const off = estimate.map((value, axis) => magnify * (value - nodes[i][axis])), arm = 5 * unit;
+      if (Math.hypot(...off) > width / 4) return;  // before the first ranges
+      const at = pixel(nodes[i].map((value, axis) => value + off[axis]));
+      const corners = [[0, -arm], [arm, 0], [0, arm], [-arm, 0], [0, -arm]];
+      line([pixel(nodes[i]), at], colours.node, 1 * unit, [], 0.6);
+      line(corners.map(([x, y]) => [at[0] + x, at[1] + y]), colours.node, 1.6 * unit);
+    });
   }
 
   function drawAuvs(place) {
@@ -234,7 +247,7 @@
       const seen = pixel(auv.map((value, axis) => value + magnify * (estimates[k][axis] - value)));
       context.save();
       context.beginPath();
-      const [left, top] = pixel([0, length]);
+      const [left, top] = pixel([west, south + length]);
       context.rect(left, top, width * perMetre, length * perMetre);
       context.clip();
       context.strokeStyle = colour;
@@ -308,11 +321,13 @@
     drawAuvs(place);
     drawBoats(place);
     const auvs = pairs(episode.auv, place);
-    const off = pairs(episode.estimate, place).map((at, k) => Math.hypot(at[0] - auvs[k][0], at[1] - auvs[k][1]));
+    const apart = (estimates, truth) => estimates.map((at, k) => Math.hypot(at[0] - truth[k][0], at[1] - truth[k][1]))
+      .map((metres) => metres.toFixed(metres < 10 ? 2 : 0)).join(", ");
     const minutes = Math.floor(time / 60), seconds = String(Math.floor(time % 60)).padStart(2, "0");
     const said = [`${minutes}:${seconds} min`, `${between(episode.energy, 1, place, 0).toFixed(1)} Wh`];
     if (episode.fill.shape[1]) said.push(`${between(episode.data, 1, place, 0).toFixed(1)} Mbit`);
-    said.push(`estimates off by ${off.map((metres) => metres.toFixed(metres < 10 ? 2 : 0)).join(", ")} m`);
+    said.push(`estimates off by ${apart(pairs(episode.estimate, place), auvs)} m`);
+    if (episode.tracked.shape[1]) said.push(`targets by ${apart(pairs(episode.tracked, place), nodesAt(place))} m`);
     output.value = [...(views[1].episode ? [name] : []), ...said, ...(current ? [current] : [])].join(" · ");
   }
 

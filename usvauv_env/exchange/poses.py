@@ -47,7 +47,7 @@ class Poses(NamedTuple):
         if trace.node_estimate.size:
             known = trace.node_covariance[:, 0, :, :1] > 0
             moving[1] = np.where(known, trace.node_estimate[:, 0], np.nan)
-            middle = middle_depth(trace)
+            middle = middle_depth(trace.scenario)
         return cls(
             auvs=_raised(trace.auv_position[:, 0], -depth),
             fixes=_raised(trace.fix[:, 0], -depth),

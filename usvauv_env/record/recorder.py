@@ -187,19 +187,20 @@ class Recorder:
             **(of_bodies(body) if world.scenario.auv.dynamic else {}),
             **({"auv_charge": column("charge")} if world.scenario.auv.battery else {}),
             **({"boat_power": boat_power(world.scenario, boats)} if world.scenario.boat.metered else {}),
-            **({"node_way": way, **self._estimates(targets)} if self._moving else {}),
+            **({"node_way": way, **estimates(world.scenario, targets)} if self._moving else {}),
             **({"node_range": ranges} if self._measured is not None else {}),
         )
 
-    def _estimates(self, targets: np.ndarray) -> dict[str, np.ndarray]:
-        """The arrays of a trace for estimates of nodes (..., M, ·) that move, where the task's memory has them."""
-        columns = self.world.scenario.task_definition.node_columns
-        if not columns or "estimate_x" not in columns.names:
-            return {}
-        return {
-            "node_estimate": targets[..., columns.span("estimate_x", "estimate_y")],
-            "node_covariance": targets[..., columns.span("covariance_xx", "covariance_yy")],
-        }
+
+def estimates(scenario: Scenario, targets: np.ndarray) -> dict[str, np.ndarray]:
+    """The arrays of a trace for estimates of nodes (..., M, ·) that move, where the task's memory has them."""
+    columns = scenario.task_definition.node_columns
+    if not columns or "estimate_x" not in columns.names:
+        return {}
+    return {
+        "node_estimate": targets[..., columns.span("estimate_x", "estimate_y")],
+        "node_covariance": targets[..., columns.span("covariance_xx", "covariance_yy")],
+    }
 
 
 def boat_power(scenario: Scenario, boats: np.ndarray) -> np.ndarray:

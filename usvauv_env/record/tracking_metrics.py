@@ -13,6 +13,7 @@ import numpy as np
 
 from usvauv.env.record.metrics import Metric, task_metrics
 from usvauv.env.record.trace import Trace
+from usvauv.env.scenario import Scenario
 from usvauv.kernels.mission.tasks.tracking import COVERED
 
 CLOSE = 20.0  # m
@@ -29,9 +30,9 @@ def letter(target: int) -> str:
     return string.ascii_uppercase[target % 26] + (str(target // 26) if target >= 26 else "")
 
 
-def middle_depth(trace: Trace) -> float:
+def middle_depth(scenario: Scenario) -> float:
     """Depth in the middle of where moving targets may be, m; their own depths are not in a trace."""
-    return 0.5 * (number(trace, "depth_least") + number(trace, "depth_most"))
+    return 0.5 * (scenario.task_numbers["depth_least"] + scenario.task_numbers["depth_most"])
 
 
 def settled(trace: Trace) -> slice:

@@ -12,7 +12,11 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-# Names written twice are for others too.
+from usvauv.env.render.style import LIGHT, ON_DARK, SEA, THEMES, Ground, web
+from usvauv.env.storage.files import atomic_write
+
+# isort: split
+# After `style`, which imports it whatever its user's settings are. Names written twice are for others too.
 import matplotlib
 from matplotlib import mlab as mlab
 from matplotlib.axes import Axes as Axes
@@ -27,9 +31,6 @@ from matplotlib.patheffects import AbstractPathEffect as AbstractPathEffect
 from matplotlib.patheffects import withStroke as withStroke
 from matplotlib.ticker import FixedLocator, FormatStrFormatter, LogFormatter, NullLocator
 from matplotlib.ticker import MaxNLocator as MaxNLocator
-
-from usvauv.env.render.style import LIGHT, ON_DARK, SEA, THEMES, Ground, web  # isort: split  # imports matplotlib safely
-from usvauv.env.storage.files import atomic_write
 
 DEFAULTS: dict[Any, Any] = {name: value for name, value in matplotlib.rcParamsDefault.items() if name != "backend"}
 DEFAULTS["text.parse_math"] = False

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 
 from usvauv.env.record.trace import Trace
+from usvauv.env.record.tracking_metrics import settled
 from usvauv.env.render import shapes, style
-from usvauv.env.render.boat_view import BoatView
 from usvauv.env.render.layout import (
     AXES,
     Arrangement,
@@ -24,13 +24,16 @@ from usvauv.env.render.layout import (
     within_margins,
     write_heading,
 )
-from usvauv.env.render.legend import Legend
-from usvauv.env.render.map import MissionMap, draw_map_axes, view_note
 from usvauv.env.render.mission import Playback, Series, Vehicle, step_of
-from usvauv.env.render.perspective import PerspectiveView
-from usvauv.env.render.plots import DepthSection, FixInsets, RecordedPlot, RewardBars
-from usvauv.env.render.sea_surface import elevation_limit
+from usvauv.env.render.panel.insets import FixInsets, TargetInsets
+from usvauv.env.render.panel.legend import Legend
+from usvauv.env.render.panel.plots import RecordedPlot, RewardBars, depth_plot, error_plot
+from usvauv.env.render.panel.section import DepthSection
 from usvauv.env.render.style import Colour, Theme, shorten, text_width, write
+from usvauv.env.render.views.boat_view import BoatView
+from usvauv.env.render.views.map import MissionMap, draw_map_axes, view_note
+from usvauv.env.render.views.perspective import PerspectiveView
+from usvauv.env.render.views.sea_surface import elevation_limit
 from usvauv.env.scenario.environment import Area
 from usvauv.kernels.errors import UserError
 
@@ -176,7 +179,7 @@ class MissionFrames(Frames):
         for name in boxes.keys() & {"reward", "fixes", "errors", "section", "depth"}:
             draw_card(still, boxes[name], layout)
         if "map" in boxes:
-            self.map = MissionMap(play, layout, follow=follow, near=True)
+            self.map = MissionMap(play, layout, follow=follow, near=(play,))
             draw_map_axes(still, self.map, layout, view_note(trace))
             self._parts.append(self.map)
         scale = self.map.view.per_metre if "map" in boxes else 0.0
@@ -187,7 +190,8 @@ class MissionFrames(Frames):
             self._parts.append(perspective)
             scale = scale or perspective.per_metre
         if "fixes" in boxes:
-            self._parts.append(FixInsets(still, play, boxes["fixes"], layout, self.map.view))
+            insets = TargetInsets if play.tracks else FixInsets
+            self._parts.append(insets(still, play, boxes["fixes"], layout, self.map.view))
         if "section" in boxes:
             self._parts.append(DepthSection(still, play, boxes["section"], layout))
         if "reward" in boxes:
@@ -245,38 +249,6 @@ class Instruments:
             words = f"{value % 360.0 if name == 'heading' else value:{form}}{of}".replace("-", "−")
             write(picture, name, (box.left + 8 * unit, line), 11 * unit, style.DARK.muted)
             write(picture, words, (box.right - 8 * unit, line), 11 * unit, style.DARK.text, bold=True, anchor="right")
-
-
-def depth_plot(still: np.ndarray, play: Playback, box: Rectangle, layout: Layout) -> RecordedPlot:
-    """Plot of the AUVs' depths, each in its colour, over the bed below it."""
-    trace = play.trace
-    depth, bed = trace.depth[:, 0], play.bed
-    room = within_margins(box, layout.unit, top=28, sides=18, bottom=20, left=42)
-    lowest, highest = max(float(bed.max()), float(depth.max())), float(depth.min())
-    margin = 0.15 * (lowest - highest)
-    plot = RecordedPlot(still, room, lowest + margin, max(highest - margin, 0.0), play.duration, layout)
-    write_heading(still, layout, box, "Depth, m", "dashed: the bed below")
-    for auv in range(depth.shape[1]):
-        plot.curve(trace.time, bed[:, auv], style.mix(layout.theme.card, layout.theme.auv(auv), 0.6), 5 * layout.unit)
-        plot.curve(trace.time, depth[:, auv], layout.theme.auv(auv))
-    return plot
-
-
-def error_plot(still: np.ndarray, play: Playback, box: Rectangle, layout: Layout) -> RecordedPlot:
-    """Plot of the errors of the boat's estimates, each AUV in its colour."""
-    trace, unit, theme, error = play.trace, layout.unit, layout.theme, play.position_error
-    low, high = np.quantile(error, (0.03, 0.998))
-    low = max(float(low), 1e-9)
-    room = within_margins(box, unit, top=28, sides=18, bottom=20, left=42)
-    plot = RecordedPlot(still, room, low, max(float(high), 1.5 * low), play.duration, layout, log=True)
-    scenario = trace.scenario
-    of, dots = ("estimates", "step") if scenario.navigation.sensor != "none" else ("fixes", "fix")
-    write_heading(still, layout, box, f"Position error of the {of}, m", f"dots: each {dots} · line: median of 30 s")
-    for auv in range(error.shape[1]):
-        plot.dots(trace.time, error[:, auv], style.mix(theme.card, theme.auv(auv), 0.45))
-    for auv in range(error.shape[1]):
-        plot.curve(trace.time, play.error_median[:, auv], theme.auv(auv))
-    return plot
 
 
 LOWEST = 1e-3  # m, of the error plot
@@ -347,7 +319,8 @@ class ComparisonFrames(Frames):
         across, up = round(box.width * area.width / largest.width), round(box.height * area.length / largest.length)
         box = Rectangle(box.left + (box.width - across) // 2, box.bottom - up, across, up)
         layout = replace(layout, boxes={"map": box}, left=max(0, box.left - round(AXES[0] * unit)))
-        shown = MissionMap(play, layout, limit, follow)
+        areas = [(each.trace.scenario.area.width, each.trace.scenario.area.length) for each in self._plays]
+        shown = MissionMap(play, layout, limit, follow, self._plays if areas[0] == areas[1] else ())
         draw_map_axes(self._still, shown, layout, "")
         self._sample(entry, box.left, box.top - 33 * unit)
         left, room = box.left + (SAMPLE + 8) * unit, box.width - (SAMPLE + 8 - AXES[1]) * unit
@@ -397,8 +370,11 @@ class ComparisonFrames(Frames):
         title, series = "Data delivered, Mbit", [play.delivered for play in self._plays]
         if self._plays[0].stations:
             title, series = "Distance of the AUVs to their stations, m", [play.off_target for play in self._plays]
-        if self._plays[0].moving:
+        if self._plays[0].tracks:
             title, series = "Error of the targets, m", [play.track_error for play in self._plays]
+            late = np.concatenate([play.track_error[settled(play.trace)] for play in self._plays])
+            low, high = np.quantile(late, (0.01, 0.998)).tolist()
+            return self._plot(box, title, series, max(low, LOWEST), max(high, 1.5 * low, 2 * LOWEST), log=True)
         return self._plot(box, title, series, 0.0, 1.05 * max(float(values.max()) for values in series) or 1.0)
 
     def _plot_errors(self, box: Rectangle) -> RecordedPlot:

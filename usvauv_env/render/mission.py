@@ -18,7 +18,7 @@ import numpy as np
 from usvauv.env.record.headings import latest
 from usvauv.env.record.metrics import age, energy_consumption, position_error, target_distance
 from usvauv.env.record.trace import Trace
-from usvauv.env.record.tracking_metrics import middle_depth, track_error
+from usvauv.env.record.tracking_metrics import middle_depth, settled, track_error
 from usvauv.env.render.reply_field import ReplyField
 from usvauv.env.scenario.scenario import Scenario
 from usvauv.env.sea.storm import elevation
@@ -211,7 +211,8 @@ class Playback:
     Attributes:
         pace: steps of the mission from one frame to the next. sea: its surface. stations: whether the AUVs keep some.
         nodes: series of places, m; `node_way` has them at each step, or once. moving: whether they move, as targets
-            that AUVs track. tracked, track_covariance: the AUVs' estimates of these, m, m²; empty without any.
+            that AUVs track. tracks: whether the AUVs estimate where they are. tracked, track_covariance: their
+            estimates, m, m²; empty without any.
             track_error: (T,) their error, mean over targets, m. target_depth: at which they are drawn, m.
         time, duration: s. depths: of the AUVs, m. covariance: m².
         boats, auvs, estimated, foreseen, goals: series of places, m.
@@ -237,11 +238,13 @@ class Playback:
         self.nodes = self.of_nodes(self.node_way)
         self.tracked, self.track_covariance = (self.of_nodes(np.zeros((1, 0, n))) for n in (2, 3))
         self.track_error, self.target_depth = np.zeros(len(trace.time)), 0.0
-        if trace.node_estimate.size:
+        self.tracks, self._settled = trace.node_estimate.size > 0, 0
+        if self.tracks:
             self.tracked = Series(trace.node_estimate[:, 0].astype(float))
             self.track_covariance = Series(trace.node_covariance[:, 0].astype(float))
             self.track_error = track_error(trace)[:, 0].mean(axis=1)
-            self.target_depth = middle_depth(trace)
+            self.target_depth = middle_depth(trace.scenario)
+            self._settled = settled(trace).start
         self._ranged = latest(trace.node_range[:, 0] > 0) if trace.node_range.size else np.zeros((1, 0, 0), int)
         self.duration = max(float(trace.time[-1]), scenario.mission.step)
         self.time, self.depths = Series(trace.time), Series(trace.depth[:, 0])
@@ -307,7 +310,7 @@ class Playback:
         if self.moving:
             return [
                 ("target error, m", self.track_error[t], ".1f"),
-                ("mean so far, m", self.track_error[: t + 1].mean(), ".1f"),
+                ("mean so far, m", self.track_error[min(self._settled, t) : t + 1].mean(), ".1f"),
                 ("power now, W", self._power[t], ".0f"),
                 ("EC, W", self._ec[t], ".1f"),
                 ("AUVs too close", self.trace.collisions[: t + 1, 0].sum(), ".0f"),

@@ -425,6 +425,13 @@ class LegendSymbol(NamedTuple):
         stroke(self.picture, outline, style.TARGET, self.layout.px(1.2), closed=True)
         fix(self.picture, self.at, 3 * unit, style.TARGET, 1.3 * unit, self.layout.zoom)
 
+    def rim(self) -> None:
+        unit, turns = self.layout.unit, np.linspace(0.0, 2 * np.pi, 25)
+        around = self.at + 8 * unit * np.stack([np.cos(turns), np.sin(turns)], 1)
+        for place, share in enumerate(np.cos(turns - 0.5) ** 2):
+            ink = style.mix(style.SEA[0], style.TARGET, 0.15 + 0.85 * share)
+            stroke(self.picture, around[[place - 1, place]], ink, self.layout.px(3.5))
+
     def service(self) -> None:
         unit, colour = self.layout.unit, self.layout.theme.auv(0)
         progress_ring(self.picture, self.at, 8 * unit, 0.65, colour, 2.8 * unit, self.layout.zoom)

@@ -254,6 +254,27 @@ def test_a_page_shows_what_the_rudders_of_vehicles_do(in_tabs):
     assert [float(angle) for angle in shown[0].rstrip("°").split(", ")] == pytest.approx(rudder, abs=0.51)
 
 
+def test_a_page_of_moving_targets_shows_how_far_off_their_estimates_are(in_tabs):
+    session = Session(Scenario.load("tracking-plain"), seed=3)
+    stepped(session, 30)
+    session.pause()
+    shown = []
+
+    def act(browser, address: str) -> None:
+        page = browser.new_page()
+        page.goto(address)
+        row = page.locator("tr").filter(has_text="Error of targets")
+        row.wait_for(state="attached", timeout=120_000)
+        shown.append(row.locator("td").last.text_content())
+
+    in_tabs(session, act)
+    past = session.history.until(session.time, 30)
+    late = [each for each in past if each.time >= session.scenario.task_numbers["settling"]]
+    off = [each.tracked - each.node[:, NodeColumn.span("x", "y")] for each in late]
+    expected = np.quantile(np.linalg.norm(off, axis=-1), (0.5, 0.95))
+    assert [float(number) for number in re.findall(r"[\d.]+(?= m )", shown[0])] == pytest.approx(expected, abs=0.051)
+
+
 def test_the_command_prints_the_address_that_it_opens_and_ctrl_c_ends_it(run_usvauv, monkeypatch):
     viser = pytest.importorskip("viser")
     from websockets.sync.client import connect

@@ -19,6 +19,7 @@ from tests.usvauv_cli.web_report.pages import (
     check_figures,
     in_browser,
 )
+from tests.usvauv_env.record.made_traces import following, synthetic_trace
 from usvauv import play, policies
 from usvauv.cli.evaluation.comparison import COUNTS, Comparison
 from usvauv.cli.evaluation.comparison_tables import column_tables, sentences
@@ -30,7 +31,7 @@ from usvauv.cli.web_report.episodes import (
     front_episodes,
 )
 from usvauv.env import Scenario, run_episodes
-from usvauv.env.record.metrics import EpisodeMetrics, usable
+from usvauv.env.record.metrics import EpisodeMetrics, episode_metrics, usable
 from usvauv.env.storage.result_tables import Combination, read_rows
 from usvauv.kernels.errors import UserError
 
@@ -182,6 +183,27 @@ class TestPlayer:
             deep = math.exp(-trace.scenario.auv.depth / trace.scenario.current.decay_depth)
             assert circulation == pytest.approx(deep * trace.vortex[:, 0, :, 2], abs=0.01)
             assert core == pytest.approx(trace.vortex[:, 0, :, 3], abs=0.01)
+
+
+def test_of_targets_that_move_it_shows_estimates_errors_and_where_they_get(tmp_path):
+    """Estimates are 1.2 m off; all is within 600 m of a sea of 2400 m."""
+    trace = following(synthetic_trace(steps=40, auvs=3, nodes=2, area=(600.0, 600.0)))
+    recordings = Recordings(1)
+    recordings.add(trace, 0)
+    page.write(tmp_path, trace.scenario, 0, compared(episode_metrics(trace)), recordings)
+    text = (tmp_path / "index.html").read_text(encoding="utf-8")
+    assert "Errors of targets and positions" in text
+    (recording,) = recordings.values()
+    assert error_quantiles(recording.targets.sum(axis=0), (0.01, 0.99)) == pytest.approx(1.2, rel=0.06)
+    data = embedded(text)
+    (episode,) = data["episodes"]
+    assert decoded(episode["tracked"]) == pytest.approx(trace.node_estimate[:, 0], abs=0.01)
+    west, south, width, length = data["shown"]
+    ways = [getattr(trace, name)[:, 0] for name in ("auv_position", "boat_position", "node_way")]
+    shown = np.concatenate(ways, axis=1) - (west, south)
+    assert (shown >= 0).all()
+    assert (shown <= (width, length)).all()
+    assert max(width, length) < 1000
 
 
 def test_stations_have_no_figures_of_data(run_usvauv, tmp_path):

@@ -168,3 +168,19 @@ def diving(trace: Trace) -> Trace:
         auv_fins=fins,
         auv_touched=np.zeros(trace.power.shape, np.int8),
     )
+
+
+def following(trace: Trace) -> Trace:
+    """The trace of three AUVs in `tracking`, with targets in the place of nodes, some metres from their estimates."""
+    t, W, M = len(trace.time), *trace.node_position.shape[:2]
+    away = 60 * np.stack([np.sin(0.05 * np.arange(t)), np.cos(0.05 * np.arange(t))], -1)
+    way = trace.node_position + away[:, None, None]
+    apart = np.linalg.norm(way[:, :, None] - trace.auv_position[..., None, :], axis=-1)
+    return replace(
+        trace,
+        scenario=Scenario.load("tracking"),
+        node_way=way,
+        node_estimate=way + 0.02 * away[:, None, None],
+        node_covariance=np.broadcast_to([5.0, 4.0, 5.0], (t, W, M, 3)),
+        node_range=np.where((apart < 300) & (np.arange(t)[:, None, None, None] % 10 == 0), apart, 0.0),
+    )

@@ -21,7 +21,7 @@ import cv2
 import numpy as np
 from matplotlib.ft2font import __freetype_version__
 
-from tests.usvauv_env.record.made_traces import diving, keeping_station, synthetic_trace, with_second_boat
+from tests.usvauv_env.record.made_traces import diving, following, keeping_station, synthetic_trace, with_second_boat
 from usvauv.env.record.trace import Trace
 from usvauv.env.render.frames import frames_of
 
@@ -69,6 +69,7 @@ def cases() -> dict[str, Case]:
         "map-crowd": Case((crowd,)),
         "map-wide": Case((wide,), theme="light"),
         "map-dives": Case((dives,), size=(1280, 720), t=90, reduced=2),
+        "map-targets": Case((following(synthetic_trace(steps=60, auvs=3, nodes=2, seed=4)),)),
         "sea": Case((missed,), "sea", t=35),
         "sea-boats": Case((team,), "sea", "light", t=12),
         "sea-station": Case((station,), "sea"),

@@ -9,19 +9,21 @@ import cv2
 import numpy as np
 import pytest
 
-from tests.usvauv_env.record.made_traces import keeping_station, paint, synthetic_trace
+from tests.usvauv_env.record.made_traces import following, keeping_station, paint, synthetic_trace
 from tests.usvauv_env.render.reference_frames import LIMITS, cases, differences, drawn
 from usvauv.env import Scenario
 from usvauv.env.record.metrics import episode_metrics
 from usvauv.env.record.tracking_metrics import middle_depth
-from usvauv.env.render import legend, shapes, style
+from usvauv.env.render import shapes, style
 from usvauv.env.render.frames import frames_of
 from usvauv.env.render.layout import Arrangement, Rectangle
-from usvauv.env.render.legend import ENTRIES, InPicture
-from usvauv.env.render.map import Popups
 from usvauv.env.render.mission import RHYTHM, Playback, error_axes
-from usvauv.env.render.sea_surface import MapView, SeaSurface, elevation_limit
+from usvauv.env.render.panel import legend
+from usvauv.env.render.panel.insets import measured_share
+from usvauv.env.render.panel.legend import ENTRIES, InPicture
 from usvauv.env.render.style import CATEGORICAL, CATEGORICAL_ON_WHITE, web
+from usvauv.env.render.views.map import Popups
+from usvauv.env.render.views.sea_surface import MapView, SeaSurface, elevation_limit
 from usvauv.env.scenario.environment import Area
 from usvauv.kernels.errors import UserError
 
@@ -108,22 +110,14 @@ class TestMap:
 
     def test_of_targets_that_move_it_shows_where_they_get_and_ranges_to_them(self):
         """Ways within 400 m of an area of 2400 m; a range of 50 m to a target 30 m deeper is 40 m across."""
-        made, random = synthetic_trace(steps=30, auvs=3, nodes=3, area=(2400.0, 2400.0)), np.random.default_rng(1)
-        ways = {
-            name: random.uniform(1000, 1400, getattr(made, name).shape) for name in ("auv_position", "boat_position")
-        }
-        way, ranges = random.uniform(1000, 1400, (30, 1, 3, 2)), np.zeros((30, 1, 3, 3))
-        scenario = Scenario.load("tracking")
+        made = following(synthetic_trace(steps=30, auvs=3, nodes=3, area=(2400.0, 2400.0)))
+        random, ranges = np.random.default_rng(1), np.zeros((30, 1, 3, 3))
+        names = "auv_position", "boat_position", "node_way"
+        ways = {name: random.uniform(1000, 1400, getattr(made, name).shape) for name in names}
         ranges[7, 0, 2, 1] = 50.0
-        tracks = {
-            "node_way": way,
-            "node_estimate": way,
-            "node_covariance": np.ones((30, 1, 3, 3)),
-            "node_range": ranges,
-        }
-        moving = replace(made, scenario=scenario, **tracks, **ways)
-        moving = replace(moving, auv_depth=np.full((30, 1, 3), middle_depth(moving) - 30.0))
-        (low, high), every = frames_of([moving], (640, 360)).map.view.bounds, np.concatenate([*ways.values(), way], 2)
+        moving = replace(made, **ways, node_estimate=ways["node_way"], node_range=ranges)
+        moving = replace(moving, auv_depth=np.full((30, 1, 3), middle_depth(moving.scenario) - 30.0))
+        (low, high), every = frames_of([moving], (640, 360)).map.view.bounds, np.concatenate([*ways.values()], 2)
         assert (low <= every.min((0, 1, 2))).all()
         assert (high >= every.max((0, 1, 2))).all()
         assert (high - low < 1000).all()
@@ -198,6 +192,23 @@ class TestLegend:
 
 
 class TestPanel:
+    def test_the_rim_of_a_target_is_bright_where_a_range_tells_most(self):
+        """Of P with 9 m² to the north-east and 1 m² across, a far range with σ leaves 1/(1/9 + 1/σ²) + 1 of it."""
+        trace = following(synthetic_trace(steps=20, auvs=3, nodes=1))
+        covariance, sigma = trace.node_covariance[0, 0, 0], trace.scenario.task_numbers["range_noise"]
+        north_east, north_west = np.array([(1e4, 1e4), (-1e4, 1e4)])
+        shares = measured_share(trace, covariance, np.stack([north_east, north_west]), 0.0)
+        left = 1 / (1 / np.array([9.0, 1.0]) + 1 / sigma**2) + [1.0, 9.0]
+        np.testing.assert_allclose(shares, 1 - left / 10, rtol=1e-6)
+        frames = frames_of([trace], (1280, 720))
+        box = frames.layout.boxes["fixes"].of(frames.frame(10)).astype(float)
+        pink = box[..., 2] - box[..., 1]  # red above green, on the rim alone
+        pink[: round(30 * frames.layout.unit)] = 0
+        rows, columns = np.nonzero(pink > 20)
+        y, x = -(rows - rows.mean()), columns - columns.mean()
+        strength = pink[rows, columns]
+        assert (strength * x * y).sum() > 0.1 * (strength * (x**2 + y**2)).sum()
+
     def test_an_estimate_beyond_its_inset_is_an_arrow_on_that_side(self):
         made = synthetic_trace(steps=30, auvs=1)
 

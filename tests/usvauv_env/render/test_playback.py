@@ -12,11 +12,11 @@ import torch
 from tests.usvauv_env.record.made_traces import synthetic_trace
 from usvauv.env import Scenario, Trace, World
 from usvauv.env.record.recorder import record
-from usvauv.env.render.boat_view import BoatView
 from usvauv.env.render.frames import frames_of
 from usvauv.env.render.layout import Layout, Rectangle
 from usvauv.env.render.mission import Playback, RecordedSea, Series, Vehicle
-from usvauv.env.render.perspective import PerspectiveView
+from usvauv.env.render.views.boat_view import BoatView
+from usvauv.env.render.views.perspective import PerspectiveView
 from usvauv.kernels.errors import UserError
 
 STEPS = 12

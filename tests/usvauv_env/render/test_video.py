@@ -57,7 +57,7 @@ def shown_for(path) -> list[float]:
             return [each.convert("RGB") and each.info["duration"] / 1000 for each in ImageSequence.Iterator(file)]
     with av.open(str(path)) as file:
         starts = [float(packet.pts * packet.time_base) for packet in file.demux(video=0) if packet.pts is not None]
-        return [*np.diff(starts), 1.0]
+        return [*np.diff(sorted(starts)), 1.0]  # pictures between two others come after them
 
 
 class TestContent:

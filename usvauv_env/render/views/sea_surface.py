@@ -14,8 +14,8 @@ import torch
 
 from usvauv.env.render import style
 from usvauv.env.render.layout import Rectangle, nice_above
-from usvauv.env.render.scene import PinholeCamera
 from usvauv.env.render.shapes import Overlay
+from usvauv.env.render.views.scene import PinholeCamera
 from usvauv.env.scenario.environment import Area
 from usvauv.env.storage.memory import extremes
 from usvauv.kernels import runtime

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import Protocol
 
@@ -13,9 +14,9 @@ from usvauv.env.record.tracking_metrics import letter
 from usvauv.env.render import shapes, style
 from usvauv.env.render.layout import Layout, nice, nice_above
 from usvauv.env.render.mission import RHYTHM, TRAIL, Playback, Series, Vehicle, error_axes, step_of
-from usvauv.env.render.sea_surface import CurrentStreaks, MapView, SeaSurface, colour_scale
 from usvauv.env.render.shapes import Overlay
 from usvauv.env.render.style import text_width, write
+from usvauv.env.render.views.sea_surface import CurrentStreaks, MapView, SeaSurface, colour_scale
 from usvauv.kernels.flow.vortex import Eddies
 from usvauv.kernels.types import Level
 
@@ -41,16 +42,16 @@ class MissionMap:
         layout: Layout,
         limit: float | None = None,
         follow: Vehicle | None = None,
-        near: bool = False,
+        near: Sequence[Playback] = (),
     ) -> None:
         """`limit`: end of the sea's colour scale, m; None for one that fits the trace. `near`: where targets move, show
-        the part of the area where they and the vehicles get, not the whole.
+        the part of the area where they and the vehicles of these missions get, not the whole.
         """
         self._play, self._trace, self._layout = play, play.trace, layout
         trace, scenario = play.trace, play.trace.scenario
         self._looked_at, zoom = (follow.way(trace), FOLLOWED) if follow else (None, 1.0)
         if near and play.moving and not follow:
-            self._looked_at, zoom = where_it_happens(play)
+            self._looked_at, zoom = where_it_happens(near)
         self.view = MapView(scenario.area, layout.map, zoom)
         self.surface = SeaSurface(trace.surface, self.view, limit=limit)
         self.streaks = CurrentStreaks(
@@ -243,9 +244,13 @@ class MissionMap:
             shapes.badge(picture, str(auv + 1), position + self._label, 11 * layout.unit, colour, 0.75)
 
 
-def where_it_happens(play: Playback) -> tuple[Series, float]:
-    """Middle (2,), m, of where vehicles and targets get, and the magnification of a map of it, at most `FOLLOWED`."""
-    ways = np.concatenate([series.values.reshape(-1, 2) for series in (play.auvs, play.boats, play.nodes)])
+def where_it_happens(plays: Sequence[Playback]) -> tuple[Series, float]:
+    """Middle (2,), m, of where vehicles and targets get in missions in equal areas, and the magnification of a map of
+    it, at most `FOLLOWED`.
+    """
+    play = max(plays, key=lambda each: len(each.trace.time))
+    series = [series for each in plays for series in (each.auvs, each.boats, each.nodes)]
+    ways = np.concatenate([each.values.reshape(-1, 2) for each in series])
     low, high = ways.min(axis=0), ways.max(axis=0)
     area = play.trace.scenario.area
     zoom = min(area.width, area.length) / max(AROUND * float((high - low).max()), 1.0)

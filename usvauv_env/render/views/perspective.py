@@ -11,9 +11,10 @@ import numpy as np
 from usvauv.env.record.tracking_metrics import letter
 from usvauv.env.render import shapes, style
 from usvauv.env.render.layout import Layout, Rectangle, nice_above
-from usvauv.env.render.map import Popups, within
 from usvauv.env.render.mission import Playback, Series, Vehicle, error_axes, step_of
-from usvauv.env.render.scene import (
+from usvauv.env.render.style import Theme, shorten, text_width, write
+from usvauv.env.render.views.map import Popups, within
+from usvauv.env.render.views.scene import (
     BOAT_BODY,
     WATER,
     Canvas,
@@ -25,8 +26,7 @@ from usvauv.env.render.scene import (
     look,
     turned,
 )
-from usvauv.env.render.sea_surface import TEXELS, MapView, SeaShading, colour_scale, elevation_limit
-from usvauv.env.render.style import Theme, shorten, text_width, write
+from usvauv.env.render.views.sea_surface import TEXELS, MapView, SeaShading, colour_scale, elevation_limit
 
 OPACITY = 0.65  # of the surface over the scene below
 LEAST_WITH_WORDS = 150  # height in pixels of the design; pictures below it have no scale and no note

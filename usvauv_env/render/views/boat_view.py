@@ -18,8 +18,8 @@ import numpy as np
 from usvauv.env.render import shapes, style
 from usvauv.env.render.layout import Layout, Rectangle
 from usvauv.env.render.mission import Playback, Series, running_mean
-from usvauv.env.render.scene import BOAT_AFLOAT, Canvas, PinholeCamera, nearest, turned
-from usvauv.env.render.sea_surface import FOAM_FROM
+from usvauv.env.render.views.scene import BOAT_AFLOAT, Canvas, PinholeCamera, nearest, turned
+from usvauv.env.render.views.sea_surface import FOAM_FROM
 
 LENGTH = 8.0  # m, of a boat whose scenario has none
 AWAY = 4.4  # from the camera to the boat, in its lengths

@@ -96,6 +96,7 @@ ENTRIES = (
     Entry(LegendSymbol.heard, "AUV heard just now", lambda now: now.replies),
     Entry(LegendSymbol.ellipse, "86 % of errors are in it", lambda now: now.ellipses),
     Entry(LegendSymbol.tracked, "estimate of a target", lambda now: now.play.moving),
+    Entry(LegendSymbol.rim, "bright: ranges tell more", lambda now: now.insets and now.play.tracks),
     Entry(LegendSymbol.range, "range to a target", lambda now: now.from_above and bool(now.play.ranges(now.t))),
     Entry(LegendSymbol.ping, "ping of the boat", lambda now: any(now.play.pinged(now.lately))),
     Entry(LegendSymbol.goal, "where the boat heads", lambda now: now.heads),
