@@ -3,7 +3,7 @@ kernels bound to their arguments.
 
 `func` and `kernel` behave as Taichi's, with two differences. A kernel runs under the settings of
 `usvauv.kernels.runtime`, whatever other code in the process has passed to `ti.init`. And Taichi reads its source in
-a third of the time (`usvauv.kernels.taichi_internals`).
+less than half the time (`usvauv.kernels.taichi_internals`).
 
 The arrays of a world stay in place, so that a kernel gets their addresses once (`Launch`).
 

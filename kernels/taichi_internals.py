@@ -6,7 +6,7 @@
 - `Expr`: the type of a result is checked while a kernel is compiled, for a message that names a plugin's mistake.
 - `BoundKernel`: Taichi inspects each argument of each call, some 5 µs per array; a mission step has sixty arrays, so a
   single world would spend most of its time there.
-- `TaichiFunction`, `TaichiKernel`: sources are read in a third of the time, as each process has to, also for cached
+- `TaichiFunction`, `TaichiKernel`: sources are read in less than half the time, as each process has to, also for cached
   kernels; there is no check whether a function is in the body of a class, each file is parsed once for the kernels that
   are compiled together (`parsed_once`), a position is noted for each statement, not for each part of it, Python's
   garbage collector is paused, and errors have file and line without an extract of the source. This applies to the
