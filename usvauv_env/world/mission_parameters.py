@@ -329,7 +329,9 @@ def pack_parameters(site: Site, link: np.ndarray) -> np.ndarray:
     elif s.navigation.sensor == "ground":  # the log's bias takes the current's place
         current_variance, correlation_time = s.navigation.velocity_bias**2, s.navigation.bias_correlation_time
     blowing, carried = (cmath.rect(share * wind(site), wind_direction(site)) for share in (1.0, s.boat.windage))
-    way = math.sqrt(s.area.width * s.area.length / s.targets)  # from node to node
+    way = math.sqrt(s.area.width * s.area.length / s.targets)  # on which an AUV goes on as before: from node to node
+    if s.task_definition.targets == "moving":
+        way = s.reference.circle_radius
     data, rate = DataLink.of(site), reference_rate(site)
     sections = s.mission, s.area, s.current, s.usbl, s.channel, s.navigation, s.boat, s.auv, s.nodes
     named = {name: value for section in sections for name, value in section if name in Parameter.names}

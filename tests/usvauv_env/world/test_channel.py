@@ -284,7 +284,7 @@ class TestFilters:
 
     @pytest.mark.slow
     @pytest.mark.parametrize(
-        ("scenario", "policy", "expected"), [("wide", "clear", 1.0), ("wide-torpedo", "pass", 1.7)]
+        ("scenario", "policy", "expected"), [("wide", "clear", 1.0), ("wide-torpedo", "pass", 1.7), ("tracking", "circle", 1.3)]
     )
     def test_the_boats_estimates_are_not_overconfident(self, scenario, policy, expected):
         """Normalised squared errors have at most the mean 2, in whole missions with gaps of minutes."""
