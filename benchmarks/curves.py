@@ -25,7 +25,8 @@ from matplotlib.ticker import EngFormatter
 from benchmarks.machine import best_time, command_line, describe, parse
 from benchmarks.worlds import CYCLE, LEAD, measure_memory, rates, stepper
 from usvauv.env import Scenario, World
-from usvauv.env.render.style import Ground, write_pair
+from usvauv.env.render.figures import write_pair
+from usvauv.env.render.style import Ground
 from usvauv.kernels import runtime
 from usvauv.kernels.flow import vortex
 

@@ -8,7 +8,8 @@ steps, each seen in 3 epochs of minibatches of 4,096 transitions of an agent; SA
 256 transitions of an agent for each step of all worlds; networks of two layers of 64, shared by the agents, torch on
 one thread. "usvauv, as shipped" has the settings of `usvauv train` instead, in which PPO holds each action for 4 steps
 and SAC has a network for each AUV. "trained" counts the transitions of an agent in all gradient steps, which is what
-learning costs. Rates are those from the second learning on, without evaluations.
+learning costs. Rates are those from the second learning on, without evaluations; those per second of processor time,
+of all threads, depend least on what else the machine does.
 
 Install `pip install -c constraints.txt -e ".[bench,sb3,benchmarl]" vmas` in an environment without the extra torchrl.
 What is missing is left out.
@@ -42,19 +43,21 @@ class Clock:
 
     def __init__(self, seconds: float) -> None:
         self.seconds = seconds
-        self.marks: list[tuple[float, int, int]] = []
+        self.marks: list[tuple[float, float, int, int]] = []
 
     def over(self, agent_steps: int, trained: int) -> bool:
         """Note how many agent-steps were made and how many transitions trained; whether the time is over."""
-        self.marks.append((time.perf_counter(), agent_steps, trained))
+        self.marks.append((time.perf_counter(), time.process_time(), agent_steps, trained))
         return len(self.marks) > 2 and self.marks[-1][0] - self.marks[0][0] > self.seconds
 
     def rates(self) -> dict[str, float]:
-        """Of agent-steps and of transitions trained, per second."""
-        (begin, steps, trained), (end, steps_then, trained_then) = self.marks[0], self.marks[-1]
+        """Of agent-steps and of transitions trained, per second, and of agent-steps per second of processor time."""
+        first, last = self.marks[0], self.marks[-1]
+        seconds, processor, steps, trained = (after - before for before, after in zip(first, last, strict=True))
         return {
-            "agent-steps/s": (steps_then - steps) / (end - begin),
-            "trained/s": (trained_then - trained) / (end - begin),
+            "agent-steps/s": steps / seconds,
+            "trained/s": trained / seconds,
+            "agent-steps/processor s": steps / processor,
         }
 
 

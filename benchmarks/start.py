@@ -4,14 +4,15 @@
 
 Each command runs in a terminal of its own, first with an empty cache of compiled kernels, then with the one that this
 left. `processor` is the time of all its threads, which other programs lengthen less than the time by the clock. Stages
-are processor time of a new process that imports, makes one world and steps it once; imports of other packages, each in
-a bare process, stand beside them. Python's bytecode is stored, in a folder of the benchmark's own, as it is wherever
-packages are installed by pip.
+are processor time of a new process that imports, makes one world and steps it once, with its garbage collector set as
+a command's; imports of other packages, each in a bare process, stand beside them. Python's bytecode is stored, in a
+folder of the benchmark's own, as it is wherever packages are installed by pip.
 """
 
 from __future__ import annotations
 
 import argparse
+import gc
 import json
 import os
 import pty
@@ -24,6 +25,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 from unittest import mock
+
+from usvauv.cli.app import COLLECTION
 
 CACHE = "TI_OFFLINE_CACHE_FILE_PATH"
 IMPORTS = ("numpy", "taichi", "torch", "usvauv.env.scenario", "usvauv.env.world.world")
@@ -87,6 +90,7 @@ def child(code: str, cache: str = "") -> Any:
 
 def stages(scenario: str) -> dict[str, float]:
     """Processor seconds of this process, which is new, until a world has made its first step."""
+    gc.set_threshold(*COLLECTION)
     from usvauv.env import Scenario, World  # isort: split
     import torch
     from taichi.lang import impl, kernel_impl

@@ -23,7 +23,8 @@ from matplotlib.figure import Figure
 from benchmarks.machine import command_line, describe
 from benchmarks.worlds import CYCLE, LEAD, stepper
 from usvauv.env import Scenario, World
-from usvauv.env.render.style import Ground, write_pair
+from usvauv.env.render.figures import write_pair
+from usvauv.env.render.style import Ground
 from usvauv.kernels import runtime
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission.run import STEP

@@ -12,8 +12,9 @@ device and back at each launch. For arrays that only kernels use, launch after l
 (`DeviceArrays`).
 """
 
+import contextlib
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,7 +22,7 @@ import taichi as ti
 import torch
 
 from usvauv.kernels import runtime
-from usvauv.kernels.taichi_internals import BoundKernel, DeviceArray, TaichiFunction, TaichiKernel
+from usvauv.kernels.taichi_internals import BoundKernel, DeviceArray, TaichiFunction, TaichiKernel, parsed_once
 from usvauv.kernels.taichi_internals import WholeVector as WholeVector
 from usvauv.kernels.types import array1, index1, index3
 
@@ -61,6 +62,13 @@ def kernel(function: Callable) -> Callable:
 
     launched.__dict__.update(_is_wrapped_kernel=True, _primal=primal)
     return launched
+
+
+@contextlib.contextmanager
+def compiled_together() -> Iterator[None]:
+    """Kernels compiled meanwhile share much of their sources, which are parsed once."""
+    with runtime.taichi_lock(), parsed_once():
+        yield
 
 
 class DeviceArrays:

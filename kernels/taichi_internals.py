@@ -7,15 +7,17 @@
 - `BoundKernel`: Taichi inspects each argument of each call, some 5 µs per array; a mission step has sixty arrays, so a
   single world would spend most of its time there.
 - `TaichiFunction`, `TaichiKernel`: sources are read in less than half the time, as each process has to, also for cached
-  kernels; there is no check whether a function is in the body of a class, each file is parsed once per kernel, Python's
+  kernels; there is no check whether a function is in the body of a class, each file is parsed once for the kernels that
+  are compiled together (`parsed_once`), a position is noted for each statement, not for each part of it, Python's
   garbage collector is paused, and errors have file and line without an extract of the source. This applies to the
-  functions of these packages and of Taichi itself; others, including those of plugins, are read as usual.
+  functions of these packages and of Taichi itself; others, including those of plugins, are parsed as usual.
 - `WholeVector`: what Taichi cannot compile of whole vectors is refused; else the process ends.
 
 Modules of Taichi are changed only while one of these kernels is compiled.
 """
 
 import ast
+import contextlib
 import gc
 import linecache
 import sys
@@ -30,6 +32,8 @@ from taichi._lib import core as core
 from taichi.lang import impl as impl
 from taichi.lang import kernel_impl, matrix_ops, ops  # noqa: F401  # or the first kernel that is read imports `matrix_ops`
 from taichi.lang.ast import ASTTransformerContext
+from taichi.lang.ast.ast_transformer import ASTTransformer
+from taichi.lang.ast.ast_transformer_utils import Builder
 from taichi.lang.enums import AutodiffMode
 from taichi.lang.expr import Expr as Expr
 
@@ -45,6 +49,13 @@ UNSIGNED = (ti.u8, ti.u16, ti.u32, ti.u64)
 
 
 TAICHI_READER = kernel_impl._get_tree_and_ctx
+TAICHI_BUILDER: Any = Builder
+TAICHI_VISIT = TAICHI_BUILDER.__call__
+BUILDERS = {
+    kind: builder
+    for kind in vars(ast).values()
+    if (builder := getattr(ASTTransformer, f"build_{getattr(kind, '__name__', '')}", None))
+}
 
 
 class _Context(ASTTransformerContext):
@@ -74,7 +85,8 @@ class _Reader:
         """The tree of a function's source, and what Taichi notes while it goes through it."""
         function = called.func
         ours = is_kernel or isinstance(called, TaichiFunction) or function.__module__.startswith("taichi.")
-        definition = self._definition(function.__code__) if ours else None
+        # Taichi takes a kernel's arguments out of its definition.
+        definition = self._definition(function.__code__, again=is_kernel) if ours else None
         if definition is None:
             return TAICHI_READER(called, excluded_parameters, is_kernel, **given)
         names = kernel_impl._get_global_vars(function)
@@ -113,6 +125,50 @@ class _Reader:
             for node in self._attributes[found]:
                 node.__dict__.pop("caller", None)
         return found
+
+
+class _Failing:
+    """In place of Taichi's transformer where a node has failed, for the message."""
+
+    def __init__(self, error: Exception) -> None:
+        self._error = error
+
+    def __getattr__(self, name: str) -> Callable[..., None]:
+        def fail(*_: Any) -> None:
+            raise self._error
+
+        return fail
+
+
+def _visit(transformer: Any, context: Any, node: Any) -> Any:
+    """Go through a node of a source, in place of `Builder.__call__`."""
+    build = BUILDERS.get(type(node))
+    if build is None:
+        return TAICHI_VISIT(transformer, context, node)
+    positions = impl.pytaichi.src_info_stack
+    depth = len(positions)
+    if isinstance(node, ast.stmt):
+        positions.append(context.get_pos_info(node))
+    try:
+        return build(context, node)
+    except Exception as error:
+        return TAICHI_VISIT(_Failing(error), context, node)
+    finally:
+        del positions[depth:]
+
+
+_together: _Reader | None = None  # reads the kernels that are compiled within `parsed_once`
+
+
+@contextlib.contextmanager
+def parsed_once() -> Iterator[None]:
+    """Kernels compiled meanwhile parse each file once together; within `usvauv.kernels.runtime.taichi_lock`."""
+    global _together
+    _together = _Reader()
+    try:
+        yield
+    finally:
+        _together = None
 
 
 class WholeVector(ti.TaichiCompilationError):
@@ -166,12 +222,13 @@ class TaichiKernel(kernel_impl.Kernel):
         collects = gc.isenabled()
         gc.disable()  # or it would go through what grows here again and again
         try:
-            kernel_impl._get_tree_and_ctx = _Reader()
+            kernel_impl._get_tree_and_ctx, TAICHI_BUILDER.__call__ = _together or _Reader(), _visit
             if not impl.current_cfg().real_matrix_scalarize:
                 ops._ti_core = _Operations()
             super().materialize(*args, **kwargs)
         finally:
-            kernel_impl._get_tree_and_ctx, ops._ti_core = TAICHI_READER, core
+            kernel_impl._get_tree_and_ctx, TAICHI_BUILDER.__call__ = TAICHI_READER, TAICHI_VISIT
+            ops._ti_core = core
             if collects:
                 gc.enable()
 

@@ -20,7 +20,7 @@ from torch import Tensor
 from usvauv.env.scenario import Scenario
 from usvauv.env.world.observation_layout import ObservationLayout
 from usvauv.kernels.guidance import courses
-from usvauv.kernels.guidance.acting import Acting, Describing, Steering
+from usvauv.kernels.guidance.acting import Acting, Conversion, Steering
 from usvauv.kernels.guidance.lanes import FIRST, OFFSET, Start
 from usvauv.kernels.mission.tasks.tracking import SPREAD
 from usvauv.kernels.registry import Registry
@@ -110,10 +110,10 @@ class Frame:
         steering = self.steering() if type(self) in COMPILED else None
         return steering and Acting(steering, worlds, mean, deviation, weights, biases)
 
-    def describing(self, worlds: int) -> Describing | None:
-        """A kernel with the same results as `encode` and `shared`, for W worlds; None: there is none."""
+    def conversion(self, worlds: int) -> Conversion | None:
+        """Kernels with the same results as `encode` and `decode`, for W worlds; None: there are none."""
         steering = self.steering() if type(self) in COMPILED else None
-        return steering and Describing(steering, worlds, self.features)
+        return steering and Conversion(steering, worlds, self.features, self.actions)
 
     def steering(self) -> Steering | None:
         """What the kernels need; None: there are none."""

@@ -18,6 +18,7 @@ from torch.nn import functional
 
 MIDDLE, HALF = -2.0, 3.0  # of the range of a Gaussian actor's log standard deviation, from −5 to 1
 FUSED = 256  # inputs of a network from which on oneDNN's layer is faster than MKL's and a ReLU
+LARGE = 1 << 15  # numbers of a factor from which on oneDNN takes down to half of MKL's time for a product
 EPSILON = 1e-5  # added to the variance that normalises
 MOST_ACTION = 0.99999  # largest action of a Gaussian actor, for the inverse of the tanh
 ACTION_GAIN = 5.0  # factor on the actions that enter a critic
@@ -81,10 +82,11 @@ class StackedMLP(nn.Module):
         weights, biases = self.layers()
         if frozen:
             weights, biases = [each.detach() for each in weights], [each.detach() for each in biases]
-        if self.layer_norm:
-            return Layers.apply(x, *weights, *biases)
+        learning = torch.is_grad_enabled()
+        if self.layer_norm or (learning and weights[0].requires_grad and _large(x)):
+            return Layers.apply(self.layer_norm, x, *weights, *biases)
         layers = list(zip(weights, biases, strict=True))
-        plain = not torch.is_grad_enabled() and x.device.type == "cpu"
+        plain = not learning and x.device.type == "cpu"
         if plain and x.shape[1] >= FUSED and torch.backends.mkldnn.is_available():
             each = [_fused(own, [(w[index], b[index, 0]) for w, b in layers]) for index, own in enumerate(x)]
             return torch.stack(each) if len(each) > 1 else each[0].unsqueeze(0)
@@ -109,31 +111,51 @@ def _last(x: Tensor, weight: Tensor, bias: Tensor) -> Tensor:
     return torch.baddbmm(bias, x, weight)
 
 
-class Layers(torch.autograd.Function):
-    """A network whose hidden layers are normalised before their ReLU, as one operation to autograd.
+def _large(x: Tensor) -> bool:
+    """Whether oneDNN is there and faster for products of x (S, n, inputs)."""
+    return x.shape[1] * x.shape[2] >= LARGE and x.device.type == "cpu" and torch.backends.mkldnn.is_available()
 
-    With y = x W + b minus its mean over the layer's outputs, the layer is max(0, z), z = y / √(mean y² + ε). The mean
-    is subtracted from the weights, which are fewer.
+
+def _product(x: Tensor, weight: Tensor, bias: Tensor | None = None) -> Tensor:
+    """x W + b of each network, for x (S, n, inputs); without a gradient."""
+    if _large(x):
+        offsets = [None] * len(x) if bias is None else bias[:, 0]
+        linear = torch.ops.mkldnn._linear_pointwise
+        each = [linear(own, w.mT, b, "none", [], "") for own, w, b in zip(x, weight, offsets, strict=True)]
+        return torch.stack(each) if len(each) > 1 else each[0].unsqueeze(0)
+    return torch.bmm(x, weight) if bias is None else torch.baddbmm(bias, x, weight)
+
+
+class Layers(torch.autograd.Function):
+    """A network as one operation to autograd, whose hidden layers can be normalised before their ReLU.
+
+    With y = x W + b minus its mean over the layer's outputs, the normalised layer is max(0, z), z = y / √(mean y² + ε).
+    The mean is subtracted from the weights, which are fewer.
     """
 
     @staticmethod
-    def forward(ctx: Any, x: Tensor, *parameters: Tensor) -> Tensor:
+    def forward(ctx: Any, normalised: bool, x: Tensor, *parameters: Tensor) -> Tensor:
         half, kept = len(parameters) // 2, []
         for given, offset in zip(parameters[: half - 1], parameters[half:-1], strict=True):
-            weight = _centred(given)
-            z = torch.baddbmm(_centred(offset), x, weight)
-            square = torch.linalg.vector_norm(z, dim=-1, keepdim=True).square_()
-            scale = square.div_(z.shape[-1]).add_(EPSILON).rsqrt_()
-            z.mul_(scale)
+            weight, scale = given, offset
+            if normalised:
+                weight = _centred(given)
+                z = _product(x, weight, _centred(offset))
+                square = torch.linalg.vector_norm(z, dim=-1, keepdim=True).square_()
+                scale = square.div_(z.shape[-1]).add_(EPSILON).rsqrt_()
+                z.mul_(scale)
+            else:
+                z = _product(x, weight, offset)
             kept += x, weight, z, scale
-            x = z.relu()
+            x = z.relu() if normalised else z.relu_()
+        ctx.normalised = normalised
         ctx.save_for_backward(*kept, x, parameters[half - 1])
         return _last(x, parameters[half - 1], parameters[-1])
 
     @staticmethod
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
         *kept, x, weight = ctx.saved_tensors
-        to_x, learning = ctx.needs_input_grad[:2]
+        to_x, learning = ctx.needs_input_grad[1:3]
         of_weights: list[Tensor | None] = []
         of_biases: list[Tensor | None] = []
         if learning:
@@ -141,16 +163,19 @@ class Layers(torch.autograd.Function):
             of_weights = [(x * gradient).sum(1).unsqueeze(-1) if narrow else torch.bmm(x.mT, gradient)]
             of_biases = [gradient.sum(1, keepdim=True)]
         while kept:
-            gradient = gradient * weight.mT if weight.shape[-1] == 1 else torch.bmm(gradient, weight.mT)
+            gradient = gradient * weight.mT if weight.shape[-1] == 1 else _product(gradient, weight.mT)
             x, weight, z, scale = kept[-4:]
             del kept[-4:]
             gradient = torch.ops.aten.threshold_backward(gradient, z, 0.0)
-            gradient = torch.addcmul(gradient, z, (gradient * z).mean(-1, keepdim=True), value=-1.0).mul_(scale)
+            if ctx.normalised:
+                gradient = torch.addcmul(gradient, z, (gradient * z).mean(-1, keepdim=True), value=-1.0).mul_(scale)
             if learning:
-                of_weights.insert(0, _centred(torch.bmm(x.mT, gradient)))
-                of_biases.insert(0, _centred(gradient.sum(1, keepdim=True)))
-        parameters = (*of_weights, *of_biases) if learning else (None,) * (len(ctx.needs_input_grad) - 1)
-        return torch.bmm(gradient, weight.mT) if to_x else None, *parameters
+                products = _product(x.mT, gradient), gradient.sum(1, keepdim=True)
+                of_weight, of_bias = map(_centred, products) if ctx.normalised else products
+                of_weights.insert(0, of_weight)
+                of_biases.insert(0, of_bias)
+        parameters = (*of_weights, *of_biases) if learning else (None,) * (len(ctx.needs_input_grad) - 2)
+        return None, _product(gradient, weight.mT) if to_x else None, *parameters
 
 
 def _centred(value: Tensor) -> Tensor:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     import typer
 
 FAILED = 2
+COLLECTION = 100_000, 20, 20  # thresholds of `gc`: imports leave hardly any cycles, and searching for them takes long
 
 
 class _Output(io.FileIO):
@@ -45,7 +46,7 @@ class _Output(io.FileIO):
 
 def main() -> NoReturn:
     """Entry point of the installed command."""
-    gc.set_threshold(100_000, 20, 20)  # imports leave hardly any cycles, and searching for them takes long
+    gc.set_threshold(*COLLECTION)
     interruption = Interruption()
     interruption.install()
     threading.excepthook, sys.unraisablehook = in_thread, _in_callback

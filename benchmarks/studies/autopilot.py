@@ -24,7 +24,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from usvauv.env import Scenario, World
-from usvauv.env.render.style import Ground, write_pair
+from usvauv.env.render.figures import write_pair
+from usvauv.env.render.style import Ground
 from usvauv.kernels.mission.columns import AuvColumn, BodyColumn
 from usvauv.kernels.vehicles.fleet import Body, Command, Fleet, Surroundings
 from usvauv.policies.guidance import crab, follow_circle, follow_line

@@ -22,7 +22,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from usvauv.env.render.style import Ground, write_pair
+from usvauv.env.render.figures import write_pair
+from usvauv.env.render.style import Ground
 from usvauv.env.scenario import Scenario
 from usvauv.env.scenario.environment import Storm
 from usvauv.env.sea.storm import draw_storm

@@ -27,7 +27,8 @@ from usvauv.env.accuracy import fix_errors
 from usvauv.env.record.metrics import own_error, position_error, usable
 from usvauv.env.record.recorder import record
 from usvauv.env.record.trace import Trace
-from usvauv.env.render.style import Ground, looks, write_pair
+from usvauv.env.render.figures import write_pair
+from usvauv.env.render.style import Ground, looks
 
 SCENARIOS = ("ideal", "extreme")
 TEAMS = (2, 3, 4, 5, 6)

@@ -22,7 +22,8 @@ from benchmarks.studies.table import figure, head, interval, line
 from usvauv import policies
 from usvauv.cli.evaluation import comparison
 from usvauv.env import run_episodes
-from usvauv.env.render.style import MARKERS, Ground, looks, write_pair
+from usvauv.env.render.figures import write_pair
+from usvauv.env.render.style import MARKERS, Ground, looks
 
 SCENARIO = "extreme"
 CURVES = {

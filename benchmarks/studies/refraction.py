@@ -20,7 +20,8 @@ from matplotlib.figure import Figure
 
 from benchmarks.machine import batch, best_time, describe
 from usvauv.env import Scenario
-from usvauv.env.render.style import Ground, write_pair
+from usvauv.env.render.figures import write_pair
+from usvauv.env.render.style import Ground
 from usvauv.env.site.site import Site
 from usvauv.env.site.sound_speed import SoundSpeedProfile
 from usvauv.env.world.mission_parameters import link_table

@@ -47,7 +47,8 @@ from usvauv.env.record.metrics import own_error
 from usvauv.env.record.recorder import record
 from usvauv.env.record.trace import Trace
 from usvauv.env.record.tracking_metrics import nees, settled, track_error
-from usvauv.env.render.style import Ground, write_pair
+from usvauv.env.render.figures import write_pair
+from usvauv.env.render.style import Ground
 from usvauv.kernels.mission.tasks.tracking_columns import TargetColumn
 from usvauv.policies.checkpoint import ENDING, LAST, path_of, read_history
 

@@ -14,7 +14,7 @@ import taichi as ti
 import torch
 
 from usvauv.kernels import runtime
-from usvauv.kernels.functions import LANES, Launch, kernel
+from usvauv.kernels.functions import LANES, Launch, compiled_together, kernel
 from usvauv.kernels.guidance.lanes import (
     CHOSEN,
     FrameNumber,
@@ -26,6 +26,7 @@ from usvauv.kernels.guidance.lanes import (
     offset,
     relative,
     see,
+    side_by_side,
     steered,
     write,
 )
@@ -144,6 +145,41 @@ def describe(
 
 
 @kernel
+def command(
+    seen: array2,
+    actions: array2,
+    headings: array2,
+    commands: array2,
+    room: rooms,
+    column: index1,
+    number: array1,
+    task: array1,
+    speeds: array2,
+    auvs: ti.i32,
+    start: ti.template(),
+    serial: ti.template(),
+):
+    """The world's actions (W K, A) for those of a network (W K, 1 or 2), after `describe`; arguments as of `act`."""
+    ti.loop_config(serialize=serial, block_dim=1)
+    for part in range(room.shape[0]):
+        tables = ti.static(Tables(column, number, task, speeds))
+        first_group, end_of_groups = groups_of(part, room.shape[0], seen.shape[0], 1)
+        at = seen.shape[1] + CHOSEN
+        for group in range(first_group, end_of_groups):
+            _, rows = rows_of(group, seen.shape[0], 1)
+            for component in range(actions.shape[1]):
+                room[part, at + component] = side_by_side(actions, rows, component)
+            if ti.static(start >= Start.LOITER):
+                heading = side_by_side(headings, rows, 0), side_by_side(headings, rows, 1)
+                way, pace = offset(room, part, at, heading, side_by_side(headings, rows, 2), number)
+                write(commands, rows, way, pace, number)
+            else:
+                load(seen, rows, room, part)
+                way, pace = relative(room, part, at, auvs, tables, start)
+                write(commands, rows, way, pace, number)
+
+
+@kernel
 def guide(
     seen: array2,
     commands: array2,
@@ -253,37 +289,43 @@ class Acting:
         return self._command.clone()
 
 
-class Describing:
-    """Features of the AUVs of one batch of worlds, with memory of its own.
+class Conversion:
+    """Features and commands of the AUVs of one batch of worlds, with memory of its own.
 
     Args:
         worlds: W.
-        features: F.
+        features: F. actions: numbers of a network's action.
     """
 
-    def __init__(self, steering: Steering, worlds: int, features: int) -> None:
+    def __init__(self, steering: Steering, worlds: int, features: int, actions: int) -> None:
         auvs, count = steering.auvs, worlds * steering.auvs
-        self._heuristic = steering.start >= Start.LOITER
         self._seen = torch.zeros(worlds, auvs, steering.observed, **ALIKE)
         self._features = torch.zeros(worlds, auvs, features, **ALIKE)
-        self._headings = torch.zeros(worlds, auvs, 3, **ALIKE)
-        self._describe = Launch(
-            describe,
-            self._seen.view(count, -1),
-            self._features.view(count, -1),
-            self._headings.view(count, -1),
-            torch.zeros(parts_of(count), steering.observed + CHOSEN + features, LANES, **ALIKE),
-            *(*steering.tables(), *steering.features()),
-            *(auvs, steering.start, runtime.too_few_for_threads(count)),
-            settings=settings(),
+        self._actions = torch.zeros(worlds, auvs, actions, **ALIKE)
+        self._command = torch.zeros(worlds, auvs, steering.commands, **ALIKE)
+        seen, found, chosen, commands = (
+            each.view(count, -1) for each in (self._seen, self._features, self._actions, self._command)
         )
+        headings = torch.zeros(count, 3, **ALIKE)
+        room = torch.zeros(parts_of(count), steering.observed + CHOSEN + max(features, 2), LANES, **ALIKE)
+        rest, tables = (auvs, steering.start, runtime.too_few_for_threads(count)), steering.tables()
+        describing = seen, found, headings, room, *tables, *steering.features(), *rest
+        commanding = seen, chosen, headings, commands, room, *tables, *rest
+        with compiled_together():
+            self._describe = Launch(describe, *describing, settings=settings())
+            self._decide = Launch(command, *commanding, settings=settings())
 
-    def __call__(self, observation: torch.Tensor) -> tuple[torch.Tensor, ...]:
-        """Features (W, K, F) and, with a heuristic, its headings (W, K, 2) and speeds (W, K), for observations."""
+    def features(self, observation: torch.Tensor) -> torch.Tensor:
+        """Features (W, K, F) of observations (W, K, O)."""
         self._seen.copy_(observation)
         self._describe()
-        features, headings = self._features.clone(), self._headings.clone()
-        return (features, headings[..., :2], headings[..., 2]) if self._heuristic else (features,)
+        return self._features.clone()
+
+    def commands(self, action: torch.Tensor) -> torch.Tensor:
+        """The world's actions (W, K, A) for those of a network, at the observations of the last `features`."""
+        self._actions.copy_(action)
+        self._decide()
+        return self._command.clone()
 
 
 class Guiding:

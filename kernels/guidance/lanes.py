@@ -99,10 +99,16 @@ def vector(room: ti.template(), part, column, scale):
 
 
 @func
+def side_by_side(numbers: ti.template(), rows, column):
+    """A column of some rows."""
+    return ti.Vector([numbers[rows[n], column] for n in ti.static(range(LANES))])
+
+
+@func
 def load(seen: ti.template(), rows, room: ti.template(), part):
     """Rows of what is seen, side by side into a room."""
     for column in range(seen.shape[1]):
-        room[part, column] = ti.Vector([seen[rows[n], column] for n in ti.static(range(LANES))])
+        room[part, column] = side_by_side(seen, rows, column)
 
 
 @func

@@ -325,20 +325,24 @@ def may_miss(team: ti.template()) -> bool:
 
 
 @func
-def place_on_lattice(n, size: ti.template(), box: vec4, region: ti.template()) -> vec2:
+def place_on_lattice(n, size, box: vec4, region: ti.template()) -> vec2:
     """Place n of size² in the middles of the cells of a box, m."""
     return clip(vec2(box[0] + (n // size + 0.5) * box[2] / size, box[1] + (n % size + 0.5) * box[3] / size), region)
 
 
 @func
-def best_on_lattice(team: ti.template(), code: ti.template(), size: ti.template(), region: ti.template()) -> mat2x3:
-    """The best of size² places over the AUVs' box and the best that is no neighbour of it: x, y, ln objective."""
+def best_on_lattice(team: ti.template(), code: ti.template(), size, region: ti.template()) -> mat2x3:
+    """The best of size² places over the AUVs' box and the best that is no neighbour of it: x, y, ln objective.
+
+    Args:
+        size: at most FINE.
+    """
     box = box_of(team)
-    heights = ti.Vector.zero(ti.f32, size * size)
+    heights = ti.Vector.zero(ti.f32, FINE * FINE)
     for n in range(size * size):
         heights[n] = log_objective(team, code, place_on_lattice(n, size, box, region))[0]
     best = mat2x3(0.0)
-    for row in ti.static(range(2)):
+    for row in range(2):
         top = highest(heights, size * size)
         place = place_on_lattice(top, size, box, region)
         best[row, 0], best[row, 1], best[row, 2] = place[0], place[1], heights[top]
@@ -363,17 +367,19 @@ def multistart(team: ti.template(), code: ti.template(), start: vec2, everywhere
     if everywhere:
         starts = 2 + at_auvs
         heights = heights_above(team, code, nearest, region)
+        size = 0
         if may_miss(team):
-            lattice = best_on_lattice(team, code, FINE, region)
-            starts += 2
+            size = FINE
         elif ti.static(objective_of(code) == D):
             hill = SAME_HILL * SAME_HILL * nearest
             for k in range(team.count):
                 if is_peaked(team, k):
                     hill = 0.0
             if team.count > 2:
-                lattice = best_on_lattice(team, code, COARSE, region)
-                starts += 2
+                size = COARSE
+        if size > 0:
+            lattice = best_on_lattice(team, code, size, region)
+            starts += 2
     above = 0
     near = 0.0
     best = vec3(start[0], start[1], -1e30)
@@ -414,13 +420,13 @@ def search(team: ti.template(), code: ti.template(), start: vec2, everywhere, re
     small = SMALL_GAIN_BETWEEN
     if everywhere:
         small = SMALL_GAIN
-    best = vec3(0.0, 0.0, 0.0)
-    single = False
+    best = vec3(0.0, 0.0, -1e30)
+    several = True
     if ti.static(objective_of(code) == A):
-        single = not may_miss(team)
-    if single:
-        best = ascend(team, code, clip(start, region), vec3(0.0, 0.0, -1e30), 0.0, small, False, region)
-    else:
+        several = may_miss(team)
+        if not several:
+            best = ascend(team, code, clip(start, region), best, 0.0, small, False, region)
+    if several:
         best = multistart(team, code, start, everywhere, small, region)
     return best
 

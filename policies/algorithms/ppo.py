@@ -79,11 +79,13 @@ class PPO(Learner[GaussianActor]):
             advantage -= advantage.mean(-1, keepdim=True)
             advantage /= advantage.std(-1, correction=0, keepdim=True) + LEAST_DEVIATION
             before = self.actor.log_density(observation, action)
-        rows, figures = (observation, action, target, advantage, before), []
+        networks, count = target.shape
+        rows = [each.flatten(0, 1) for each in (observation, action, target, advantage, before)]
+        first, figures = count * torch.arange(networks, device=target.device).unsqueeze(-1), []
         for _ in range(self.config.updates):
-            for index in self.permutation(observation.shape[1]).tensor_split(batch.parts, -1):
-                stack = torch.arange(len(index), device=index.device).unsqueeze(-1)
-                figures.append(self._step(*(row[stack, index] for row in rows)))
+            for index in (first + self.permutation(count)).tensor_split(batch.parts, -1):
+                own = index.flatten()  # `index_select` takes a third of the time of an index
+                figures.append(self._step(*(each.index_select(0, own).unflatten(0, index.shape) for each in rows)))
         self.updates += 1
         return dict(zip(("value_loss", "value", "divergence"), torch.stack(figures).mean(0), strict=True))
 

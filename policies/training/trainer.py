@@ -69,7 +69,7 @@ class SeedStack:
             self.standardizer = self._joint_standardizer()
         self.observation = torch.cat([run.observation for run in runs])
         with frames.calling(self.config.frame):
-            self._kernel = self.frame.describing(len(self.observation))
+            self._conversion = self.frame.conversion(len(self.observation))
         self._encode = Recorded(self._features, first.generator)
         self._choose = Recorded(self._explore, first.generator)
 
@@ -134,12 +134,13 @@ class SeedStack:
     def _features(self, observation: Tensor) -> dict[str, Tensor]:
         """The standardised features (N W, K, F) of observations (N W, K, O), and what `Frame.shared` returns."""
         with frames.calling(self.config.frame):
-            features, *shared = self._kernel(observation) if self._kernel else self._described(observation)
+            own = self._conversion
+            features, *shared = (own.features(observation),) if own else self._described(observation)
         features = self.standardizer(features.unflatten(0, (self.count, -1))).flatten(0, 1).contiguous()
         return {"features": features} | {f"shared_{number}": each for number, each in enumerate(shared)}
 
     def _described(self, observation: Tensor) -> tuple[Tensor, ...]:
-        """Features of observations and what `Frame.shared` returns, as `Frame.describing`, by torch."""
+        """Features of observations and what `Frame.shared` returns, by torch."""
         observation = by_component(observation)
         shared = self.frame.shared(observation)
         return self.frame.encode(observation, *shared), *shared
@@ -154,7 +155,11 @@ class SeedStack:
             raise algorithms.refuse(name, f"actions of shape {tuple(chosen.shape)}", f"of {tuple(noise.shape)}")
         action = unstack(chosen, features.shape[1], self.count)
         with frames.calling(self.config.frame):
-            return {"action": action, "command": self.frame.decode(by_component(observation), action, *more)}
+            if self._conversion:
+                command = self._conversion.commands(action)
+            else:
+                command = self.frame.decode(by_component(observation), action, *more)
+        return {"action": action, "command": command}
 
     def _step_worlds(self, command: Tensor) -> list[Step]:
         """Step the worlds of each run."""

@@ -41,8 +41,7 @@ def untrained(scenario: Scenario, **settings) -> LearnedPolicy:
     frame = frames[config.frame](scenario)
     sizes = Sizes(1 if config.shared else scenario.auv.count, frame.features, frame.actions)
     actor = algorithms[config.algorithm].make_actor(sizes, config, torch.Generator().manual_seed(1))
-    with torch.no_grad():
-        actor.weights[-1].mul_(300.0)
+    actor.requires_grad_(False).weights[-1].mul_(300.0)
     standardizer = Standardizer.of(frame.encode(observations(scenario, 20)))
     return LearnedPolicy("untrained", scenario, config.frame, standardizer, actor, config.shared)
 

@@ -349,9 +349,12 @@ class TestFrames:
         off = (policy.act(observation) - policy.actions(observation)).abs()
         assert (off > 1e-5).float().mean() < 5e-3  # of two speeds that cost the same either may be taken
         assert off.quantile(0.999) < 0.1  # or of two sides of a node
-        describe = frame.describing(2000)
-        assert (describe is None) == (name == "world")
-        if describe:
-            expected = frame.encode(observation), *frame.shared(observation)
-            for found, torch_says in zip(describe(observation), expected, strict=True):
-                assert ((found - torch_says).abs() > 1e-4).float().mean() < 5e-3
+        conversion = frame.conversion(2000)
+        assert (conversion is None) == (name == "world")
+        if conversion:
+            found, expected = conversion.features(observation), frame.encode(observation)
+            assert ((found - expected).abs() > 1e-4).float().mean() < 5e-3
+            action = 2.0 * torch.rand((2000, toy.auv.count, frame.actions), generator=generator) - 1.0
+            off = (conversion.commands(action) - frame.decode(observation, action)).abs()
+            assert (off > 1e-5).float().mean() < 5e-3
+            assert off.quantile(0.999) < 0.1

@@ -13,7 +13,7 @@ from tests.policies.toy import LEARNING, seeded
 from usvauv.policies.algorithms import Batch, Rollout, Sizes, algorithms, ppo
 from usvauv.policies.algorithms.learner import Adam
 from usvauv.policies.learned import Standardizer
-from usvauv.policies.networks import Critic, GaussianActor, StackedMLP
+from usvauv.policies.networks import LARGE, Critic, GaussianActor, StackedMLP
 from usvauv.policies.training.exploration import CorrelatedNoise
 from usvauv.policies.training.replay import Replay
 
@@ -138,13 +138,14 @@ class TestNetworks:
             torch.testing.assert_close(network(x)[index], self.alone(network, index, x[index]))
         assert not torch.allclose(network(x[:1].expand(3, -1, -1))[0], network(x[:1].expand(3, -1, -1))[1])
 
-    def test_gradients_of_a_normalised_layer(self):
-        network = StackedMLP(2, (4, 16, 8, 2), seeded(), layer_norm=True)
-        x = torch.randn((2, 10, 4), generator=seeded(1))
-        parameters = list(network.parameters())
-        found = torch.autograd.grad(network(x).square().sum(), parameters)
+    @pytest.mark.parametrize(("layer_norm", "rows"), [(True, 10), (True, LARGE // 4), (False, LARGE // 4)])
+    def test_gradients_of_a_network(self, layer_norm, rows):
+        network = StackedMLP(2, (4, 16, 8, 2), seeded(), layer_norm)
+        x = torch.randn((2, rows, 4), generator=seeded(1)).requires_grad_()
+        parameters = [x, *network.parameters()]
+        found = torch.autograd.grad(network(x).square().mean(1).sum(), parameters)
         alone = torch.stack([self.alone(network, index, x[index]) for index in range(2)])
-        expected = torch.autograd.grad(alone.square().sum(), parameters)
+        expected = torch.autograd.grad(alone.square().mean(1).sum(), parameters)
         torch.testing.assert_close(found, expected, rtol=1e-3, atol=1e-5)
 
     @pytest.mark.parametrize("layer_norm", [False, True])

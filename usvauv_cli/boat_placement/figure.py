@@ -9,8 +9,9 @@ import numpy as np
 
 from usvauv.cli import terminal
 from usvauv.env.accuracy.boat_place import OBJECTIVE_NAMES, BoatPlace, Landscape, Plan
-from usvauv.env.render import style
-from usvauv.env.render.style import CATEGORICAL, ON_DARK, SEA_COLOURS, save_figure, style_axes, web
+from usvauv.env.render import figures, style
+from usvauv.env.render.figures import SEA_COLOURS, save_figure, style_axes
+from usvauv.env.render.style import CATEGORICAL, ON_DARK, web
 
 TEXT, MUTED, OUTLINE = ON_DARK.text, ON_DARK.muted, web(style.OUTLINE)
 SIGMAS = 2
@@ -60,7 +61,7 @@ def look(i: int) -> tuple[str, str]:
     return LETTERS[i % len(LETTERS)], CATEGORICAL[i % len(CATEGORICAL)]
 
 
-@style.plain()
+@figures.plain()
 def draw(result: Plan, landscape: Landscape, path: Path) -> None:
     """Draw the result of a plan and save it, the format by the file's suffix."""
     width, length = result.area["width"], result.area["length"]
@@ -70,7 +71,7 @@ def draw(result: Plan, landscape: Landscape, path: Path) -> None:
     rows = 8 + len(result.auvs) + len(result.compare)
     below = max(along, 0.21 * rows) - along
     width_in, height_in = across + 5.2, along + below + 1.75
-    figure = style.Figure(figsize=(width_in, height_in), facecolor=ON_DARK.background)
+    figure = figures.Figure(figsize=(width_in, height_in), facecolor=ON_DARK.background)
 
     def at(x: float, y: float) -> tuple[float, float]:
         return x / width_in, y / height_in
@@ -91,7 +92,7 @@ def draw(result: Plan, landscape: Landscape, path: Path) -> None:
     save_figure(figure, path)
 
 
-def draw_landscape(result: Plan, landscape: Landscape, axes: style.Axes, bar: style.Axes) -> None:
+def draw_landscape(result: Plan, landscape: Landscape, axes: figures.Axes, bar: figures.Axes) -> None:
     """Draw ln of the objective as filled contours, and lines where the error is a given multiple of the best.
 
     Objective A has the unit m⁻²: the error is proportional to its power −1/2. Determinants have it once for
@@ -111,11 +112,11 @@ def draw_landscape(result: Plan, landscape: Landscape, axes: style.Axes, bar: st
         lines = axes.contour(x, y, value, levels=drawn, colors=TEXT, linewidths=0.7, linestyles="solid", alpha=0.65)
         labels = axes.clabel(lines, fmt={level: f"×{factor:g}" for level, factor in levels.items()}, fontsize=8)
         for label in labels:
-            label.set(color=TEXT, path_effects=[style.withStroke(linewidth=2, foreground=OUTLINE)])
+            label.set(color=TEXT, path_effects=[figures.withStroke(linewidth=2, foreground=OUTLINE)])
     axes.set(xlim=(0, x[-1]), ylim=(0, y[-1]), aspect="equal")
-    shades = style.ScalarMappable(style.Normalize(low, high), SEA_COLOURS)
+    shades = figures.ScalarMappable(figures.Normalize(low, high), SEA_COLOURS)
     ticks = max(1, round(7 * min(1.0, y[-1] / x[-1])))
-    scale = axes.figure.colorbar(shades, cax=bar, ticks=style.MaxNLocator(ticks))
+    scale = axes.figure.colorbar(shades, cax=bar, ticks=figures.MaxNLocator(ticks))
     scale.outline.set_visible(False)
     bar.set_title(OBJECTIVE_NAMES[result.objective], color=MUTED, fontsize=9.5, loc="left", pad=8)
     style_axes(axes, tick_pad=9)
@@ -124,7 +125,7 @@ def draw_landscape(result: Plan, landscape: Landscape, axes: style.Axes, bar: st
     axes.set_ylabel("y (north), m", fontsize=10)
 
 
-def draw_places(result: Plan, axes: style.Axes) -> float:
+def draw_places(result: Plan, axes: figures.Axes) -> float:
     """Draw AUVs, error ellipses of those located from the optimum and from each compared place, and the places.
 
     Returns:
@@ -132,7 +133,7 @@ def draw_places(result: Plan, axes: style.Axes) -> float:
     """
     best, others, centroid = result.optimum, result.compare, result.centroid
     scale = magnification(result)
-    shadow: list[style.AbstractPathEffect] = [style.withStroke(linewidth=3, foreground=OUTLINE)]
+    shadow: list[figures.AbstractPathEffect] = [figures.withStroke(linewidth=3, foreground=OUTLINE)]
     for place, colour, dash in [
         (best, TEXT, "-"),
         *((p, look(i)[1], (0, (4, 2))) for i, p in enumerate(others)),
@@ -141,7 +142,7 @@ def draw_places(result: Plan, axes: style.Axes) -> float:
             if not error.located or error.major is None or error.minor is None or error.angle is None:
                 continue
             size = [2 * SIGMAS * scale * axis for axis in (error.major, error.minor)]
-            ellipse = style.Ellipse((auv.x, auv.y), *size, angle=math.degrees(error.angle), fill=False)
+            ellipse = figures.Ellipse((auv.x, auv.y), *size, angle=math.degrees(error.angle), fill=False)
             ellipse.set(edgecolor=colour, linestyle=dash, linewidth=1.5, zorder=4)
             if place is best:
                 ellipse.set_path_effects(shadow)
@@ -163,17 +164,17 @@ def draw_places(result: Plan, axes: style.Axes) -> float:
     return scale
 
 
-def draw_legend(result: Plan, scale: float, figure: style.Figure, corner: tuple[float, float]) -> None:
+def draw_legend(result: Plan, scale: float, figure: figures.Figure, corner: tuple[float, float]) -> None:
     """Draw the legend: places with their error, AUVs with their error from the optimum, lines."""
 
-    def mark(marker: str, colour: str, size: float) -> style.Line2D:
+    def mark(marker: str, colour: str, size: float) -> figures.Line2D:
         edge = (TEXT, 2) if marker == "+" else (OUTLINE, 1)
-        return style.Line2D([], [], marker=marker, ls="none", ms=size, mfc=colour, mec=edge[0], mew=edge[1])
+        return figures.Line2D([], [], marker=marker, ls="none", ms=size, mfc=colour, mec=edge[0], mew=edge[1])
 
-    def line(colour: str, dashes: str, width: float = 1.5) -> style.Line2D:
-        return style.Line2D([], [], color=colour, ls=dashes, lw=width)
+    def line(colour: str, dashes: str, width: float = 1.5) -> figures.Line2D:
+        return figures.Line2D([], [], color=colour, ls=dashes, lw=width)
 
-    def heading(text: str) -> tuple[style.Line2D, str]:
+    def heading(text: str) -> tuple[figures.Line2D, str]:
         return line("none", "none"), text
 
     best, centroid, objective = result.optimum, result.centroid, result.objective

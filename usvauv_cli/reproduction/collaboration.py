@@ -14,7 +14,8 @@ from usvauv.cli.evaluation.comparison import interval
 from usvauv.cli.reproduction.paper import Settings, markdown_table, picture_pair, rounded, spread, titled_figure
 from usvauv.cli.sweep.run_folder import Piece
 from usvauv.cli.sweep.study import Evaluation, StudyRun, define
-from usvauv.env.render.style import Figure, Ground, looks, write_pair
+from usvauv.env.render.figures import Figure, write_pair
+from usvauv.env.render.style import Ground, looks
 from usvauv.env.scenario import Scenario
 from usvauv.env.storage.result_tables import write_rows
 

@@ -13,7 +13,8 @@ import numpy as np
 from usvauv.cli.reproduction import paper
 from usvauv.cli.reproduction.paper import HEURISTICS, Settings, heuristic, learned, markdown_table, rounded, spread
 from usvauv.cli.sweep.run_folder import Piece
-from usvauv.env.render.style import Figure, Ground, Line2D, looks, write_pair
+from usvauv.env.render.figures import Figure, Line2D, write_pair
+from usvauv.env.render.style import Ground, looks
 from usvauv.env.storage.result_tables import write_rows
 from usvauv.kernels.mission.auvs.motion import travelling_power
 from usvauv.policies import checkpoint

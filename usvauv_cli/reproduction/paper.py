@@ -19,7 +19,8 @@ from usvauv.cli.sweep.run_folder import Evaluate, Piece
 from usvauv.env.accuracy.fix_errors import best_variance, median_of_normals
 from usvauv.env.record.metrics import episode_metrics, position_error
 from usvauv.env.record.recorder import record
-from usvauv.env.render.style import Figure, Ground
+from usvauv.env.render.figures import Figure
+from usvauv.env.render.style import Ground
 from usvauv.env.scenario import Scenario
 from usvauv.env.storage.result_tables import write_rows
 from usvauv.env.world.strategy_choice import StrategyChoice

@@ -10,16 +10,17 @@ from typing import NamedTuple
 import numpy as np
 
 from usvauv.cli.sea_view.surface import LONG_WAVES, SHADED, LevelSurface, Section, land, thumbnail, weather
-from usvauv.env.render import style
+from usvauv.env.render import figures, style
+from usvauv.env.render.figures import WrittenOut, log_ticks, save_figure, set_title, style_axes
 from usvauv.env.render.layout import Rectangle
-from usvauv.env.render.style import ON_DARK, WrittenOut, clock, log_ticks, save_figure, set_title, style_axes, web
+from usvauv.env.render.style import ON_DARK, clock, web
 from usvauv.env.render.views.sea_surface import MapView
 from usvauv.env.sea.simulation import SeaSimulation
 from usvauv.env.sea.storm import System, cumulative, density, moment, total_height, wave_systems
 from usvauv.env.site.site import Site
 from usvauv.env.storage.memory import require
 
-LEVELS = style.LinearSegmentedColormap.from_list("levels", [web(colour) for colour in style.SEA])
+LEVELS = figures.LinearSegmentedColormap.from_list("levels", [web(colour) for colour in style.SEA])
 MAPS = 4
 PROBES = 12  # points a side at which the spectrum is measured
 SEGMENT = 12.0  # length in peak periods of the segments whose spectra are averaged
@@ -92,13 +93,13 @@ class SeaFigure:
                 self._maps.append(self._last)
             self._draw()
 
-    @style.plain()
+    @figures.plain()
     def _draw(self) -> None:
         scenario, duration = self._sea.scenario, self._times[-1]
         surface = self._relief()
         still, level = surface.limit == 0.0, surface.level
         ends = level - (surface.limit or 1.0), level + (surface.limit or 1.0)
-        figure = style.Figure(figsize=(13.6, 9.0), facecolor=ON_DARK.background)
+        figure = figures.Figure(figsize=(13.6, 9.0), facecolor=ON_DARK.background)
         grid = {"left": 0.065, "right": 0.93, "wspace": 0.14}
         top = figure.add_gridspec(1, len(self._maps) + 1, width_ratios=[1] * len(self._maps) + [0.045], **grid)
         top.update(bottom=0.55, top=0.845)
@@ -114,7 +115,7 @@ class SeaFigure:
                 axes.set_yticklabels([])
         maps[0].set_ylabel("y (north), m")
         bar = figure.add_subplot(top[0, -1])
-        shades = style.ScalarMappable(style.Normalize(*ends), LEVELS)
+        shades = figures.ScalarMappable(figures.Normalize(*ends), LEVELS)
         figure.colorbar(shades, cax=bar, extend="both").outline.set_visible(False)
         bar.set_title("η, m", color=ON_DARK.muted, fontsize=9.5, loc="left", pad=8)
         section, middle = (figure.add_subplot(low[row, 0]) for row in (0, 1))
@@ -160,26 +161,26 @@ class SeaFigure:
             np.stack([field for _, field in self._maps]), MapView(area, whole), np.array(self._sections)
         )
 
-    def _draw_map(self, axes: style.Axes, relief: np.ndarray) -> None:
+    def _draw_map(self, axes: figures.Axes, relief: np.ndarray) -> None:
         area, (a, b) = self._sea.scenario.area, self._section.ends
         extent = (0, area.width, 0, area.length)
         axes.imshow(relief[..., ::-1], extent=extent, interpolation="bilinear")
         axes.plot(*zip(a, b, strict=True), color=ON_DARK.text, lw=0.9, ls=(0, (5, 4)), alpha=0.8)
         for name, place in (("A", a + 0.05 * (b - a)), ("B", b + 0.05 * (a - b))):
             label = axes.text(place[0], place[1], name, color=ON_DARK.text, fontsize=10, fontweight="bold", ha="center")
-            label.set_path_effects([style.withStroke(linewidth=2.5, foreground=web(style.OUTLINE))])
+            label.set_path_effects([figures.withStroke(linewidth=2.5, foreground=web(style.OUTLINE))])
         axes.set_xlabel("x (east), m")
-        axes.xaxis.set_major_locator(style.MaxNLocator(4))
-        axes.yaxis.set_major_locator(style.MaxNLocator(4))
+        axes.xaxis.set_major_locator(figures.MaxNLocator(4))
+        axes.yaxis.set_major_locator(figures.MaxNLocator(4))
 
-    def _draw_section(self, axes: style.Axes, ends: tuple[float, float]) -> None:
+    def _draw_section(self, axes: figures.Axes, ends: tuple[float, float]) -> None:
         extent = (0, self._times[-1], 0, self._section.length)
         levels = np.array(self._sections).T
         axes.imshow(levels, LEVELS, vmin=ends[0], vmax=ends[1], origin="lower", extent=extent, aspect="auto")
         axes.set_ylabel("from A, m")
         set_title(axes, f"η from {self._section.words}")
 
-    def _draw_level(self, axes: style.Axes, level: float) -> None:
+    def _draw_level(self, axes: figures.Axes, level: float) -> None:
         everything, storm = np.array(self._middle).T
         axes.axhline(level, color=ON_DARK.muted, lw=0.6, alpha=0.6)
         if storm.any() and (everything != storm).any():
@@ -194,7 +195,7 @@ class SeaFigure:
             place = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.99), "ncols": 2, "borderpad": 0.2}
             axes.legend(frameon=False, labelcolor=ON_DARK.muted, fontsize=9, **place)
 
-    def _draw_spectrum(self, axes: style.Axes, still: bool) -> None:
+    def _draw_spectrum(self, axes: figures.Axes, still: bool) -> None:
         """Draw the mean spectrum over probes all over the area, and the one that the storm is drawn from."""
         scenario = self._sea.scenario
         axes.set(xlabel="frequency, Hz", ylabel="spectral density of η, m²/Hz")
@@ -245,7 +246,7 @@ def spectrum(
     count = round(min(len(records), max(SHORTEST, piece / step)))
     window = np.hanning(count + 2)[1:-1]
     found = [
-        style.mlab.csd(one, other, count, 1 / step, style.mlab.detrend_mean, window, count - max(1, count // 2))
+        figures.mlab.csd(one, other, count, 1 / step, figures.mlab.detrend_mean, window, count - max(1, count // 2))
         for one, other in zip(records.T, (records if beside is None else beside).T, strict=True)
     ]
     density = np.mean([np.asarray(each) for each, _ in found], axis=0)[1:]

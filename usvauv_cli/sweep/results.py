@@ -29,7 +29,7 @@ from usvauv.cli.sweep.study import Study
 from usvauv.cli.terminal import counted
 from usvauv.cli.web_report import document
 from usvauv.env.record.metrics import EpisodeMetrics
-from usvauv.env.render.style import Axes, Figure
+from usvauv.env.render.figures import Axes, Figure
 from usvauv.env.scenario import Scenario
 from usvauv.env.storage.files import atomic_write, inside, locked, writing
 from usvauv.env.storage.result_tables import write_rows

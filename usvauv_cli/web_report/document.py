@@ -22,7 +22,8 @@ from typing import Any
 from jinja2 import Environment, FunctionLoader, StrictUndefined, Template
 from markupsafe import Markup
 
-from usvauv.env.render.style import CATEGORICAL, CATEGORICAL_ON_WHITE, MARKERS, ON_DARK, Axes, Figure, Line2D, plain
+from usvauv.env.render.figures import Axes, Figure, Line2D, plain
+from usvauv.env.render.style import CATEGORICAL, CATEGORICAL_ON_WHITE, MARKERS, ON_DARK
 from usvauv.env.storage.files import atomic_write
 from usvauv.kernels import runtime
 from usvauv.policies.checkpoint import provenance

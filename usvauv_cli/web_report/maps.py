@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from usvauv.cli.web_report import document
 from usvauv.cli.web_report.document import COLUMN, INK, NODE, SEA, colour, dash
 from usvauv.cli.web_report.episodes import Recording, part_shown
-from usvauv.env.render.style import Axes, Figure, Line2D, MaxNLocator
+from usvauv.env.render.figures import Axes, Figure, Line2D, MaxNLocator
 from usvauv.env.scenario import Scenario
 
 

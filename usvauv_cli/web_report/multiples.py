@@ -10,7 +10,7 @@ import numpy as np
 from usvauv.cli.web_report import document
 from usvauv.cli.web_report.document import MUTED, colour
 from usvauv.cli.web_report.episodes import PERIODS, Recording, error_quantiles
-from usvauv.env.render.style import Figure, WrittenOut
+from usvauv.env.render.figures import Figure, WrittenOut
 
 
 def bands(names: Sequence[str], time: Sequence[np.ndarray], shown: Sequence[np.ndarray], label: str) -> Figure:

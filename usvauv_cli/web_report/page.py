@@ -33,7 +33,7 @@ from usvauv.cli.web_report.episodes import (
 from usvauv.cli.web_report.maps import trajectories
 from usvauv.cli.web_report.multiples import ages, errors_of_each
 from usvauv.env.record.trace import Trace
-from usvauv.env.render.style import Figure, WrittenOut
+from usvauv.env.render.figures import Figure, WrittenOut
 from usvauv.env.scenario import Scenario
 from usvauv.env.storage.result_tables import Combination
 from usvauv.kernels import runtime

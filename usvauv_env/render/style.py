@@ -1,4 +1,4 @@
-"""The style of pictures and figures: colours and marker shapes, text in pictures, and matplotlib for figures.
+"""The style of pictures and figures: colours and marker shapes, and text in pictures.
 
 Colours of categories (AUVs; policies, methods, strategies) were found by a search in CIELAB that maximises the
 least difference between two of them, and from the colours of the sea, for normal vision and for each of the three
@@ -8,9 +8,9 @@ backgrounds. Colours are always accompanied by shapes or numbers. Those of pictu
 Text is DejaVu Sans, which matplotlib installs, rendered by FreeType; OpenCV's own fonts have no Greek. Rendering takes
 about 40 µs per letter, so masks are cached: most texts are the same in every frame.
 
-Figures do not depend on the user's matplotlib settings, see `plain`. Other modules import matplotlib's names from here,
-since `import matplotlib` fails if MPLBACKEND names a backend that is not installed, as Jupyter's does in another
-environment, or if a matplotlibrc cannot be read.
+`usvauv.env.render.figures` has what figures need beside it. Other modules import matplotlib's names from there, since
+`import matplotlib` fails if MPLBACKEND names a backend that is not installed, as Jupyter's does in another environment,
+or if a matplotlibrc cannot be read.
 """
 
 from __future__ import annotations
@@ -19,19 +19,15 @@ import colorsys
 import contextlib
 import importlib
 import logging
-import math
 import os
 import sys
-import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
-
-from usvauv.env.storage.files import atomic_write
 
 
 def _import_matplotlib() -> None:
@@ -62,22 +58,8 @@ def _import_matplotlib() -> None:
 
 _import_matplotlib()
 
-# Names written twice are for others too.
 import matplotlib  # noqa: E402
-from matplotlib import mlab as mlab  # noqa: E402
-from matplotlib.axes import Axes as Axes  # noqa: E402
-from matplotlib.axis import Axis  # noqa: E402
-from matplotlib.cm import ScalarMappable as ScalarMappable  # noqa: E402
-from matplotlib.colors import LinearSegmentedColormap as LinearSegmentedColormap  # noqa: E402
-from matplotlib.colors import Normalize as Normalize  # noqa: E402
-from matplotlib.figure import Figure as Figure  # noqa: E402
 from matplotlib.ft2font import FT2Font  # noqa: E402
-from matplotlib.lines import Line2D as Line2D  # noqa: E402
-from matplotlib.patches import Ellipse as Ellipse  # noqa: E402
-from matplotlib.patheffects import AbstractPathEffect as AbstractPathEffect  # noqa: E402
-from matplotlib.patheffects import withStroke as withStroke  # noqa: E402
-from matplotlib.ticker import FixedLocator, FormatStrFormatter, LogFormatter, NullLocator  # noqa: E402
-from matplotlib.ticker import MaxNLocator as MaxNLocator  # noqa: E402
 
 # Yellow, lavender, aqua, rose, violet, olive, pale green, lime.
 CATEGORICAL = ("#f6fe2e", "#c9a0ff", "#94fcf0", "#bf7282", "#a753f5", "#83832f", "#bedea6", "#aab80a")
@@ -290,108 +272,3 @@ def write(
         alpha = (alpha * opacity).astype(np.uint16)
     region = image[y0:y1, x0:x1]
     region[:] = (region * (255 - alpha) + np.array(colour, np.uint16) * alpha + 127) // 255
-
-
-DEFAULTS: dict[Any, Any] = {name: value for name, value in matplotlib.rcParamsDefault.items() if name != "backend"}
-DEFAULTS["text.parse_math"] = False
-
-
-@contextlib.contextmanager
-def plain(settings: Mapping[Any, Any] | None = None) -> Iterator[None]:
-    """Settings in which a figure is made and saved: matplotlib's own ones but for those given.
-
-    Text is drawn as it stands: names hold dollars, underscores and braces that are no mathematics, and letters that the
-    font lacks, each of which matplotlib would warn of again and again.
-    """
-    with matplotlib.rc_context(DEFAULTS | dict(settings or {})), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", r"Glyph \d+ |Matplotlib currently does not support .* natively", UserWarning)
-        yield
-
-
-SEA_COLOURS = LinearSegmentedColormap.from_list("sea", [web(shade) for shade in SEA] + ["#c4e4e3"])
-RESOLUTION = 130  # dots an inch, of pairs of figures
-
-
-def write_pair(path: Path, draw: Callable[[Ground], Figure], pdf: bool = False) -> None:
-    """Draw a figure on each theme's ground; of a path x.png to x-light.png and x-dark.png, of the light one also x.pdf.
-
-    Raises:
-        OutputError: a file cannot be written.
-    """
-    for name, theme in THEMES.items():
-        ground = Ground.of(theme)
-        settings: dict[Any, Any] = {  # matplotlib's own names
-            "figure.constrained_layout.h_pad": 0.12,  # inches
-            "figure.constrained_layout.w_pad": 0.12,
-            "figure.facecolor": ground.background,
-            "axes.facecolor": ground.card,
-            "axes.labelcolor": ground.muted,
-            "axes.labelsize": 9.5,
-            "axes.titlecolor": ground.text,
-            "axes.titlelocation": "left",
-            "axes.titlesize": 11,
-            "axes.axisbelow": True,
-            "axes.grid": True,
-            **{f"axes.spines.{side}": False for side in ("left", "right", "top", "bottom")},
-            "grid.color": ground.line,
-            "grid.linewidth": 0.6,
-            "legend.fontsize": 9.5,
-            "legend.frameon": False,
-            "legend.labelcolor": ground.text,
-            "text.color": ground.text,
-            **{f"{axis}tick.{which}.size": 0 for axis in "xy" for which in ("major", "minor")},
-            **{f"{axis}tick.labelsize": 9 for axis in "xy"},
-            **{f"{axis}tick.color": ground.muted for axis in "xy"},
-        }
-        with plain(settings):
-            figure = draw(ground)
-            save_figure(figure, path.with_stem(f"{path.stem}-{name}"), RESOLUTION)
-            if pdf and theme is LIGHT:
-                save_figure(figure, path.with_suffix(".pdf"))
-
-
-def style_axes(axes: Axes, tick_pad: float = 5) -> None:
-    """Muted labels, numbers without tick marks and no frame; `tick_pad` is from the plot to its numbers, points."""
-    axes.tick_params(colors=ON_DARK.muted, labelsize=9, length=0, pad=tick_pad, which="both")
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.label.set(color=ON_DARK.muted, fontsize=9.5)
-    for spine in axes.spines.values():
-        spine.set_visible(False)
-
-
-def log_ticks(axis: Axis) -> None:
-    """Ticks of a logarithmic axis at 1, 2 and 5 times powers of ten, written out; finer ones where few are in view."""
-    low, high = axis.get_view_interval()
-    for steps in ((1, 2, 5), (1, 1.5, 2, 3, 5, 7), [n / 10 for n in range(10, 100)]):
-        powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
-        ticks = [step * 10.0**power for power in powers for step in steps]
-        shown = [tick for tick in ticks if low <= tick <= high]
-        if len(shown) > 2:
-            break
-    axis.set_major_locator(FixedLocator(shown))
-    axis.set_major_formatter(FormatStrFormatter("%g"))
-    axis.set_minor_locator(NullLocator())
-
-
-class WrittenOut(LogFormatter):
-    """Numbers of a logarithmic axis where matplotlib has them, but not as powers of ten, which are mathematics."""
-
-    def __call__(self, x: float, pos: int | None = None) -> str:
-        return f"{x:g}" if super().__call__(x, pos) else ""
-
-
-def set_title(axes: Axes, text: str, pad: float | None = None) -> None:
-    """Title at the left above a plot, `pad` points from it."""
-    axes.set_title(text, color=ON_DARK.text, fontsize=11, loc="left", pad=pad)
-
-
-def save_figure(figure: Figure, path: Path, dpi: float = 150) -> None:
-    """Write a figure, the format by the file's suffix; PDFs carry no date, so that equal figures are equal files.
-
-    Raises:
-        OutputError: the file cannot be written.
-    """
-    kind = path.suffix[1:].lower()
-    with atomic_write(path) as partial:
-        metadata = {"CreationDate": None} if kind == "pdf" else None
-        figure.savefig(partial, dpi=dpi, format=kind, metadata=metadata)

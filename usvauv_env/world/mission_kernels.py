@@ -19,7 +19,7 @@ from usvauv.env.world.strategy_choice import StrategyChoice
 from usvauv.kernels import random, runtime
 from usvauv.kernels.errors import blaming
 from usvauv.kernels.flow import vortex_motion
-from usvauv.kernels.functions import LANES, DeviceFlag, Launch, WholeVector, copy_finite
+from usvauv.kernels.functions import LANES, DeviceFlag, Launch, WholeVector, compiled_together, copy_finite
 from usvauv.kernels.mission.arguments import PARAMETERS
 from usvauv.kernels.mission.auvs.vehicles import ROWS, move
 from usvauv.kernels.mission.boats.belief_planner import OTHER_GOALS
@@ -192,7 +192,7 @@ class MissionKernels:
             registry.check_fields(name)
         plugins = self.plugins()  # whose Taichi functions may not compile
         kinds = {registry.kind for registry, name in self._parts() if registry.file(name)}
-        with blaming(plugins, ScenarioError) if plugins else nullcontext():
+        with compiled_together(), blaming(plugins, ScenarioError) if plugins else nullcontext():
             try:
                 self._bind_mission(arguments, kinds)
             except WholeVector:
