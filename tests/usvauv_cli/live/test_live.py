@@ -235,44 +235,41 @@ def test_sliders_and_choices_in_a_tab_change_the_world(running, in_tabs):
     assert not [url for url in asked if "://" in url and not url.startswith("blob:")], "nothing comes from elsewhere"
 
 
-def test_a_page_shows_what_the_rudders_of_vehicles_do(in_tabs):
-    session = Session(scenario(), seed=3)
-    stepped(session, 20)
-    session.pause()
+def figure(in_tabs, session: Session, name: str) -> str:
+    """A figure of the panel, as the page shows it."""
     shown = []
 
     def act(browser, address: str) -> None:
         page = browser.new_page()
         page.goto(address)
-        row = page.locator("tr").filter(has_text="Rudder")
+        row = page.locator("tr").filter(has_text=name)
         row.wait_for(state="attached", timeout=120_000)
         shown.append(row.locator("td").last.text_content())
 
     in_tabs(session, act)
+    return shown[0]
+
+
+def test_a_page_shows_what_the_rudders_of_vehicles_do(in_tabs):
+    session = Session(scenario(), seed=3)
+    stepped(session, 20)
+    session.pause()
+    shown = figure(in_tabs, session, "Rudder")
     rudder = np.degrees(session.world.body[0, :, BodyColumn.rudder].cpu().numpy())
     assert np.abs(rudder).max() > 1
-    assert [float(angle) for angle in shown[0].rstrip("°").split(", ")] == pytest.approx(rudder, abs=0.51)
+    assert [float(angle) for angle in shown.rstrip("°").split(", ")] == pytest.approx(rudder, abs=0.51)
 
 
 def test_a_page_of_moving_targets_shows_how_far_off_their_estimates_are(in_tabs):
     session = Session(Scenario.load("tracking-plain"), seed=3)
     stepped(session, 30)
     session.pause()
-    shown = []
-
-    def act(browser, address: str) -> None:
-        page = browser.new_page()
-        page.goto(address)
-        row = page.locator("tr").filter(has_text="Error of targets")
-        row.wait_for(state="attached", timeout=120_000)
-        shown.append(row.locator("td").last.text_content())
-
-    in_tabs(session, act)
+    shown = figure(in_tabs, session, "Error of targets")
     past = session.history.until(session.time, 30)
     late = [each for each in past if each.time >= session.scenario.task_numbers["settling"]]
     off = [each.tracked - each.node[:, NodeColumn.span("x", "y")] for each in late]
     expected = np.quantile(np.linalg.norm(off, axis=-1), (0.5, 0.95))
-    assert [float(number) for number in re.findall(r"[\d.]+(?= m )", shown[0])] == pytest.approx(expected, abs=0.051)
+    assert [float(number) for number in re.findall(r"[\d.]+(?= m )", shown)] == pytest.approx(expected, abs=0.051)
 
 
 def test_the_command_prints_the_address_that_it_opens_and_ctrl_c_ends_it(run_usvauv, monkeypatch):
