@@ -178,8 +178,6 @@ class Scene:
             points[:, :, 2] = surface
             self.sea.vertices = points.reshape(-1, 3)
             self._show_auvs(moment)
-            if self._moving:
-                self._show_targets(moment)
             self._show_boats(moment, surface)
             if moment.after is not self._shown:
                 self._shown = moment.after
@@ -187,6 +185,8 @@ class Scene:
                 self.nodes.batched_colors = self._node_colours(moment.after.node)
                 self._show_flow(moment.after.flow)
                 self._show_trails(history, moment)
+            if self._moving:
+                self._show_targets(moment)
 
     def _show_auvs(self, moment: Moment) -> None:
         auv, estimate, own = (moment.mixed(name) for name in ("auv", "estimate", "own"))

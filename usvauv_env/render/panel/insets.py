@@ -30,7 +30,7 @@ class ErrorInsets(ABC):
         play: the mission. card: box of all insets.
         view: of the map, whose scale is compared with theirs.
         title: of the card.
-        errors: (T, N, 2) that are shown as dots, m. inks: of the N dots and rims; of captions on a card.
+        errors: (T, N, 2) that are shown as dots, m. inks: of the N dots and rims.
         estimated: (T, N, 2) errors of the estimates, m. covariance: (T, N, 3) of the estimates, m².
         scaled: steps whose errors the scale fits.
     """
