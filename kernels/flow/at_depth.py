@@ -7,7 +7,8 @@ all depths; their vertical velocity, at most that of the surface, is neglected. 
 
     C = (e^{−kd} + e^{−k(2h − d)})/(1 − e^{−2kh}),   D = (e^{−kd} − e^{−k(2h − d)})/(1 − e^{−2kh})
 
-(`usvauv.kernels.flow.airy`), so it is exact at any depth. Its rate is the change over a mission step Δ divided by Δ,
+(`usvauv.kernels.flow.airy`), so it is exact at any depth, but that the shortest waves are left out below the depth to
+which they move the water. Its rate is the change over a mission step Δ divided by Δ,
 exact at both ends: cos(θ − ωΔ) − cos θ = (cos ωΔ − 1) cos θ + sin ωΔ sin θ. Neglected are the gradient and the rate of
 long waves, which are kilometres long and constant for `sea.update_interval`, and the rate of vortices and real
 currents, of order V²/δ.
@@ -23,8 +24,11 @@ from usvauv.kernels.limits import LEAST_HEIGHT
 from usvauv.kernels.trigonometry import TWO_PI, half_cosine, half_sine
 from usvauv.kernels.types import Level, columns, mat3, vec2, vec3
 
-Deep = columns("k", "speed", "lift", "bottom", "cosine", "sine")  # columns of a sea after those of its levels
+# Columns of a sea after those of its levels. `reach`: the depth (m) below which a component and those after it, as a
+# rule shorter waves, move the water by less than `airy.STILL` all together.
+Deep = columns("k", "speed", "lift", "bottom", "cosine", "sine", "reach")
 DEEP = airy.LEVEL + 2 * len(Level.names)
+DEPTHS = 16  # from the surface to the bed, at which the reach is looked for
 LARGEST = 40.0  # of the exponents, beyond which e^{−x} counts as e^{−40}
 
 
@@ -49,6 +53,11 @@ def deep_columns(
     """
     scale = -np.expm1(-2 * k * depth)
     turn = omega * step
+    reach = np.zeros_like(k)
+    for d in np.linspace(0.0, depth, DEPTHS):
+        speed = amplitude * omega * airy.decay(k, -d, depth)[0]
+        those_after = speed[:, ::-1].cumsum(axis=1)[:, ::-1]
+        reach[those_after >= airy.STILL] = d + depth / (DEPTHS - 1)
     return [
         k,
         TWO_PI * amplitude * omega / k / scale,
@@ -56,6 +65,7 @@ def deep_columns(
         np.exp(-2 * k * depth),
         -2 * np.sin(turn / 2) ** 2 / step,
         np.sin(turn) / step,
+        reach,
     ]
 
 
@@ -79,6 +89,8 @@ def storm(wave: ti.template(), since: ti.template(), sea: ti.i32, x: ti.f32, y: 
     v_y, v_z = lanes(0.0), lanes(0.0)
     u_t, v_t, w_t = lanes(0.0), lanes(0.0), lanes(0.0)
     for n in range(wave.shape[1]):
+        if depth > wave[sea, n, DEEP + Deep.reach][0]:
+            break
         kx = wave[sea, n, airy.TURNS_X]
         ky = wave[sea, n, airy.TURNS_Y]
         t = airy.angle(wave, since, sea, n, x, y)

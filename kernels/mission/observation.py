@@ -147,11 +147,9 @@ def next_node(worlds: ti.template(), w, k, first):
 @func
 def attitude(worlds: ti.template(), w, k, first):
     """Heading of a vehicle as (cos, sin) from east towards north, its pitch and its roll."""
-    angles = vehicles.attitude(worlds.body, w, k)
-    worlds.observation[w, k, first] = ti.cos(angles[0])
-    worlds.observation[w, k, first + 1] = ti.sin(angles[0])
-    worlds.observation[w, k, first + 2] = angles[1]
-    worlds.observation[w, k, first + 3] = angles[2]
+    numbers = vehicles.attitude(worlds.body, w, k)
+    for n in ti.static(range(4)):
+        worlds.observation[w, k, first + n] = numbers[n]
 
 
 @func

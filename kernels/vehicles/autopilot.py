@@ -107,8 +107,9 @@ def dive(table: ti.template(), sine, rate, V, depth, wanted, path, last, slope, 
         last, slope, integral: the reference of the depth and its slope, and the integral.
     """
     limit = table[Constant.fin_limit]
-    righting = gain(table, Gain.righting) / (V * V)
-    authority = AUTHORITY * limit / righting
+    V2 = V * V
+    righting = gain(table, Gain.righting) / V2
+    authority = AUTHORITY * limit / gain(table, Gain.righting) * V2
     pitch = ti.min(authority, gain(table, Gain.pitch_limit))
     steepest = ti.min(0.8 * authority, gain(table, Gain.dive_slope))
     error = clamp(depth - last, 2.0 / gain(table, Gain.depth_ahead) * pitch)
@@ -129,12 +130,12 @@ def run(table: ti.template(), u, command, reference, integral, dt: ti.f32) -> Ru
     change = clamp(command - reference, dt * gain(table, Gain.acceleration))
     reference += change
     error = reference - u
-    push = change / dt + gain(table, Gain.speed_frequency) * error + integral
+    push = 1.0 / dt * change + gain(table, Gain.speed_frequency) * error + integral
     mass = table[Constant.mass] + table[Constant.added_surge]
     thrust = table[Constant.axial_drag] * reference * reference + mass * push
     loss = table[Constant.thrust_slope] * ti.max(u, 0.0)
     most, bollard = table[Constant.propeller_limit], table[Constant.thrust_0]
-    turns = (ti.sqrt(loss * loss + 4.0 * bollard * ti.max(thrust, 0.0)) - loss) / (2.0 * bollard)
+    turns = (ti.sqrt(loss * loss + 4.0 * bollard * ti.max(thrust, 0.0)) - loss) * (0.5 / bollard)
     stuck = positive(turns - most) + positive(0.0 - thrust)
     integral += unless(stuck, dt * gain(table, Gain.speed_integral) * error, thrust)
     return Running(turns, reference, integral)

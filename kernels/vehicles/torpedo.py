@@ -56,6 +56,7 @@ from usvauv.kernels.vehicles.vehicle import (
 
 STAGES = 2
 TURNING = 10.0  # m
+SINE, COSINE = (-1 / 6, 1 / 120), (-1 / 2, 1 / 24, -1 / 720)  # coefficients of Taylor's series for fins' angles
 Wrench = ti.types.struct(x=lanes, y=lanes, z=lanes, roll=lanes, pitch=lanes, yaw=lanes)
 Rates = ti.types.struct(
     north=lanes,
@@ -75,9 +76,9 @@ Rates = ti.types.struct(
 def hull(table: ti.template(), u, v, w) -> Triple:
     """Lift of the hull and the drag it brings, N, in a flow of velocity −(u, v, w)."""
     cross = v * v + w * w
-    U2 = cross + u * u + TINY
-    U = ti.sqrt(U2)
-    sin2, cos = cross / U2, u / U
+    U = ti.sqrt(cross + u * u + TINY)
+    share = 1.0 / U
+    sin2, cos = cross * share * share, u * share
     stalled = sin2 * table[Constant.hull_stall]
     attached = 1.0 / (1.0 + stalled * stalled)
     lift = table[Constant.hull_lift] * attached * cos
@@ -94,16 +95,17 @@ def fin(table: ti.template(), area, slope, angle, u, v):
     beyond stall those of a plate, 2 |S| S K/U and 2 |S|³/U.
     """
     a2 = angle * angle
-    sin, cos = angle * (1.0 - a2 / 6.0 * (1.0 - a2 / 20.0)), 1.0 - 0.5 * a2 * (1.0 - a2 / 12.0 * (1.0 - a2 / 30.0))
+    sin = angle * (1.0 + a2 * (SINE[0] + a2 * SINE[1]))
+    cos = 1.0 + a2 * (COSINE[0] + a2 * (COSINE[1] + a2 * COSINE[2]))
     S, K = u * sin + v * cos, u * cos - v * sin
-    U2 = u * u + v * v + TINY
-    U = ti.sqrt(U2)
-    stalled = S * S / U2 * table[Constant.fin_stall]
+    share = 1.0 / ti.sqrt(u * u + v * v + TINY)
+    share2 = share * share
+    stalled = S * S * share2 * table[Constant.fin_stall]
     attached = 1.0 / (1.0 + stalled * stalled)
-    plate = (1.0 - attached) * 2.0 * magnitude(S) * S / U
+    plate = (1.0 - attached) * 2.0 * magnitude(S) * S * share
     wing = slope * S * K
-    lift = (attached * wing + plate * K) / U
-    drag = (attached * table[Constant.fin_induced] * wing * wing / U2 + plate * S) / U
+    lift = (attached * wing + plate * K) * share
+    drag = (attached * table[Constant.fin_induced] * wing * wing * share2 + plate * S) * share
     return area * -1.0 * (lift * u + drag * v), area * (lift * v - drag * u)
 
 

@@ -14,6 +14,7 @@ import taichi as ti
 from usvauv.kernels.functions import LANES, func
 
 TINY = 1e-12
+THIRD = 1 / 3  # a product takes a tenth of a division's time
 lanes = ti.types.vector(LANES, ti.f32)
 blocks = ti.types.ndarray(dtype=lanes, ndim=2)
 
@@ -35,16 +36,16 @@ def cross_flow(v, h):
     """∫ |v + h s| (v + h s) ds and ∫ s |v + h s| (v + h s) ds over s from −1 to 1, exactly; numbers or vectors, m/s.
 
     For a hull of length L with h = r L/2 they are 2/L times ∫ |v + x r| (v + x r) dx and 4/L² times
-    ∫ x |v + x r| (v + x r) dx. With V = max(|v|, |h|) and t = min(|v|, |h|)/V they are 2 v V (1 + t²/3) and
+    ∫ x |v + x r| (v + x r) dx. With V = max(|v|, |h|), s = |v|/V and t = |h|/V they are 2 v V (1 + s² t²/3) and
     h V (½ + s² − s⁴/6), s = min(|v/h|, 1) being where the flow changes side: |v| v L in pure sway and |r| r L⁴/32 in
     pure yaw.
     """
     V, H = ti.max(v, 0.0 - v), ti.max(h, 0.0 - h)
-    large, small = ti.max(V, H), ti.min(V, H)
-    t = small / ti.max(large, TINY)
-    s = small / ti.max(H, TINY)
-    s2 = s * s
-    return 2.0 * v * large * (1.0 + t * t / 3.0), h * large * (0.5 + s2 - s2 * s2 / 6.0)
+    large = ti.max(V, H)
+    share = 1.0 / ti.max(large, TINY)
+    s, t = V * share, H * share
+    s2, t2 = s * s, t * t
+    return 2.0 * v * large * (1.0 + THIRD * s2 * t2), h * large * (0.5 + s2 - 0.5 * THIRD * s2 * s2)
 
 
 @ti.dataclass

@@ -37,6 +37,7 @@ from usvauv.kernels.vehicles.definition import vehicles
 
 AUV_STEP = 5  # µs, about, of an AUV's step in few worlds, one after the other
 LEAST_AUVS = 64  # of all worlds, for whose step waking another thread takes no time that matters
+BLOCK_STEP = 8  # µs, about, of the step of LANES vehicles with dynamics
 
 
 def workspace_numbers(scenario: Scenario) -> int:
@@ -228,7 +229,7 @@ class MissionKernels:
         return Launch(
             move,
             deploys,
-            runtime.too_few_for_threads(self._blocks.shape[0]),
+            runtime.too_few_for_threads(BLOCK_STEP * self._blocks.shape[0]),
             mission_parameters.vehicle_motion(scenario),
             mission_parameters.vehicle_substeps(scenario),
             arguments["p"],

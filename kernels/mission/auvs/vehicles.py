@@ -173,14 +173,16 @@ def place(worlds: ti.template(), w, k):
 
 
 @func
-def attitude(body: ti.template(), w, k) -> vec3:
-    """Heading (anticlockwise from east), pitch (nose up) and roll (starboard down) of the vehicle of AUV k, rad."""
+def attitude(body: ti.template(), w, k) -> vec4:
+    """Cosine and sine of the heading (anticlockwise from east), pitch (nose up) and roll (starboard down), rad, of the
+    vehicle of AUV k.
+    """
     q0, q1 = body.q0[w, k], body.q1[w, k]
     q2, q3 = body.q2[w, k], body.q3[w, k]
-    heading = ti.atan2(2.0 * (q1 * q2 + q0 * q3), 1.0 - 2.0 * (q2 * q2 + q3 * q3))
+    course = vec2(q1 * q2 + q0 * q3, 0.5 - (q2 * q2 + q3 * q3)).normalized(1e-9)
     pitch = ti.asin(ti.math.clamp(2.0 * (q0 * q2 - q3 * q1), -1.0, 1.0))
     roll = ti.atan2(2.0 * (q2 * q3 + q0 * q1), 1.0 - 2.0 * (q1 * q1 + q2 * q2))
-    return vec3(turned_angle(heading), pitch, roll)
+    return vec4(course[0], course[1], pitch, roll)
 
 
 @func
@@ -307,29 +309,31 @@ def move(
         numbers, block: workspace of zeros (blocks, `ROWS`, LANES), LANES vehicles a block, as numbers and as lanes.
     """
     scenario = ti.static(Numbers.of(p, Parameter))
-    ti.loop_config(serialize=serial)
-    for n in range(state.shape[0]):
-        w, k = n // auv.shape[1], n % auv.shape[1]
-        asked = vec4(0.0)
-        if ti.static(not deploys):
-            asked = commanded(motion_of, scenario, auv, state, action, w, k, n)
-        elif chosen[w] != 0:
-            asked = draw(scenario, key, clock, state, w, k, n)
-        for c in range(COLUMNS):
-            numbers[n // LANES, c, n % LANES] = state[n, c]
-        for c in ti.static(range(4)):
-            numbers[n // LANES, COMMAND + c, n % LANES] = asked[c]
-        if ti.static(motion_of.battery):
-            numbers[n // LANES, AWAKE, n % LANES] = ti.select(auv[w, k, AuvColumn.charge] > 0.0, 1.0, 0.0)
     ti.loop_config(serialize=serial, block_dim=1)
     for g in range(block.shape[0]):
+        first, last = LANES * g, ti.min(LANES * (g + 1), state.shape[0])
+        for n in range(first, last):
+            w, k = n // auv.shape[1], n % auv.shape[1]
+            asked = vec4(0.0)
+            if ti.static(not deploys):
+                asked = commanded(motion_of, scenario, auv, state, action, w, k, n)
+            elif chosen[w] != 0:
+                asked = draw(scenario, key, clock, state, w, k, n)
+            for c in range(BodyColumn.way_x):
+                numbers[g, c, n - first] = state[n, c]
+            numbers[g, BodyColumn.sensor_error, n - first] = state[n, BodyColumn.sensor_error]
+            for c in ti.static(range(4)):
+                numbers[g, COMMAND + c, n - first] = asked[c]
+            if ti.static(motion_of.battery):
+                numbers[g, AWAKE, n - first] = ti.select(auv[w, k, AuvColumn.charge] > 0.0, 1.0, 0.0)
         if ti.static(not deploys):
             integrate(motion_of, table, scenario.step, substeps, block, g)
         else:
             asked = load(block, g, Command, ti.static(range(COMMAND, COMMAND + 4)))
             store(block, g, motion_of.trim(table, asked.speed, asked.depth, asked.heading), BODY)
-    ti.loop_config(serialize=serial)
-    for n in range(state.shape[0]):
-        if ti.static(not deploys) or chosen[n // auv.shape[1]] != 0:
-            for c in range(COLUMNS):
-                state[n, c] = numbers[n // LANES, c, n % LANES]
+        for n in range(first, last):
+            if ti.static(not deploys) or chosen[n // auv.shape[1]] != 0:
+                for c in range(BodyColumn.north):
+                    state[n, c] = numbers[g, c, n - first]
+                for c in range(BodyColumn.way_x, BodyColumn.sensor_error):
+                    state[n, c] = numbers[g, c, n - first]
