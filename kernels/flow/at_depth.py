@@ -21,7 +21,7 @@ from usvauv.kernels.flow import airy, current
 from usvauv.kernels.flow.airy import lanes, total
 from usvauv.kernels.functions import func
 from usvauv.kernels.limits import LEAST_HEIGHT
-from usvauv.kernels.trigonometry import TWO_PI, half_cosine, half_sine
+from usvauv.kernels.trigonometry import TWO_PI, decaying, half_cosine, half_sine
 from usvauv.kernels.types import Level, columns, mat3, vec2, vec3
 
 # Columns of a sea after those of its levels. `reach`: the depth (m) below which a component and those after it, as a
@@ -29,7 +29,6 @@ from usvauv.kernels.types import Level, columns, mat3, vec2, vec3
 Deep = columns("k", "speed", "lift", "bottom", "cosine", "sine", "reach")
 DEEP = airy.LEVEL + 2 * len(Level.names)
 DEPTHS = 16  # from the surface to the bed, at which the reach is looked for
-LARGEST = 40.0  # of the exponents, beyond which e^{−x} counts as e^{−40}
 
 
 @ti.dataclass
@@ -67,18 +66,6 @@ def deep_columns(
         np.sin(turn) / step,
         reach,
     ]
-
-
-@func
-def decaying(x: lanes) -> lanes:
-    """e^{−x} for x ≥ 0, within 1e-5 of itself up to x = 20; not below e^{−40}."""
-    t = ti.min(x, LARGEST) * (1.0 / 64.0)
-    t2 = t * t
-    high = (1.0 / 24.0 - t * (1.0 / 120.0)) + t2 * (1.0 / 720.0)
-    e = (1.0 - t) + t2 * ((0.5 - t * (1.0 / 6.0)) + t2 * high)
-    for _ in ti.static(range(6)):
-        e *= e
-    return e
 
 
 @func

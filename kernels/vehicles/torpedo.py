@@ -37,7 +37,7 @@ import numpy as np
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.trigonometry import TWO_PI
+from usvauv.kernels.trigonometry import TWO_PI, decaying
 from usvauv.kernels.vehicles import autopilot, gains
 from usvauv.kernels.vehicles.definition import Vehicle, vehicles
 from usvauv.kernels.vehicles.kinematics import Triple, axes, dot, gradient, gradient_transposed, velocity_of_water
@@ -224,8 +224,8 @@ def after(table: ti.template(), begin, body, rate, actuators, h: ti.f32) -> Body
     q2 = begin.q2 + body.q0 * q + body.q3 * p - body.q1 * r
     q3 = begin.q3 + body.q0 * r + body.q1 * q - body.q2 * p
     scale = 1.0 / ti.sqrt(q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3)
-    fins = 1.0 - ti.exp(-h / table[Constant.fin_lag])
-    turn = 1.0 - ti.exp(-h / table[Constant.propeller_lag])
+    fins = 1.0 - decaying(h / table[Constant.fin_lag])
+    turn = 1.0 - decaying(h / table[Constant.propeller_lag])
     limit, most = table[Constant.fin_limit], h * table[Constant.fin_rate]
     fastest = table[Constant.propeller_limit]
     return Body(
