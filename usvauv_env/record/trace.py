@@ -78,7 +78,6 @@ INTEGERS = (
 )
 LARGEST = 1e12  # of any number in a trace
 DENSEST = 1032  # bytes that one of a file compressed by DEFLATE can stand for
-# For `turned`; conventions of this model, not measurements of a boat: at 4 m/s the turn has a radius of 11 m.
 TOGETHER = 64  # steps of the surface that are read together
 
 
