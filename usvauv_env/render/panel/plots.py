@@ -222,8 +222,8 @@ def error_plot(still: np.ndarray, play: Playback, box: Rectangle, layout: Layout
         title, note = "Position error, m", "thick: targets, mean · thin: AUVs"
         if number(trace, "places_known") > 0:
             title, note, error = "Error of the targets, m", "mean of all", error[:, :0]
-        late = settled(trace)
-        shown = np.concatenate([error[late], play.track_error[late, None]], axis=1)
+        first = min(settled(trace).start, len(trace.time) // 2)  # a short mission has not settled
+        shown = np.concatenate([error, play.track_error[:, None]], axis=1)[first:]
     low, high = np.quantile(shown, (0.03, 0.998))
     low = max(float(low), 1e-9)
     room = within_margins(box, unit, top=28, sides=18, bottom=20, left=42)
