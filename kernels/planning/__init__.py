@@ -1,5 +1,5 @@
 """Planning for boat and AUVs: Fisher information of fixes, objectives and their maximum.
 
 Public: `objectives.objective_code`, the functions `*_batch` of `search`, `objectives` and `information`; inside a
-kernel `search.search` with an `information.Team` and a `search.Region`.
+kernel `search.search` with an `information.Team` and an `ascent.Region`.
 """

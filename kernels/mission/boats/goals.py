@@ -13,6 +13,7 @@ from usvauv.kernels.mission.boats import belief_planner, boat_motion, foresight
 from usvauv.kernels.mission.boats.boat_strategies import AGENT, HOLD, BoatStrategy, Strategy, boat_strategies
 from usvauv.kernels.mission.boats.rollouts import NO_AUV
 from usvauv.kernels.planning import search
+from usvauv.kernels.planning.ascent import Region
 from usvauv.kernels.planning.information import Team, indices
 from usvauv.kernels.types import vec2
 
@@ -92,7 +93,7 @@ def best_place(worlds: ti.template(), w, b, start: vec2, everywhere, reach, limi
     size = vec2(worlds.p.width, worlds.p.length)
     goal = boat_motion.boat_place(worlds, w, b)
     if count > 0:
-        region = ti.static(search.Region(size, start, reach, limited))
+        region = ti.static(Region(size, start, reach, limited))
         best = search.search(team, worlds.program.objective_code, start, everywhere, region)
         goal = vec2(best[0], best[1])
     return goal
