@@ -18,8 +18,8 @@ from usvauv.kernels.functions import LANE_BITS, LANES, func
 from usvauv.kernels.taichi_internals import impl
 from usvauv.kernels.types import Columns, columns, select, vec2, vec3, vec4
 
-KEPT = 2 * LANES  # hypotheses from one step to the next
-CAPACITY = 8 * LANES  # and within a step, in which some turn
+KEPT = 3 * LANES  # hypotheses from one step to the next
+CAPACITY = 6 * LANES  # and within a step, in which some turn
 
 
 class FilterColumn(Columns):

@@ -1,9 +1,10 @@
-"""Reduction of a mixture: light hypotheses merge into heavy ones that they resemble, and the lightest are forgotten.
+"""Reduction of a mixture: light hypotheses merge into heavy ones that they resemble.
 
 From the heaviest on, each hypothesis takes in those within a squared distance D of its mean, in units of its own
 covariance: D < `ALIKE`, or D times the lighter one's share of all weights below `LIGHT`, since what a light one adds to
-the mixture's error is in proportion to its weight. The merged Gaussian has the moments of both. Depths do not count in
-the distance.
+the mixture's error is in proportion to its weight. Both limits widen by `WIDER` with each hypothesis kept after the
+first `NARROW`, and the last one takes in whatever is left: no weight is dropped, and a mixture of few hypotheses keeps
+them apart. The merged Gaussian has the moments of all. Depths do not count in the distance.
 
 Source: Salmond, "Mixture reduction algorithms for point and extended object tracking in clutter", IEEE Trans. AES 45
 (2009), doi 10.1109/TAES.2009.5089549.
@@ -26,11 +27,14 @@ from usvauv.kernels.tracking.hypotheses import (
     wide,
 )
 
-ALIKE = 0.5
-LIGHT = 0.0075  # both by simulations: with smaller ones filters are too confident, with larger ones they lose turns
+ALIKE = 0.25
+LIGHT = 0.003
+NARROW = 12
+WIDER = 1.15  # all by simulations: wider limits lose turns and mirror images, narrower ones leave more to the last
 AGES = 0.25  # squared distance of two hypotheses whose last turns are a step apart
+WHATEVER = 1e30  # instead of `WIDER`: all that is left is within limits
 LEAST = 1e-9  # m²/s²
-PLACE = CAPACITY - 1  # last bits of a weight that have the hypothesis's place
+PLACE = (1 << (CAPACITY - 1).bit_length()) - 1  # last bits of a weight that have the hypothesis's place
 POWERS = [2.0**n for n in range(LANES)]
 METRIC = WorkColumn.metric_xx  # first of the columns of a metric
 
@@ -74,14 +78,15 @@ def prepare(f: ti.template(), g):
 
 
 @func
-def take_away(f: ti.template(), groups, h, best, own: ti.template()):
-    """Take hypothesis h, of the weight `best` in `left`, and those near it away; `own` are its columns.
+def take_away(f: ti.template(), groups, h, own: ti.template(), wider):
+    """Take hypothesis h, whose columns are `own`, and those near it away, by limits times `wider`.
 
     Returns:
         greatest weight of what is left, and the weight of the others taken.
     """
     work, width = ti.static(f.work, f.work.width)
     m = [work.one[METRIC + n, h] for n in ti.static(range(10))]
+    work.one[WorkColumn.left, h] = 0.0
     others, most = wide(0.0, width), wide(0.0, width)
     for g in range(groups):
         older, dx, dy, u, v = [
@@ -91,10 +96,8 @@ def take_away(f: ti.template(), groups, h, best, own: ti.template()):
         distance = dx * (m[0] * dx + m[1] * dy) + m[2] * dy * dy
         distance = distance + (du * (m[7] * du + m[8] * dv) + m[9] * dv * dv) + AGES * older * older
         left = work[WorkColumn.left, g]
-        rest = ti.select(distance < work[WorkColumn.most, g], 0.0, left)
-        rest = ti.select(left < best, rest, 0.0)
+        rest = ti.select(distance < wider * work[WorkColumn.most, g], 0.0, left)
         taken = ti.select(rest < left, work[WorkColumn.share, g], 0.0)
-        taken = ti.select(left < best, taken, 0.0)
         work[WorkColumn.left, g] = rest
         work[WorkColumn.taken, g] = taken
         others += taken
@@ -153,11 +156,14 @@ def reduce(f: ti.template(), groups):
         prepare(f, g)
         left = f.work[WorkColumn.left, g]
         most = ti.select(most < left, left, most)
-    kept, best = 0, most_of(most, width)
+    kept, best, wider = 0, most_of(most, width), 1.0
     while kept < KEPT and best > 0.0:
         h = ti.bit_cast(best, ti.i32) & PLACE
         own = [f.work.one[c, h] for c in ti.static(range(f.columns))]
-        best, others = take_away(f, groups, h, best, own)
+        wider = ti.select(kept < NARROW, 1.0, WIDER * wider)
+        if kept == KEPT - 1:
+            wider = WHATEVER
+        best, others = take_away(f, groups, h, own, wider)
         if others > 0.0:
             merge(f, groups, own, kept)
         else:

@@ -12,8 +12,8 @@ One mechanism does both that a range only tells of a ring and that a turn shows 
 a weight. The first range begins `KEPT` of them round the ring (`usvauv.kernels.tracking.ranges`). In a step each moves
 on straight, and the heaviest of those that can turn also begin hypotheses of a turn, one for each quarter of the angles
 (left and right, less and more); mean and covariance of R(θ) v over a quarter are exact, by the moments of cos θ and
-cos 2θ. At the end of a step light hypotheses merge into heavy ones that they resemble, by their moments, and the
-lightest are forgotten.
+cos 2θ. At the end of a step hypotheses of hardly any weight are forgotten, and light ones merge into heavy ones that
+they resemble, by their moments (`usvauv.kernels.tracking.mixture`).
 
 A speed less well known than by its limits is taken as measured, with the variance after which it is as well known. The
 time of the last turn counts, since it says when the next one can come: each hypothesis has it.

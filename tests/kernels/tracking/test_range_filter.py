@@ -227,6 +227,30 @@ class TestRules:
         assert np.mean(squared < -math.log(0.05)) == pytest.approx(0.95, abs=0.015)
 
     @pytest.mark.slow
+    def test_filters_of_targets_as_fast_as_auvs_are_consistent(self, device):
+        """Setting expert, where mirror images last: mean near 1 with all that were lost unawares, which are few."""
+        outcome = simulate(
+            lambda count, level: Filters(count, motion(level), device), LEVELS["expert"], runs=150, pairs=3, seed=11
+        )
+        squared = outcome.nees[np.isfinite(outcome.nees)]
+        assert np.mean(squared > 20) < 0.003
+        assert squared.mean() == pytest.approx(1, abs=0.25)
+
+    def test_no_weight_is_lost_where_hypotheses_are_too_many(self, device):
+        """The shares of those kept sum to 1, in each step, also of filters that keep as many as they can."""
+        most = []
+
+        class Weighed(Filters):
+            def finish(self) -> None:
+                super().finish()
+                one = hypotheses(self)
+                assert np.nansum(one[self.known, :, HypothesisColumn.share], axis=1) == pytest.approx(1, abs=1e-4)
+                most.append(int(self.rows[:, 0, 0, FilterColumn.count].max()))
+
+        simulate(lambda count, level: Weighed(count, motion(level), device), LEVELS["expert"], runs=10, pairs=3, seed=3)
+        assert max(most) == KEPT
+
+    @pytest.mark.slow
     def test_nearly_as_good_as_particles_that_know_the_rules(self, device):
         """Each by itself: AUVs circle what their own filter says."""
         level, setting = LEVELS["medium"], {"runs": 150, "pairs": 1, "seed": 5}
