@@ -137,13 +137,13 @@ def root_mean(values: np.ndarray) -> float:
 
 def figures(trace: Trace) -> dict[str, object]:
     """Errors of a trace."""
-    error = track_error(trace)[settled(trace)]
-    consistency = by_world(nees(trace)[settled(trace)]) / 2
+    error, squared = track_error(trace)[settled(trace)], nees(trace)[settled(trace)]
     return {
         "median, m": float(f"{np.median(error):.1f}"),
         "mean, m": interval(by_world(error)),
         "95 %, m": float(f"{np.quantile(error, 0.95):.1f}"),
-        "NEES/2": interval(consistency, 2),
+        "NEES/2": interval(by_world(squared) / 2, 2),
+        "in ellipses of 95 %": float(f"{np.mean(squared[np.isfinite(squared)] < ELLIPSE):.2f}"),
     }
 
 
@@ -250,15 +250,7 @@ def rare(worlds: int, seed: int) -> list[dict[str, object]]:
     rows = []
     for least in INTERVALS:
         trace = run(Scenario.load("tracking", [f"channel.interval={least}"]), "circle", worlds, seed, "belief")
-        own, squared = own_error(trace), nees(trace)[settled(trace)]
-        rows.append(
-            {
-                "interval, s": least or "",
-                "own error, m rms": root_mean(own),
-                **figures(trace),
-                "in ellipses of 95 %": float(f"{np.mean(squared[np.isfinite(squared)] < ELLIPSE):.2f}"),
-            }
-        )
+        rows.append({"interval, s": least or "", "own error, m rms": root_mean(own_error(trace)), **figures(trace)})
     return rows
 
 
