@@ -11,7 +11,8 @@ from usvauv.env.scenario import Scenario
 from usvauv.env.world.world import World
 from usvauv.kernels.mission.columns import AuvColumn
 from usvauv.kernels.mission.tasks.tracking_columns import PairColumn
-from usvauv.policies.guidance import command, follow_circle, unit
+from usvauv.kernels.mission.tasks.tracking_plain import HelmColumn
+from usvauv.policies.guidance import command, components, follow_circle, rotate, unit
 from usvauv.policies.heuristics import heuristics
 from usvauv.policies.heuristics.travel import Clear
 from usvauv.policies.policy import HeuristicWorld, number
@@ -21,8 +22,9 @@ STEPS = 3  # that `Tree` looks ahead without an argument
 TURN, MOST = 0.726, 2  # rad in an interval, and turns to either side among which it chooses
 UNFORESEEN = 0.3  # share of its speed by which a target's velocity is uncertain
 EDGE = 25.0  # m, over which a range becomes unlikely at the largest one
-LEASH = 2.0  # of an AUV to its target, over the radius of its circle
+LEASH = 13.0  # intervals in which an AUV comes up with its target if that flees
 PULL = 10.0  # m² for each metre beyond it
+FAST = 0.8  # share of the AUVs' speed above which a detour loses targets
 
 
 class Circle(Clear):
@@ -94,8 +96,14 @@ class Tree(Circle):
 
     q what the target's velocity may move it besides, u the directions of sight of the ranges, the AUV's own and those
     of the others, p the probability that they are measured. AUVs before it have chosen; those after it are taken to
-    keep their courses. That sight turns faster near a target counts in more intervals than a search has, so each AUV is
-    held to a leash of its own target: `PULL` is added for each metre beyond it.
+    keep their courses. Where AUVs turn by rudders, the first turn is by the last rudder or a neighbour of it, and those
+    after it are taken to keep their rudders.
+
+    What a distance costs later on counts in more intervals than a search has, so each AUV is held to a leash of its own
+    target: `PULL` is added for each metre beyond the lead of the fastest targets that it makes good in `LEASH`
+    intervals. An AUV alone, for which no other measures meanwhile, and AUVs that follow targets which may be `FAST`,
+    which a detour loses, choose by the logarithm of the sum plus 1 − cos ε, ε the angle between their first course and
+    that of `circle`.
 
     Source of the order of choices: Krause, Singh and Guestrin (2008), JMLR 9, 235.
     """
@@ -110,8 +118,12 @@ class Tree(Circle):
         self.interval = self.numbers["interval"]
         turns = torch.arange(-MOST, MOST + 1, device="cpu")
         ways = torch.cartesian_prod(*[turns] * steps).view(-1, steps)
-        self.turns = TURN * ways[(ways.diff(dim=1).abs() <= 1).all(1)]  # (S, N), rad
+        ways = ways[(ways.diff(dim=1).abs() <= 1).all(1)]
+        self.turns, self.first = TURN * ways, ways[:, 0]  # (S, N), rad, and (S,)
         self.times = self.interval * torch.arange(1.0, steps + 1.0, device="cpu")
+        fastest = self.numbers["target_speed_most"]
+        self.leash = LEASH * self.interval * max(self.speed - fastest, 0.0)  # m
+        self.circling = float(self.scenario.auv.count == 1 or fastest > FAST * self.speed)
         self.height = 0.5 * (self.numbers["depth_least"] + self.numbers["depth_most"]) - self.scenario.auv.depth
 
     @classmethod
@@ -126,6 +138,11 @@ class Tree(Circle):
         """Its filter of its own target, (W, K, ·), of those of all targets, (W, K, M, ·)."""
         target = self.world.auv[..., AuvColumn.target].to(pairs.device, torch.int64)[..., None, None]
         return pairs.gather(2, target.expand(*target.shape[:3], pairs.shape[-1]))[:, :, 0]
+
+    def rudders(self, like: Tensor) -> Tensor | None:
+        """Turns to the left by the AUVs' last rudders over `TURN`, (W, K); None where they turn freely."""
+        helm = self.scenario.task_definition.auv_columns
+        return -self.world.task_auv[..., HelmColumn.rudder].to(like) if helm is HelmColumn else None
 
     def places(self, like: Tensor) -> Tensor:
         """Where AUVs take themselves to be, (W, K, 2), m."""
@@ -174,22 +191,28 @@ class Tree(Circle):
         mine = self.own(pairs)
         aim = mine[..., None, PairColumn.span("x", "y")] + times[:, None] * mine[..., None, PairColumn.span("vx", "vy")]
         apart = (ways - aim[:, :, None]).norm(dim=-1)  # (W, K, S, N)
-        loss = PULL * (apart - LEASH * self.argument).clamp_min(0.0).sum(-1)
-        rows = torch.arange(len(here), device=here.device)
-        chosen = here[:, :, None] + times[:, None] * (self.speed * course + current)[:, :, None]  # (W, K, N, 2)
+        loss = PULL * (apart - self.leash).clamp_min(0.0).sum(-1)
+        rows, bend = torch.arange(len(here), device=here.device), torch.zeros_like(times)
+        if (last := self.rudders(observation)) is not None:
+            loss = loss.masked_fill((self.first.to(loss) - last[..., None]).abs() > 1.0, math.inf)
+            bend = TURN / self.interval * last[..., None] * times
+        kept = rotate(components(bend.cos(), bend.sin()), course[:, :, None])  # (W, K, N, 2)
+        chosen = here[:, :, None] + self.interval * (self.speed * kept + current[:, :, None]).cumsum(2)
+        circling = self.steer(observation)
+        off = self.circling * (1.0 - (heading[:, :, :, 0] * circling[0][:, :, None]).sum(-1))  # (W, K, S)
         best = torch.zeros(here.shape[:2], dtype=torch.int64, device=here.device)
         for k in range(here.shape[1]):
             others = torch.arange(here.shape[1], device=here.device) != k
             known = self.information(chosen[:, others, :, None], targets[:, None, k]).sum(2)  # (3, W, N, M)
             added = self.information(ways[:, k, :, :, None], targets[:, None, k])  # (3, W, S, N, M)
             variances = self.variances(covariance[:, :, k], known[:, :, None] + added)
-            best[:, k] = (variances + loss[:, k]).argmin(1)
+            best[:, k] = ((variances + loss[:, k]).log() + off[:, k]).argmin(1)
             chosen = chosen.clone()
             chosen[:, k] = ways[rows, k, best[:, k]]
         first = heading.gather(2, best[..., None, None, None].expand(*best.shape, 1, *heading.shape[3:]))[:, :, 0, 0]
         heading = self.reach(self.clear(first, observation), current)
-        found = command(heading, self.speed, self.scenario)
-        return torch.where(mine[..., PairColumn.span("known", "known")] > 0.0, found, super().act(observation))
+        found, without = command(heading, self.speed, self.scenario), command(*circling, self.scenario)
+        return torch.where(mine[..., PairColumn.span("known", "known")] > 0.0, found, without)
 
 
 heuristics.register("circle", Circle)

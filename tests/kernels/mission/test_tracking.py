@@ -262,41 +262,54 @@ def test_who_looks_ahead_knows_targets_better():
     assert gain.mean() > 3 * gain.std() / math.sqrt(len(gain))
 
 
-def test_tree_chooses_the_way_that_leaves_least_variance():
-    """Of one AUV and one target by itself: against all ways, each with a Kalman filter's covariance."""
-    world = made("auv.count=1", "nodes.count=1", worlds=16)
-    policy = load("tree:2", world)
+def information(place: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Of a range of `tracking-plain`, with the probability that it is measured, (2, 2)."""
+    off = target - place
+    slant = math.hypot(*off, 11.5)
+    return 0.9 / (1 + math.exp((slant - 450) / 25)) * np.outer(off, off) / slant**2 / 100
+
+
+def directions(course: float, turns: list[float]) -> np.ndarray:
+    """Unit vectors of a course after each of these turns by 0.726 rad, one after another, (N, 2)."""
+    angles = course + 0.726 * np.cumsum(turns)
+    return np.stack([np.cos(angles), np.sin(angles)], -1)
+
+
+@pytest.mark.parametrize("team", [1, 2])
+def test_tree_chooses_the_way_that_leaves_least_variance(team):
+    """The first AUV, against all ways that its rudder allows, each with a Kalman filter's covariance of each target."""
+    world = made(f"auv.count={team}", f"nodes.count={team}", worlds=16)
+    policy, circle = load("tree:2", world), load("circle", world)
     for _ in range(12):
         world.step(policy.act(world.observation))
-    pair, auv = world.task_pair[:, 0, 0].double().numpy(), world.auv[:, 0].double().numpy()
-    action = policy.act(world.observation)[:, 0].double().numpy()
-    turns = [(a, b) for a in range(-2, 3) for b in range(-2, 3) if abs(a - b) <= 1]
+    pairs, auv, helm = (each.double().numpy() for each in (world.task_pair[:, 0], world.auv, world.task_auv))
+    action, circling = (rule.act(world.observation)[:, 0].double().numpy() for rule in (policy, circle))
     for w in range(16):
-        if not pair[w, PairColumn.known]:
+        if not pairs[w, :, PairColumn.known].all():
             continue
-        P0 = pair[w, [PairColumn.xx, PairColumn.xy, PairColumn.xy, PairColumn.yy]].reshape(2, 2)
-        course = math.atan2(auv[w, AuvColumn.velocity_y], auv[w, AuvColumn.velocity_x])
+        course, rudder = helm[w, :, HelmColumn.course], helm[w, :, HelmColumn.rudder]
+        place, own = auv[w, :, AuvColumn.span("x", "y")], int(auv[w, 0, AuvColumn.target])
         losses = []
-        for way in turns:
-            place, target, angle, P, loss = (
-                auv[w, AuvColumn.span("x", "y")].copy(),
-                pair[w, PairColumn.span("x", "y")].copy(),
-                course,
-                P0.copy(),
-                0.0,
-            )
-            for turn in way:
-                angle += 0.726 * turn
-                place += 30 * 0.986 * np.array([math.cos(angle), math.sin(angle)])
-                target += 30 * pair[w, PairColumn.span("vx", "vy")]
-                off = target - place
-                slant = np.append(off, 12.5 - 1.0) / math.hypot(*off, 11.5)
-                J = 0.9 / (1 + math.exp((math.hypot(*off, 11.5) - 450) / 25)) * np.outer(slant[:2], slant[:2]) / 100
-                P = np.linalg.inv(np.linalg.inv(P + (0.3 * 0.69 * 30) ** 2 * np.eye(2)) + J)
-                loss += np.trace(P) + 10 * max(math.hypot(*off) - 120, 0)
-            losses.append((loss, course + 0.726 * way[0]))
-        best = min(losses)[1]
-        assert action[w] @ [math.cos(best), math.sin(best)] == pytest.approx(np.linalg.norm(action[w]), rel=1e-4)
+        for way in [(a, b) for a in range(-2, 3) for b in range(-2, 3) if abs(a + rudder[0]) <= 1 and abs(a - b) <= 1]:
+            headings = [directions(course[0], way), *(directions(course[k], 2 * [-rudder[k]]) for k in range(1, team))]
+            ways = [place[k] + 30 * 0.986 * headings[k].cumsum(0) for k in range(team)]
+            loss = 0.0
+            for i in range(team):
+                P = pairs[w, i, [PairColumn.xx, PairColumn.xy, PairColumn.xy, PairColumn.yy]].reshape(2, 2)
+                for n in range(2):
+                    target = pairs[w, i, PairColumn.span("x", "y")].copy()
+                    target += 30 * (n + 1) * pairs[w, i, PairColumn.span("vx", "vy")]
+                    J = sum(information(each[n], target) for each in ways)
+                    P = np.linalg.inv(np.linalg.inv(P + (0.3 * 0.69 * 30) ** 2 * np.eye(2)) + J)
+                    loss += np.trace(P)
+                    if i == own:
+                        leash = 13 * 30 * (0.986 - 0.69)
+                        loss += 10 * max(math.hypot(*(target - ways[0][n])) - leash, 0)
+            if team == 1:
+                loss = math.log(loss) + 1 - headings[0][0] @ circling[w]
+            losses.append((loss, headings[0][0]))
+        best = min(losses, key=lambda each: each[0])[1]
+        assert action[w] @ best == pytest.approx(np.linalg.norm(action[w]), rel=1e-4)
 
 
 def test_figures_of_merit_are_those_of_the_trace(tmp_path):
