@@ -190,7 +190,10 @@ def launches(program: Program, plugins: Set[str], apart: Set[str]) -> list[Part]
     only an episode needs is a part of its own, as some devices bind no more than 32 arrays.
     """
     if not program.in_threads:
-        return parts((begin_episode, *STEP), apart)
+        if not apart:
+            return [Part((begin_episode, *STEP), False)]
+        # Worlds share rows of numbers, which are in their ranges only when all worlds have been through all stages.
+        return [*parts((begin_episode, *STEP[:-1]), apart), Part((check,), False)]
     plans = (BEGIN, (weigh,), END) if program.weighs_apart else ((*BEGIN, *END),)
     # A term of a plugin can read what another AUV senses.
     sense, observe = OF_AUVS[:-1], OF_AUVS[-1:]
