@@ -11,7 +11,8 @@ from usvauv.kernels.flow.vortex import Pattern
 from usvauv.kernels.mission.worlds import ARRAYS, Array, Numbers, Program, Rows, Worlds, state_arrays
 from usvauv.kernels.types import array1, array4, columns, index1
 
-# Arguments of the kernel beside `ARRAYS`: parts of `Water`.
+# Arguments of the kernel beside `ARRAYS`: whether episodes begin (1) or worlds take a step (0), and parts of `Water`.
+BEGINS = {"begins": ti.i32}
 WATER = {
     "stream": array4,
     "bed": array4,
@@ -27,7 +28,7 @@ WATER = {
     "since": array1,
     "felt": index1,
 }
-PARAMETERS = {**WATER, **{name: array.type for name, array in ARRAYS.items()}}
+PARAMETERS = {**BEGINS, **WATER, **{name: array.type for name, array in ARRAYS.items()}}
 Given: Any = namedtuple("Given", PARAMETERS)  # all of them
 
 
@@ -49,4 +50,4 @@ def worlds_of(program: Program, given: Any) -> Worlds:
     water |= {"vortex": Rows.of(given.vortex), "width": p.width, "length": p.length}
     pattern = Pattern(program.repeats, p.eddy_scale, p.eddy_share, p.eddies_at_cruise)
     profile = Profile(p.cruise, p.decay_depth, p.shear, p.mean_depth)
-    return Worlds(program, Water(**water, pattern=pattern, profile=profile), **arrays)
+    return Worlds(program, given.begins != 0, Water(**water, pattern=pattern, profile=profile), **arrays)

@@ -1,4 +1,5 @@
-"""Numbers of several AUVs or boats side by side: on a CPU vectors of `LANES`, on a GPU and at a reset single numbers.
+"""Numbers of several AUVs or boats side by side: on a CPU vectors of `LANES`, on a GPU and as an episode begins single
+numbers.
 
 A function that works on a block takes lists, the worlds `w` and the AUVs or boats in them, of `LANES` or of one; with
 `take` it gets columns of arrays, numbers or vectors alike, and with `put` it writes them.

@@ -498,7 +498,7 @@ class Division(Columns):
     thread takes them all; `threads`: on a GPU the parts of a step are launches of their own, some with a thread for
     each AUV or each goal. On a CPU the calling thread alone takes few worlds (`calling_thread`, `one_block`), because
     waking another one takes longer; the fewest without lanes, most of which would be idle. `worlds`: stages with
-    functions that do not compile with vectors take one world after another, as resets do.
+    functions that do not compile with vectors take one world after another.
     """
 
     worlds: int

@@ -1,4 +1,4 @@
-"""Beginning of an episode: vortices, AUVs and boats in their places, first fixes and targets."""
+"""Beginning of an episode: vortices and AUVs in their places, and the errors that last."""
 
 from typing import Any, NamedTuple
 
@@ -10,7 +10,7 @@ from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.mission.auvs import motion, vehicles
 from usvauv.kernels.mission.boats import boat_motion
 from usvauv.kernels.mission.columns import Draw, Flag, KeyColumn, Parameter, Schedule
-from usvauv.kernels.mission.link import channel, estimates, fixes
+from usvauv.kernels.mission.link import channel, fixes
 from usvauv.kernels.mission.worlds import Numbers, Rows, address, key
 from usvauv.kernels.types import array1, array2, array3, index1, index2
 
@@ -112,11 +112,7 @@ def place_estimate(worlds: ti.template(), w, k):
 
 @func
 def begin_episode(worlds: ti.template(), w):
-    """Begin the next episode of world w, but for what the AUVs meet and observe.
-
-    It places nodes, vortices, AUVs and boats, takes a first fix and gives targets.
-    """
-    num_auvs = worlds.auv.shape[1]
+    """Begin the next episode of world w: nodes, vortices and AUVs in their places, boats without one yet."""
     worlds.clock[w, 0] = worlds.clock[w, 0] + 1
     worlds.clock[w, 1] = 0
     worlds.program.task.place(worlds, w)
@@ -124,24 +120,15 @@ def begin_episode(worlds: ti.template(), w):
     for v in range(worlds.drift.shape[1]):
         for c in range(worlds.drift.shape[2]):
             worlds.drift[w, v, c] = 0.0
-    for k in range(num_auvs):
+    for k in range(worlds.auv.shape[1]):
         place_auv(worlds, w, k)
         if ti.static(worlds.program.vehicle):
             vehicles.place(worlds, w, k)
-        motion.renew_depth_error(worlds, w, k)
         place_estimate(worlds, w, k)
     for c in range(worlds.tally.shape[1]):
         worlds.tally[w, c] = 0.0
-    boat_motion.place_boats(worlds, w)
+    boat_motion.clear_boats(worlds, w)
     if ti.static(worlds.program.schedule != Schedule.every_step):
         channel.open_channel(worlds, w)
     for b in range(worlds.boat.shape[1]):
-        boat_motion.ride_waves(worlds, w, b)
-        boat_motion.renew_gnss_error(worlds, w, b)
         fixes.draw_lasting_errors(worlds, w, b)
-    for k in range(num_auvs):
-        estimates.begin_estimate(worlds, w, k)
-    for k in range(num_auvs):
-        worlds.program.task.assign(worlds, w, k)
-    for k in range(num_auvs):
-        motion.check_target(worlds, w, k)

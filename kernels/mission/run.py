@@ -1,5 +1,8 @@
 """The mission's kernel, batched over worlds: an iteration begins an episode of one or more, or advances them by a step.
 
+Both are one program, of which `Worlds.begins` decides what runs: as an episode begins a boat plans, rides the waves and
+an AUV observes as in a step, and code that is in two places would be compiled twice.
+
 Everything in a world happens in program order and every random number is addressed by (world, episode, step, draw), so
 a world's history does not depend on the number of other worlds or on threads.
 """
@@ -24,13 +27,6 @@ from usvauv.kernels.mission.worlds import Program, draw_ahead, find_faults, worl
 
 
 @func
-def draw(worlds: ti.template(), w):
-    """The random numbers of the step, where they are drawn side by side."""
-    if ti.static(worlds.program.in_lanes):
-        draw_ahead(worlds, w)
-
-
-@func
 def begin_step(worlds: ti.template(), w):
     """Begin a mission step of world w, with the distances that are left to the AUVs' targets.
 
@@ -42,16 +38,24 @@ def begin_step(worlds: ti.template(), w):
 
 
 @func
+def draw(worlds: ti.template(), w):
+    """The random numbers of the step, where they are drawn side by side."""
+    if ti.static(worlds.program.in_lanes):
+        draw_ahead(worlds, w)
+
+
+@func
 def move_auvs(worlds: ti.template(), w):
-    """The AUVs move, and the filters with them."""
+    """The AUVs move, and the filters with them; their errors of depth are renewed."""
     for k in range(worlds.auv.shape[1]):
         motion.clear_last_step(worlds, w, k)
         motion.renew_depth_error(worlds, w, k)
-        worlds.program.task.move(worlds, w, k, worlds.action[w, k, 0], worlds.action[w, k, 1])
-        if ti.static(worlds.program.battery):
-            motion.discharge(worlds, w, k)
-        if ti.static(worlds.program.reckoning):
-            reckoning.reckon(worlds, w, k)
+        if not worlds.begins:
+            worlds.program.task.move(worlds, w, k, worlds.action[w, k, 0], worlds.action[w, k, 1])
+            if ti.static(worlds.program.battery):
+                motion.discharge(worlds, w, k)
+            if ti.static(worlds.program.reckoning):
+                reckoning.reckon(worlds, w, k)
 
 
 @func
@@ -72,16 +76,27 @@ def weigh(worlds: ti.template(), w, n):
 
 @func
 def plan(worlds: ti.template(), w):
-    """Decide where the boats go."""
+    """Decide where the boats go, or where they begin."""
+    strategy = ti.static(worlds.program.strategy)
     for b in range(worlds.boat.shape[1]):
-        boat_motion.set_goal(worlds, w, b, worlds.program.strategy.goal(worlds, w, b))
+        if ti.static(strategy.start == strategy.goal):
+            boat_motion.set_goal(worlds, w, b, strategy.goal(worlds, w, b))
+        elif worlds.begins:
+            boat_motion.set_goal(worlds, w, b, strategy.start(worlds, w, b))
+        else:
+            boat_motion.set_goal(worlds, w, b, strategy.goal(worlds, w, b))
+        if worlds.begins:
+            boat_motion.put_at_goal(worlds, w, b)
+    if worlds.begins:
+        boat_motion.assign_boats(worlds, w, 0.0)
 
 
 @func
 def move_boats(worlds: ti.template(), w):
-    """The boats move."""
+    """The boats move, and the errors of their own positions are renewed."""
     for b in range(worlds.boat.shape[1]):
-        boat_motion.move_boat(worlds, w, b)
+        if not worlds.begins:
+            boat_motion.move_boat(worlds, w, b)
         boat_motion.renew_gnss_error(worlds, w, b)
 
 
@@ -93,6 +108,35 @@ def ride(worlds: ti.template(), w):
 
 
 @func
+def hear(worlds: ti.template(), w):
+    """What the boats hear, or know of AUVs that are deployed."""
+    if worlds.begins:
+        for k in range(worlds.auv.shape[1]):
+            estimates.begin_estimate(worlds, w, k)
+    else:
+        channel.hear(worlds, w)
+
+
+@func
+def end_step(worlds: ti.template(), w):
+    """End the mission step, or the deployment, but for what the AUVs meet and observe."""
+    num_auvs = worlds.auv.shape[1]
+    if worlds.begins:
+        for k in range(num_auvs):
+            worlds.program.task.assign(worlds, w, k)
+    else:
+        worlds.program.task.update(worlds, w)
+        rewards.count_collisions(worlds, w)
+        for k in range(num_auvs):
+            rewards.write(worlds, w, k)
+        worlds.program.task.finish(worlds, w)
+        for k in range(num_auvs):
+            rewards.write_ends(worlds, w, k)
+    for k in range(num_auvs):
+        motion.check_target(worlds, w, k)
+
+
+@func
 def check(worlds: ti.template(), n):
     """Look at all numbers of the worlds of iteration n."""
     if ti.static(worlds.program.checks):
@@ -100,55 +144,27 @@ def check(worlds: ti.template(), n):
         find_faults(worlds, first, ti.min(ti.static(worlds_per_block(worlds.program)), worlds.clock.shape[0] - first))
 
 
-@func
-def end_step(worlds: ti.template(), w):
-    """End the mission step, but for what the AUVs meet and observe."""
-    num_auvs = worlds.auv.shape[1]
-    worlds.program.task.update(worlds, w)
-    rewards.count_collisions(worlds, w)
-    for k in range(num_auvs):
-        rewards.write(worlds, w, k)
-    worlds.program.task.finish(worlds, w)
-    for k in range(num_auvs):
-        motion.check_target(worlds, w, k)
-        rewards.write_ends(worlds, w, k)
-
-
-@func
-def begin_chosen(worlds: ti.template(), w):
-    """Begin the next episode of world w where it is chosen."""
-    if worlds.chosen[w] != 0:
-        begin_episode(worlds, w)
-
-
-@func
-def observe_chosen(worlds: ti.template(), w):
-    """What the AUVs of world w meet and observe at the beginning of an episode, where one is chosen."""
-    if worlds.chosen[w] != 0:
-        water.add_storm_currents(worlds, w)
-        water.add_currents(worlds, w)
-        observation.observe(worlds, w)
-
-
 OF_AUVS = water.sense_auv, observation.observe_auv
 OF_MEMBERS = *OF_AUVS, weigh
 Stage = Callable[..., None]
 Stages = tuple[Stage, ...]
 
-RESET: Stages = begin_chosen, observe_chosen, check
 BEGIN: Stages = begin_step, move_auvs, prepare
-LOCATE: Stages = channel.hear, fixes.fix, estimates.estimate, estimates.add_common_errors
+LOCATE: Stages = hear, fixes.fix, estimates.estimate, estimates.add_common_errors
 END: Stages = (plan, move_boats, ride, *LOCATE, end_step)
 STEP: Stages = (
-    *(water.move_vortices, draw, *BEGIN, plan, move_boats, ride, *LOCATE),
+    *(water.move_vortices, begin_step, draw, move_auvs, prepare, plan, move_boats, ride, *LOCATE),
     *(end_step, water.add_storm_currents, water.add_currents, observation.observe, check),
 )
+OF_EPISODES = {begin_episode}  # only as an episode begins, before the stages of a step that are not `OF_STEPS`
+OF_STEPS = {water.move_vortices, begin_step, prepare, weigh, *LOCATE[1:]}
+OF_BLOCKS = {water.move_vortices, fixes.fix, estimates.add_common_errors, check}  # all worlds of an iteration at once
 # Stages that call the functions of what plugins can add, by the kind of their registry.
 CALLING: dict[str, Stages] = {
-    "task": (begin_chosen, move_auvs, end_step),
-    "usv": (begin_chosen, weigh, plan),
-    "target rule": (begin_chosen, prepare, end_step),
-    "observation term": (observe_chosen, observation.observe, observation.observe_auv),
+    "task": (begin_episode, move_auvs, end_step),
+    "usv": (weigh, plan),
+    "target rule": (prepare, end_step),
+    "observation term": (observation.observe, observation.observe_auv),
 }
 
 
@@ -167,23 +183,22 @@ def parts(stages: Stages, apart: Set[str]) -> list[Part]:
     return [Part(tuple(group), plain) for plain, group in groupby(stages, calling.__contains__)]
 
 
-def reset_launches(program: Program, apart: Set[str]) -> list[Part]:
-    """Launches that begin episodes; on a GPU one for each stage, as some devices bind no more than 32 arrays."""
-    return [Part((stage,), False) for stage in RESET[:-1]] if program.in_threads else parts(RESET, apart)
-
-
 def launches(program: Program, plugins: Set[str], apart: Set[str]) -> list[Part]:
-    """Launches that make a mission step, with plugins of some kinds, of which some are compiled apart.
+    """Launches that begin episodes and make mission steps, with plugins of some kinds, some of them compiled apart.
 
-    On a GPU the last part of a step has a thread for each AUV, and a boat's plan by rollouts one for each goal.
+    On a GPU the last part of a step has a thread for each AUV, and a boat's plan by rollouts one for each goal; what
+    only an episode needs is a part of its own, as some devices bind no more than 32 arrays.
     """
     if not program.in_threads:
-        return parts(STEP, apart)
+        if not apart:
+            return [Part((begin_episode, *STEP), False)]
+        # Worlds share rows of numbers, which are in their ranges only when all worlds have been through all stages.
+        return [*parts((begin_episode, *STEP[:-1]), apart), Part((check,), False)]
     plans = (BEGIN, (weigh,), END) if program.weighs_apart else ((*BEGIN, *END),)
     # A term of a plugin can read what another AUV senses.
     sense, observe = OF_AUVS[:-1], OF_AUVS[-1:]
     looks = (sense, observe) if "observation term" in plugins else (OF_AUVS,)
-    return [Part(stages, False) for stages in (*plans, *looks)]
+    return [Part(stages, False) for stages in ((begin_episode,), *plans, *looks)]
 
 
 BLOCK = 32  # threads of a block on a GPU: few, so that some thousand worlds keep all its multiprocessors busy
@@ -195,23 +210,43 @@ def block(program: Program) -> int | None:
 
 
 @func
+def is_due(worlds: ti.template(), stage: ti.template()) -> bool:
+    """Whether a stage is one of a step, or of the beginning of an episode, whichever runs."""
+    due = True
+    if ti.static(stage in OF_STEPS):
+        due = not worlds.begins
+    elif ti.static(stage in OF_EPISODES):
+        due = worlds.begins
+    return due
+
+
+@func
+def takes_part(worlds: ti.template(), w) -> bool:
+    """Whether world w takes the step, or is to begin an episode."""
+    return not worlds.begins or worlds.chosen[w] != 0
+
+
+@func
 def run_stage(worlds: ti.template(), stage: ti.template(), n, threads):
     """A stage of all worlds, or of a member of one, of iteration n."""
     count = ti.static(worlds_per_block(worlds.program))
-    if ti.static(stage in OF_MEMBERS):
-        stage(worlds, n // threads, n % threads)
-    elif ti.static(stage in (water.move_vortices, fixes.fix, estimates.add_common_errors, check)):
+    if ti.static(stage in OF_BLOCKS):
         stage(worlds, n)
+    elif ti.static(stage in OF_MEMBERS):
+        if takes_part(worlds, n // threads):
+            stage(worlds, n // threads, n % threads)
     elif ti.static(count == 1):
-        stage(worlds, n)
+        if takes_part(worlds, n):
+            stage(worlds, n)
     else:
         for w in range(count * n, ti.min(count * (n + 1), worlds.clock.shape[0])):
-            stage(worlds, w)
+            if takes_part(worlds, w):
+                stage(worlds, w)
 
 
 # fmt: off
 def _run(
-    stages, program,
+    stages, program, begins,
     stream, bed, eta, U, V, unit_x, unit_y, nx, ny, sea_index, wave, since, felt, p, flag, link, links, layers,
     arrivals, fixed_vortex, strategy_arguments, rule_numbers, task_parameters, otter, reward_weights,
     observation_first, key, draw_numbers, vortex, drift, hull, body, auv, node, boat, tally, estimate, track,
@@ -219,14 +254,14 @@ def _run(
     reward_terms, clock, chosen, action, horizon_ended, truncated, workspace, drawn, numbers, vortex_rows,
     drift_rows, pair_rows, room, due, spans, which, bounds, fault, ways, profile, reception,
 ):
-    """Run stages of a step for all worlds, or `RESET` for those with `chosen[w]` ≠ 0.
+    """Run stages of a step for all worlds, or as episodes begin for those with `chosen[w]` ≠ 0.
 
     On a CPU vectors stay in registers, for which plugins' functions may not compile, and many worlds take the step side
     by side, `WORLDS_PER_BLOCK` of them stage after stage, while their numbers are in the processor's cache. On a GPU
     the last part of a step has a thread for each AUV, and a boat's plan by rollouts one for each goal.
 
     Args:
-        stages: of `STEP` or `RESET`, one after another.
+        stages: of `launches`, one after another.
         program: a `Program`.
         The others are `PARAMETERS`, each in its place.
     """
@@ -242,8 +277,8 @@ def _run(
             worlds_of(
                 program,
                 Given(
-                    stream, bed, eta, U, V, unit_x, unit_y, nx, ny, sea_index, wave, since, felt, p,
-                    flag, link, links, layers, arrivals, fixed_vortex, strategy_arguments,
+                    begins, stream, bed, eta, U, V, unit_x, unit_y, nx, ny, sea_index, wave, since, felt, p, flag,
+                    link, links, layers, arrivals, fixed_vortex, strategy_arguments,
                     rule_numbers, task_parameters, otter, reward_weights, observation_first, key,
                     draw_numbers, vortex, drift, hull, body, auv, node, boat, tally, estimate,
                     track, own, exchange, foresight, belief, task_auv, task_node, task_pair,
@@ -254,7 +289,8 @@ def _run(
             )
         )
         for stage in ti.static(stages):
-            run_stage(worlds, stage, n, threads)
+            if is_due(worlds, stage):
+                run_stage(worlds, stage, n, threads)
 # fmt: on
 
 

@@ -368,11 +368,12 @@ def named_numbers(columns: type[Columns]) -> type[Numbers]:
     return type("Numbers", (Numbers,), {n: property(lambda p, c=c: p[c]) for c, n in enumerate(columns.names)})
 
 
-class Worlds(namedtuple("Worlds", ("program", "water", *ARRAYS))):
+class Worlds(namedtuple("Worlds", ("program", "begins", "water", *ARRAYS))):
     """All worlds, as the functions of a mission take them: the arrays of `ARRAYS` by name, and besides
 
     Attributes:
         program: what is compiled, `Program`.
+        begins: whether an episode begins, in the worlds that are `chosen`, rather than a step.
         water: `usvauv.kernels.flow.current.Water`.
     """
 
@@ -412,8 +413,8 @@ def groups_of_normals(worlds: ti.template()):
 
 @func
 def draw_ahead(worlds: ti.template(), w):
-    """Draw random numbers of the coming step of world w, `draw_numbers`, for where vectors stay in registers."""
-    start, word = address(worlds, w, worlds.clock[w, 1] + 1, 0, 0), key(worlds, w)
+    """Draw random numbers of the present step of world w, `draw_numbers`, for where vectors stay in registers."""
+    start, word = address(worlds, w, worlds.clock[w, 1], 0, 0), key(worlds, w)
     c = [random.long_lanes(ti.cast(start[part], ti.u64)) for part in ti.static(range(3))]
     seed = [ti.cast(word[part], ti.u64) for part in ti.static(range(2))]
     normal = groups_of_normals(worlds)

@@ -27,7 +27,7 @@ from usvauv.kernels.mission.boats.boat_strategies import boat_strategies
 from usvauv.kernels.mission.boats.rollouts import STEPS, WAY
 from usvauv.kernels.mission.columns import Division, ReceptionColumn
 from usvauv.kernels.mission.observation import observation_terms
-from usvauv.kernels.mission.run import Part, Stage, launches, reset_launches, run
+from usvauv.kernels.mission.run import OF_EPISODES, OF_STEPS, Part, Stage, launches, run
 from usvauv.kernels.mission.target_rules import target_rules
 from usvauv.kernels.mission.tasks.task import tasks
 from usvauv.kernels.mission.water import PROFILE_POINTS
@@ -177,6 +177,7 @@ class MissionKernels:
         arguments = {
             **self.tables,
             **self._water.arguments(),
+            "begins": 0,
             "chosen": self.chosen,
             "clock": self.clock,
             "action": self.action,
@@ -206,11 +207,11 @@ class MissionKernels:
         self.before_stages = [self._renew_vortices, *([self._sail] if self._sail else [])]
 
     def _bind_mission(self, arguments: Mapping[str, Any], plugins: Set[str]) -> None:
-        """Make the launches of a reset and a step, with plugins of some kinds."""
-        program = arguments["program"]
-        alone = {**arguments, "program": program.world_by_world}  # a reset draws for itself
-        self._reset = tuple(self._mission(alone, part) for part in reset_launches(program, self._apart))
-        self._step = tuple(self._mission(arguments, part) for part in launches(program, plugins, self._apart))
+        """Make the launches that begin episodes and those of a step, with plugins of some kinds."""
+        parts = launches(arguments["program"], plugins, self._apart)
+        beginning = {**arguments, "begins": 1}
+        self._begin = tuple(self._mission(beginning, part) for part in parts if not OF_STEPS.issuperset(part.stages))
+        self._step = tuple(self._mission(arguments, part) for part in parts if not OF_EPISODES.issuperset(part.stages))
 
     def _mission(self, arguments: Mapping[str, Any], part: Part) -> Launch:
         """A launch of the mission's kernel."""
@@ -250,7 +251,7 @@ class MissionKernels:
         """Begin the next episode of the worlds in `chosen`."""
         if self._deploy:
             self._deploy()
-        for part in self._reset:
+        for part in self._begin:
             part()
         self._due.fill_(1)
 

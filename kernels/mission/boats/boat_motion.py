@@ -158,21 +158,23 @@ def set_goal(worlds: ti.template(), w, b, goal):
 
 
 @func
-def place_boats(worlds: ti.template(), w):
-    """Put the boats where their strategy begins, each with AUVs of its own."""
-    boat = ti.static(worlds.boat)
-    for b in range(boat.shape[1]):
-        for c in range(boat.shape[2]):
-            boat[w, b, c] = 0.0
+def clear_boats(worlds: ti.template(), w):
+    """Clear what is known of the boats of the last episode, and split the AUVs among them."""
+    for b in range(worlds.boat.shape[1]):
+        for c in range(worlds.boat.shape[2]):
+            worlds.boat[w, b, c] = 0.0
     partition(worlds, w)
-    for b in range(boat.shape[1]):
-        set_goal(worlds, w, b, worlds.program.strategy.start(worlds, w, b))
-        boat.x[w, b] = ti.min(ti.max(boat.goal_x[w, b], 0.0), worlds.p.width)
-        boat.y[w, b] = ti.min(ti.max(boat.goal_y[w, b], 0.0), worlds.p.length)
-        if ti.static(worlds.program.otter):
-            for c in ti.static(range(len(HullColumn.names))):
-                worlds.hull[w, b, c] = 0.0
-    assign_boats(worlds, w, 0.0)
+
+
+@func
+def put_at_goal(worlds: ti.template(), w, b):
+    """Put boat b where its strategy begins."""
+    boat = ti.static(worlds.boat)
+    boat.x[w, b] = ti.min(ti.max(boat.goal_x[w, b], 0.0), worlds.p.width)
+    boat.y[w, b] = ti.min(ti.max(boat.goal_y[w, b], 0.0), worlds.p.length)
+    if ti.static(worlds.program.otter):
+        for c in ti.static(range(len(HullColumn.names))):
+            worlds.hull[w, b, c] = 0.0
 
 
 @func

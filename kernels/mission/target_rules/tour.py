@@ -16,15 +16,21 @@ LEAST_GAIN = 1e-3  # m, of an exchange; below it rounding could undo and redo on
 
 
 @func
+def around(place, count):
+    """A place of a closed tour of `count` stops, counted around at most once."""
+    return ti.select(place < count, place, place - count)
+
+
+@func
 def stop(worlds: ti.template(), w, place):
     """The node at a place of the tour, counted around."""
-    return ti.cast(worlds.node.tour[w, place % worlds.node.shape[1]], ti.i32)
+    return ti.cast(worlds.node.tour[w, around(place, worlds.node.shape[1])], ti.i32)
 
 
 @func
 def put(worlds: ti.template(), w, place, i):
     """Put node i at a place of the tour, counted around."""
-    worlds.node.tour[w, place % worlds.node.shape[1]] = ti.cast(i, ti.f32)
+    worlds.node.tour[w, around(place, worlds.node.shape[1])] = ti.cast(i, ti.f32)
 
 
 @func
@@ -67,7 +73,7 @@ def shorten(worlds: ti.template(), w, first, count):
             after = spot(worlds, w, stop(worlds, w, first + a + 1))
             there = spot(worlds, w, stop(worlds, w, first + a + 2))
             for b in range(a + 2, count):
-                beyond = spot(worlds, w, stop(worlds, w, first + (b + 1) % count))
+                beyond = spot(worlds, w, stop(worlds, w, first + around(b + 1, count)))
                 own = (here - after).norm_sqr()
                 other = (there - beyond).norm_sqr()
                 across = (here - there).norm_sqr()
@@ -83,10 +89,11 @@ def shorten(worlds: ti.template(), w, first, count):
 @func
 def close(worlds: ti.template(), w, first, count):
     """Make each of `count` stops from place `first` on lead to the next, and the last to the first."""
+    i = stop(worlds, w, first + count - 1)
     for a in range(count):
-        i = stop(worlds, w, first + a)
-        following = stop(worlds, w, first + (a + 1) % count)
+        following = stop(worlds, w, first + a)
         worlds.node.successor[w, i] = ti.cast(following, ti.f32)
+        i = following
 
 
 @func
@@ -109,8 +116,11 @@ def make_tour(worlds: ti.template(), w):
         put(worlds, w, place + 1, i)
     shorten(worlds, w, 0, count)
     length = 0.0
+    here = stop(worlds, w, 0)
     for place in range(count):
-        length += apart(worlds, w, stop(worlds, w, place), stop(worlds, w, place + 1))
+        there = stop(worlds, w, place + 1)
+        length += apart(worlds, w, here, there)
+        here = there
     return length
 
 

@@ -13,6 +13,7 @@ from usvauv.env import Scenario, ScenarioError, World
 from usvauv.env.record.recorder import record
 from usvauv.kernels import runtime
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn
+from usvauv.kernels.mission.worlds import STATE
 
 
 def steer(observation: torch.Tensor, num_auvs: int = 2, share: float = 0.7) -> torch.Tensor:
@@ -152,15 +153,21 @@ class TestStart:
         # mean of a uniform start within five standard errors
         assert abs(backlog.mean() - 500) < 5 * 1000 / math.sqrt(12 * backlog.numel())
 
-    def test_what_a_mask_spares_keeps_its_numbers(self, extreme):
+    @pytest.mark.parametrize("worlds", [4, 70])  # one after another, and side by side
+    def test_what_a_mask_spares_keeps_its_numbers(self, extreme, worlds):
         """Also where arrays are copied to a device, on which another world of the same size has been at work."""
-        world, other = World(extreme, num_worlds=4, seed=1), World(extreme, num_worlds=4, seed=2)
+        world, other = (World(extreme, worlds, seed) for seed in (1, 2))
         world.reset()
+        world.step(torch.zeros(worlds, 2, 2))
         other.reset()
-        spared = torch.tensor([True, False, True, False], device=world.device)
+        spared = torch.arange(worlds, device=world.device) % 2 == 0
         world.observation[spared] = 0.25
+        arrays = {name: getattr(world, name) for name in STATE}
+        before = {name: array.clone() for name, array in arrays.items() if len(array) == worlds}
         world.reset(~spared)
-        assert torch.equal((world.observation == 0.25).flatten(1).all(1), spared)
+        for name, array in before.items():
+            assert torch.equal(arrays[name][spared], array[spared]), name
+        assert (world.node != before["node"]).flatten(1).any(1).equal(~spared)
 
     @pytest.mark.parametrize(("equations", "edge"), [("linear", "east"), ("linear", "north"), ("nonlinear", "north")])
     def test_long_waves_carry_the_vehicles(self, equations, edge):
