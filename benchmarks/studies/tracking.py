@@ -1,6 +1,7 @@
 """Errors of tracked targets by rule and setting, beside published ones, and what not knowing one's place costs.
 
     python -m benchmarks.studies.tracking
+    python -m benchmarks.studies.tracking --part deeper
     python -m benchmarks.studies.tracking --part measurements
     python -m benchmarks.studies.tracking --part depths
     python -m benchmarks.studies.tracking --part few
@@ -11,6 +12,8 @@ First `tracking-plain`, by team and setting of the published environment: the er
 smallest range, after the first 20 steps, its median and its mean over worlds, targets and steps, the latter with the
 95 % interval over worlds, and NEES/2, which is 1 where filters are consistent. `published` has median and mean of that
 environment's particle filter with its AUVs on a circle of 60 m, measured in it.
+
+Then `tree` with more steps, three on three; differences from `tree:3` are paired.
 
 Then what is measured, three on three at hard: ranges of 10 m, bearings of 3°, both; ranges of signals that fade.
 
@@ -60,6 +63,7 @@ SETTINGS = {  # share of the AUVs' speed, and time between turns, s: 5 to 14 ste
 }
 TEAMS = (1, 3, 5)
 RULES = ("straight", "circle", "tree:1", "tree:3")
+DEEPER = ("tree:1", "tree:4", "tree:5")
 SPEED = 0.986  # m/s, of the AUVs
 PUBLISHED = {
     (1, "easy"): "10.8 (13.4)",
@@ -94,7 +98,7 @@ DEPTHS = {
 }
 COURSES = {"turn": (), "go straight": ("turn_after_most=0",)}
 APART = 180.0  # m, from AUVs to targets at the start, at most
-PARTS = ("rules", "measurements", "depths", "few", "places", "rare", "rates")
+PARTS = ("rules", "deeper", "measurements", "depths", "few", "places", "rare", "rates")
 INTERVALS = (0, 60, 180, 600)  # s, from one fix to the next, at least
 NORMAL, ELLIPSE = 1.96, 5.991  # of 95 %: of a normal number; of a χ² with two degrees of freedom
 
@@ -157,6 +161,18 @@ def plain(worlds: int, seed: int) -> list[dict[str, object]]:
         for name in SETTINGS
         for rule in RULES
     ]
+
+
+def deeper(worlds: int, seed: int) -> list[dict[str, object]]:
+    """Rows of how much more steps of a look ahead are worth."""
+    rows = []
+    for name in [*SETTINGS][:3]:
+        scenario = setting(name, 3)
+        first = by_world(track_error(trace := run(scenario, "tree:3", worlds, seed))[settled(trace)])
+        for rule in DEEPER:
+            more = by_world(track_error(trace := run(scenario, rule, worlds, seed))[settled(trace)])
+            rows.append({"setting": name, "rule": rule, "from tree:3, m": interval(more - first, 2)})
+    return rows
 
 
 def measurements(worlds: int, seed: int) -> list[dict[str, object]]:
@@ -342,6 +358,7 @@ def main() -> None:
         return
     parts = {
         "rules": ("tracking-plain", lambda: plain(worlds, seed)),
+        "deeper": ("tracking-plain, three on three, by steps of the look ahead", lambda: deeper(worlds, seed)),
         "measurements": (
             "tracking-plain, three on three, hard, by what is measured",
             lambda: measurements(worlds, seed),
