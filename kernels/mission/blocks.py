@@ -8,7 +8,8 @@ A function that works on a block takes lists, the worlds `w` and the AUVs or boa
 import taichi as ti
 
 from usvauv.kernels.functions import LANES, func
-from usvauv.kernels.mission.worlds import WORLDS_PER_BLOCK, Program, normals, number_drawn, place_drawn
+from usvauv.kernels.mission.draws import normals, number_drawn, place_drawn
+from usvauv.kernels.mission.worlds import WORLDS_PER_BLOCK, Program
 
 
 def width(program: Program) -> int:

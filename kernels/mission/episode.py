@@ -10,8 +10,9 @@ from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.mission.auvs import motion, vehicles
 from usvauv.kernels.mission.boats import boat_motion
 from usvauv.kernels.mission.columns import Draw, Flag, KeyColumn, Parameter, Schedule
+from usvauv.kernels.mission.draws import address, key
 from usvauv.kernels.mission.link import channel, fixes
-from usvauv.kernels.mission.worlds import Numbers, Rows, address, key
+from usvauv.kernels.mission.worlds import Numbers, Rows
 from usvauv.kernels.types import array1, array2, array3, index1, index2
 
 START_ATTEMPTS = 256

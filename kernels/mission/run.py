@@ -20,10 +20,11 @@ from usvauv.kernels.mission.arguments import PARAMETERS, Given, worlds_of
 from usvauv.kernels.mission.auvs import motion, reckoning
 from usvauv.kernels.mission.boats import boat_motion, foresight
 from usvauv.kernels.mission.boats.belief_planner import OTHER_GOALS
+from usvauv.kernels.mission.draws import draw_ahead
 from usvauv.kernels.mission.episode import begin_episode
 from usvauv.kernels.mission.link import channel, estimates, fixes
 from usvauv.kernels.mission.tasks import rewards
-from usvauv.kernels.mission.worlds import Program, draw_ahead, find_faults, worlds_per_block
+from usvauv.kernels.mission.worlds import Program, find_faults, worlds_per_block
 
 
 @func

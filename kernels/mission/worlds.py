@@ -9,7 +9,6 @@ from collections import namedtuple
 from collections.abc import Callable
 from typing import Annotated, Any, NamedTuple
 
-import numpy as np
 import taichi as ti
 
 from usvauv.kernels import random
@@ -24,7 +23,6 @@ from usvauv.kernels.mission.columns import (
     BoatColumn,
     BodyColumn,
     Division,
-    Draw,
     EstimateColumn,
     ExchangeColumn,
     Flag,
@@ -41,7 +39,7 @@ from usvauv.kernels.mission.columns import (
 from usvauv.kernels.mission.tasks.task import Task
 from usvauv.kernels.positioning import tracker
 from usvauv.kernels.taichi_internals import impl
-from usvauv.kernels.types import Columns, vec4
+from usvauv.kernels.types import Columns
 from usvauv.kernels.vehicles import otter_numbers
 from usvauv.kernels.vehicles.otter import HullColumn
 
@@ -173,7 +171,6 @@ side_by_side = ti.types.vector(LANES, ti.f32)
 WORLDS_PER_BLOCK = (
     32  # worlds that a thread takes through a stage, whose code stays in its cache, before it begins the next
 )
-PURPOSE = 1 << 16  # of a draw, as part of its address
 ANYWHERE = Range(-1e12, 1e12)
 TRACK = tracker.COLUMNS * (Range(-1e25, 1e25),)
 SPEED, SPIN = (Range(-most, most) for most in (otter_numbers.FASTEST, otter_numbers.SPINNING))
@@ -216,7 +213,9 @@ TABLES = {
     "reward_weights": Array("R", "weights of the reward terms"),
     "observation_first": Array(".", "index of the first number of each term of an observation", dtype=ti.i32),
     "key": Array("W", "seed of each world", KeyColumn, ti.i32),
-    "draw_numbers": Array(".", "what the draws made before a step are for, `draw_numbers`", dtype=random.long_lanes),
+    "draw_numbers": Array(
+        ".", "what a step's draws are for, `usvauv.kernels.mission.draws`", dtype=random.long_lanes
+    ),
 }
 # Together with the clock and the sea everything that decides the worlds' future. A fault's cause is looked for in this
 # order: what moves by itself comes before what depends on it in the same step.
@@ -263,7 +262,7 @@ ARRAYS = {
     "horizon_ended": Array("WK", "whether a service ended the learner's value horizon, 0 or 1", dtype=ti.u8),
     "truncated": Array("WK", "whether the episode's time is over, 0 or 1", dtype=ti.u8),
     "workspace": Array("W.", "numbers that the target rule needs while it chooses, at least one"),
-    "drawn": Array("W.", "random numbers drawn before a step, `draw_ahead`", dtype=random.lanes),
+    "drawn": Array("W.", "random numbers drawn before a step, `usvauv.kernels.mission.draws`", dtype=random.lanes),
     "numbers": Array(".", "bits of all numbers of `STATE` and `REWARDS`, where they are looked at", dtype=lanes),
     "vortex_rows": Array(".", "all numbers of `vortex`, where many worlds' vortices move together", dtype=airy.lanes),
     "drift_rows": Array(".", "likewise of `drift`", dtype=airy.lanes),
@@ -278,22 +277,6 @@ ARRAYS = {
     "profile": Array("WK.", "the current at the points of the AUVs' profilers, x and y, m/s"),
     "reception": Array("WK", "signals of a step and their fixes", ReceptionColumn),
 }
-
-
-# Purposes of normal numbers drawn in each step for each AUV and each boat. Many worlds draw them side by side before a
-# step, and after them the uniform numbers of arrivals at nodes, four for each address.
-OF_AUV = Draw.speed, Draw.depth, Draw.navigation, Draw.fix, Draw.residual
-OF_BOAT, OF_NODES = (Draw.gnss, Draw.attitude), Draw.arrival
-EACH_AUV, EACH_BOAT = len(OF_AUV), len(OF_BOAT)
-
-
-def draw_numbers(num_auvs: int, num_boats: int, num_nodes: int) -> np.ndarray:
-    """Last words of the addresses of these draws, (groups, `random.LANES`) int64."""
-    normal = [(draw, k) for k in range(num_auvs) for draw in OF_AUV]
-    normal += [(draw, b) for b in range(num_boats) for draw in OF_BOAT]
-    uniform = [(OF_NODES, n) for n in range(-(-num_nodes // 4))]
-    rows = [part + [(0, 0)] * (-len(part) % random.LANES) for part in (normal, uniform)]
-    return np.array([draw * PURPOSE + index for draw, index in rows[0] + rows[1]], np.int64).reshape(-1, random.LANES)
 
 
 class Rows(tuple[Any, ...]):
@@ -383,99 +366,6 @@ class Worlds(namedtuple("Worlds", ("program", "begins", "water", *ARRAYS))):
 def worlds_per_block(program: Program) -> int:
     """Worlds of an iteration: several on a CPU, where there are many."""
     return WORLDS_PER_BLOCK if program.in_lanes else 1
-
-
-@func
-def address(worlds: ti.template(), w, step, draw, index):
-    """Counter of a random draw: the world's index in its seed, its episode, a step, what the draw is for (`Draw`)."""
-    return random.uint4(
-        ti.cast(worlds.key.world[w], ti.u32),
-        ti.cast(worlds.clock[w, 0], ti.u32),
-        ti.cast(step, ti.u32),
-        ti.cast(draw * PURPOSE + index, ti.u32),
-    )
-
-
-@func
-def key(worlds: ti.template(), w):
-    """Key of all random draws of a world: its seed."""
-    return random.uint2(
-        ti.cast(worlds.key.low[w], ti.u32),
-        ti.cast(worlds.key.high[w], ti.u32),
-    )
-
-
-@func
-def groups_of_normals(worlds: ti.template()):
-    """Vectors of `random.LANES` draws that have the normal numbers of a step."""
-    return (EACH_AUV * worlds.auv.shape[1] + EACH_BOAT * worlds.boat.shape[1] + random.LANES - 1) // random.LANES
-
-
-@func
-def draw_ahead(worlds: ti.template(), w):
-    """Draw random numbers of the present step of world w, `draw_numbers`, for where vectors stay in registers."""
-    start, word = address(worlds, w, worlds.clock[w, 1], 0, 0), key(worlds, w)
-    c = [random.long_lanes(ti.cast(start[part], ti.u64)) for part in ti.static(range(3))]
-    seed = [ti.cast(word[part], ti.u64) for part in ti.static(range(2))]
-    normal = groups_of_normals(worlds)
-    for group in range(worlds.draw_numbers.shape[0]):
-        words = random.rounds(c[0], c[1], c[2], worlds.draw_numbers[group], seed[0], seed[1])
-        for half in ti.static((0, 2)):
-            a, b = random.uniform_lanes(words[half]), random.uniform_lanes(words[half + 1])
-            if group < normal:
-                a, b = random.gaussian_lanes(a, b)
-            worlds.drawn[w, 4 * group + half] = a
-            worlds.drawn[w, 4 * group + half + 1] = b
-
-
-@func
-def place_drawn(worlds: ti.template(), draw: ti.template()):
-    """Place of a draw's first index among those of a world that `draw_ahead` makes, and the distance of the next."""
-    first, each = 0, 1
-    if ti.static(draw in OF_AUV):
-        first += ti.static(OF_AUV.index(draw))
-        each = EACH_AUV
-    elif ti.static(draw in OF_BOAT):
-        first += EACH_AUV * worlds.auv.shape[1] + ti.static(OF_BOAT.index(draw))
-        each = EACH_BOAT
-    else:
-        first += random.LANES * groups_of_normals(worlds)
-    return first, each
-
-
-@func
-def number_drawn(worlds: ti.template(), w, place, part):
-    """Number `part` of 4 of a draw at a place of world w."""
-    return worlds.drawn[w, 4 * (place >> random.LANE_BITS) + part][place & (random.LANES - 1)]
-
-
-@func
-def drawn(worlds: ti.template(), w, draw: ti.template(), index) -> vec4:
-    """The four numbers of a draw that `draw_ahead` has made for the present step."""
-    first, each = place_drawn(worlds, draw)
-    return vec4([number_drawn(worlds, w, first + each * index, part) for part in ti.static(range(4))])
-
-
-@func
-def uniforms(worlds: ti.template(), w, draw: ti.template(), index):
-    """Four independent numbers uniform in (0, 1), of the present step."""
-    found = vec4(0.0)
-    if ti.static(worlds.program.in_lanes and draw == OF_NODES):
-        found = drawn(worlds, w, draw, index)
-    else:
-        found = random.uniforms(address(worlds, w, worlds.clock[w, 1], draw, index), key(worlds, w))
-    return found
-
-
-@func
-def normals(worlds: ti.template(), w, draw: ti.template(), index):
-    """Four independent standard normal numbers, of the present step."""
-    found = vec4(0.0)
-    if ti.static(worlds.program.in_lanes and draw in OF_AUV + OF_BOAT):
-        found = drawn(worlds, w, draw, index)
-    else:
-        found = random.normals(address(worlds, w, worlds.clock[w, 1], draw, index), key(worlds, w))
-    return found
 
 
 @func

@@ -26,12 +26,13 @@ from usvauv.kernels.mission.boats.belief_planner import OTHER_GOALS
 from usvauv.kernels.mission.boats.boat_strategies import boat_strategies
 from usvauv.kernels.mission.boats.rollouts import STEPS, WAY
 from usvauv.kernels.mission.columns import Division, ReceptionColumn
+from usvauv.kernels.mission.draws import draw_numbers
 from usvauv.kernels.mission.observation import observation_terms
 from usvauv.kernels.mission.run import OF_EPISODES, OF_STEPS, Part, Stage, launches, run
 from usvauv.kernels.mission.target_rules import target_rules
 from usvauv.kernels.mission.tasks.task import tasks
 from usvauv.kernels.mission.water import PROFILE_POINTS
-from usvauv.kernels.mission.worlds import WORLDS_PER_BLOCK, draw_numbers
+from usvauv.kernels.mission.worlds import WORLDS_PER_BLOCK
 from usvauv.kernels.registry import Registry
 from usvauv.kernels.vehicles.definition import vehicles
 

@@ -8,7 +8,7 @@ from usvauv.kernels.mission.columns import (
     AuvColumn,
     Draw,
 )
-from usvauv.kernels.mission.worlds import normals
+from usvauv.kernels.mission.draws import normals
 from usvauv.kernels.types import vec2
 
 

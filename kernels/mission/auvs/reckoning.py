@@ -25,7 +25,7 @@ import taichi as ti
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission.auvs.motion import distance_to_target, drifted, target_of
 from usvauv.kernels.mission.columns import Draw, EstimateColumn, ExchangeColumn, Sensor
-from usvauv.kernels.mission.worlds import normals
+from usvauv.kernels.mission.draws import normals
 from usvauv.kernels.positioning import tracker
 from usvauv.kernels.types import vec2, vec3
 

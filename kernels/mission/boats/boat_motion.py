@@ -14,7 +14,7 @@ from usvauv.kernels.flow import airy, current
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission.auvs.vehicles import turned_angle
 from usvauv.kernels.mission.columns import BoatColumn, Draw, Parameter
-from usvauv.kernels.mission.worlds import normals
+from usvauv.kernels.mission.draws import normals
 from usvauv.kernels.taichi_internals import Expr
 from usvauv.kernels.types import Level, vec2, vec3
 from usvauv.kernels.vehicles import otter

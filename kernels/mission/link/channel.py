@@ -31,9 +31,9 @@ from usvauv.kernels.mission.columns import (
     Schedule,
     TallyColumn,
 )
+from usvauv.kernels.mission.draws import uniforms
 from usvauv.kernels.mission.link.messages import hears_request, noise_to_others, overlap, request_length
 from usvauv.kernels.mission.link.replies import height, true_height
-from usvauv.kernels.mission.worlds import uniforms
 from usvauv.kernels.positioning import usbl
 from usvauv.kernels.types import ivec2, vec2, vec3
 

@@ -15,7 +15,7 @@ from usvauv.kernels.functions import func
 from usvauv.kernels.mission.blocks import for_auvs, normal_numbers, put, take, together
 from usvauv.kernels.mission.boats import boat_motion
 from usvauv.kernels.mission.columns import BoatColumn, Draw, ReceptionColumn
-from usvauv.kernels.mission.worlds import normals
+from usvauv.kernels.mission.draws import normals
 from usvauv.kernels.positioning import acoustic_link, rays, usbl
 from usvauv.kernels.positioning.layered_water import sound_speed
 from usvauv.kernels.positioning.sonar import magnitude

@@ -19,7 +19,7 @@ import taichi as ti
 
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission.columns import Draw
-from usvauv.kernels.mission.worlds import normals
+from usvauv.kernels.mission.draws import normals
 from usvauv.kernels.positioning import acoustic_link
 
 

@@ -18,10 +18,10 @@ from usvauv.kernels.flow.current import grid_sample
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission.auvs.motion import distance_to_target, hold, is_spent, offset_to_target, target_of, travel
 from usvauv.kernels.mission.columns import Draw, Information
+from usvauv.kernels.mission.draws import uniforms
 from usvauv.kernels.mission.target_rules import knowledge, share_nodes
 from usvauv.kernels.mission.tasks import rewards
 from usvauv.kernels.mission.tasks.task import Task, tasks
-from usvauv.kernels.mission.worlds import uniforms
 from usvauv.kernels.positioning import sonar
 from usvauv.kernels.types import vec2
 

@@ -5,9 +5,9 @@ import taichi as ti
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission.auvs.motion import distance_to_target, travel
 from usvauv.kernels.mission.columns import Draw
+from usvauv.kernels.mission.draws import uniforms
 from usvauv.kernels.mission.tasks import rewards
 from usvauv.kernels.mission.tasks.task import SHIPPED, Task, tasks
-from usvauv.kernels.mission.worlds import uniforms
 from usvauv.kernels.trigonometry import TWO_PI
 
 

@@ -27,6 +27,7 @@ from usvauv.kernels.flow import current
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission.auvs.motion import target_of, travel
 from usvauv.kernels.mission.columns import Draw
+from usvauv.kernels.mission.draws import normals, uniforms
 from usvauv.kernels.mission.observation import ObservationTerm, observation_terms
 from usvauv.kernels.mission.tasks import rewards, tracking_places
 from usvauv.kernels.mission.tasks.task import SHIPPED, RewardTerm, Task, tasks
@@ -41,7 +42,7 @@ from usvauv.kernels.mission.tasks.tracking_measurements import (
 )
 from usvauv.kernels.mission.tasks.tracking_numbers import PARAMETERS, WEIGHTS
 from usvauv.kernels.mission.tasks.tracking_places import believed_place
-from usvauv.kernels.mission.worlds import WORLDS_PER_BLOCK, Worlds, normals, uniforms
+from usvauv.kernels.mission.worlds import WORLDS_PER_BLOCK, Worlds
 from usvauv.kernels.tracking import range_filter
 from usvauv.kernels.tracking.hypotheses import (
     ROOM,

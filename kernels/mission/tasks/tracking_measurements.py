@@ -16,9 +16,10 @@ import taichi as ti
 
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission.columns import Draw, Schedule
+from usvauv.kernels.mission.draws import normals, uniforms
 from usvauv.kernels.mission.tasks import tracking_places
 from usvauv.kernels.mission.tasks.tracking_places import believed_place
-from usvauv.kernels.mission.worlds import Worlds, normals, uniforms
+from usvauv.kernels.mission.worlds import Worlds
 from usvauv.kernels.positioning.sonar import path_loss, power_of_10
 from usvauv.kernels.tracking import bearings, ranges
 from usvauv.kernels.trigonometry import wrapped

@@ -14,12 +14,12 @@ import taichi as ti
 from usvauv.kernels.functions import func
 from usvauv.kernels.mission.auvs.motion import move_to, travelling_power
 from usvauv.kernels.mission.columns import Draw, Range, StateColumns, Turn
+from usvauv.kernels.mission.draws import normals, uniforms
 from usvauv.kernels.mission.tasks import tracking
 from usvauv.kernels.mission.tasks.task import tasks
 from usvauv.kernels.mission.tasks.tracking import TRACKING
 from usvauv.kernels.mission.tasks.tracking_columns import PairColumn
 from usvauv.kernels.mission.tasks.tracking_numbers import PLAIN
-from usvauv.kernels.mission.worlds import normals, uniforms
 from usvauv.kernels.trigonometry import TWO_PI, wrapped
 from usvauv.kernels.types import vec2
 

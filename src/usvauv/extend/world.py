@@ -23,8 +23,9 @@ from usvauv.kernels.mission.columns import (
     Parameter,
     TallyColumn,
 )
+from usvauv.kernels.mission.draws import normals, uniforms
 from usvauv.kernels.mission.observation import ObservationTerm, observation_terms
-from usvauv.kernels.mission.worlds import Worlds, normals, uniforms
+from usvauv.kernels.mission.worlds import Worlds
 from usvauv.kernels.positioning.laws import ambient_noise_laws
 from usvauv.kernels.types import vec2
 
