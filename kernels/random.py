@@ -8,7 +8,7 @@ episode, step, draw). So an episode is the same for any number of worlds and thr
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.trigonometry import half_cosine, half_sine
+from usvauv.kernels.transcendental import half_cosine, half_sine
 from usvauv.kernels.types import vec2, vec4
 
 uint2 = ti.types.vector(2, ti.u32)

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from usvauv.env.scenario import Scenario
 from usvauv.kernels import runtime
-from usvauv.kernels.network import CLIP, Actors
+from usvauv.kernels.guidance.network import CLIP, Actors
 from usvauv.policies.frames import frames
 from usvauv.policies.names import PolicyError
 from usvauv.policies.networks import DeterministicActor, GaussianActor, StackedMLP, stack, unstack

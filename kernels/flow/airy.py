@@ -35,7 +35,7 @@ import taichi as ti
 import torch
 
 from usvauv.kernels.functions import LANES, func, kernel
-from usvauv.kernels.trigonometry import TWO_PI, half_cosine, half_sine, narrowed
+from usvauv.kernels.transcendental import TWO_PI, half_cosine, half_sine, narrowed
 from usvauv.kernels.types import array1, double1, vec4
 
 TURNS_X, TURNS_Y, PHASE, FREQUENCY, HEAVE, TILT, LEVEL = range(7)

@@ -21,7 +21,7 @@ from usvauv.kernels.flow import airy, current
 from usvauv.kernels.flow.airy import lanes, total
 from usvauv.kernels.functions import func
 from usvauv.kernels.limits import LEAST_HEIGHT
-from usvauv.kernels.trigonometry import TWO_PI, decaying, half_cosine, half_sine
+from usvauv.kernels.transcendental import TWO_PI, decaying, half_cosine, half_sine
 from usvauv.kernels.types import Level, columns, mat3, vec2, vec3
 
 # Columns of a sea after those of its levels. `reach`: the depth (m) below which a component and those after it, as a

@@ -30,20 +30,19 @@ from usvauv.kernels.guidance.lanes import (
     steered,
     write,
 )
-from usvauv.kernels.network import (
+from usvauv.kernels.guidance.network import (
     TILE,
     Layer,
     Packed,
     forward,
     groups_of,
-    hyperbolic_tangent,
-    lanes,
     parts_of,
     rooms,
     rows_of,
     standardised,
     tiles,
 )
+from usvauv.kernels.transcendental import hyperbolic_tangent, lanes
 from usvauv.kernels.types import array1, array2, index1, index2
 
 ALIKE: Any = {"dtype": torch.float32, "device": "cpu"}  # whatever a program has made torch's defaults

@@ -14,9 +14,8 @@ import torch
 from torch import Tensor
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.network import exponential as exponential_of_lanes
-from usvauv.kernels.network import lanes
-from usvauv.kernels.trigonometry import half_cosine, half_sine
+from usvauv.kernels.transcendental import exponential as exponential_of_lanes
+from usvauv.kernels.transcendental import half_cosine, half_sine, lanes
 
 
 def are_tensors(numbers: Any) -> bool:

@@ -23,8 +23,9 @@ from usvauv.kernels.guidance.courses import (
     turned,
     unrotate,
 )
+from usvauv.kernels.guidance.network import bounded
 from usvauv.kernels.guidance.passing import loiter, passing
-from usvauv.kernels.network import bounded, exponential, lanes
+from usvauv.kernels.transcendental import exponential, lanes
 from usvauv.kernels.types import Columns, select
 
 FIRST = 9  # features of the target and the other AUVs, which come before those by `Rule`

@@ -213,9 +213,7 @@ TABLES = {
     "reward_weights": Array("R", "weights of the reward terms"),
     "observation_first": Array(".", "index of the first number of each term of an observation", dtype=ti.i32),
     "key": Array("W", "seed of each world", KeyColumn, ti.i32),
-    "draw_numbers": Array(
-        ".", "what a step's draws are for, `usvauv.kernels.mission.draws`", dtype=random.long_lanes
-    ),
+    "draw_numbers": Array(".", "what a step's draws are for, `usvauv.kernels.mission.draws`", dtype=random.long_lanes),
 }
 # Together with the clock and the sea everything that decides the worlds' future. A fault's cause is looked for in this
 # order: what moves by itself comes before what depends on it in the same step.

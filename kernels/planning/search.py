@@ -40,7 +40,7 @@ from usvauv.kernels.planning.information import (
 )
 from usvauv.kernels.planning.objectives import PAPER, A, D, log_objective, objective_of
 from usvauv.kernels.positioning.acoustic_link import ALIGNMENT, ATTITUDE, HEADING, POSITION, SOUND_SPEED
-from usvauv.kernels.trigonometry import TWO_PI
+from usvauv.kernels.transcendental import TWO_PI
 from usvauv.kernels.types import array2, array3, vec2, vec3, vec4
 
 SMALL_GAIN = 1e-6  # a Newton step of a smaller predicted gain is accepted without evaluation

@@ -60,7 +60,7 @@ from usvauv.kernels.positioning.acoustic_link import (
     range_deviation,
 )
 from usvauv.kernels.positioning.sonar import magnitude
-from usvauv.kernels.trigonometry import circle
+from usvauv.kernels.transcendental import circle
 from usvauv.kernels.types import array2, index1, mat2, mat3, select, vec2, vec3, vec4, vec5
 
 GATE = -2.0 * math.log(1e-3)

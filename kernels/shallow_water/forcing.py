@@ -10,7 +10,7 @@ import torch
 from usvauv.kernels import runtime
 from usvauv.kernels.functions import func
 from usvauv.kernels.shallow_water.discretisation import LANES, Packing, vector
-from usvauv.kernels.trigonometry import half_sine, narrowed
+from usvauv.kernels.transcendental import half_sine, narrowed
 
 double_vectors = ti.types.ndarray(dtype=ti.types.vector(LANES, ti.f64), ndim=1)
 # Longest time, s, and most intervals for which phases are those of the beginning and what they have gained since.

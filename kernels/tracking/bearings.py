@@ -22,7 +22,7 @@ import taichi as ti
 from usvauv.kernels.functions import LANES, func
 from usvauv.kernels.tracking.hypotheses import KEPT, OF, FilterColumn, WorkColumn, correct, see
 from usvauv.kernels.tracking.range_filter import begin_hypotheses, update_hypotheses
-from usvauv.kernels.trigonometry import circle, wrapped
+from usvauv.kernels.transcendental import circle, wrapped
 from usvauv.kernels.types import vec2, vec3, vec4
 
 SPAN = 40.0  # farthest distance over the nearest at which a first bearing begins hypotheses

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import taichi as ti
 
-from usvauv.kernels import network
+from usvauv.kernels import transcendental
 from usvauv.kernels.flow.airy import lanes, total, vec8
 from usvauv.kernels.functions import LANE_BITS, LANES, func
 from usvauv.kernels.taichi_internals import impl
@@ -254,7 +254,7 @@ def exponential(x, width: ti.template()):
     if ti.static(width == 1):
         return ti.exp(ti.max(ti.min(x, 0.0), -87.0))
     else:  # noqa: RET505
-        return network.exponential(ti.min(x, 0.0))
+        return transcendental.exponential(ti.min(x, 0.0))
 
 
 @func

@@ -49,7 +49,7 @@ from usvauv.kernels.tracking.hypotheses import (
     sum_of,
     wide,
 )
-from usvauv.kernels.trigonometry import circle
+from usvauv.kernels.transcendental import circle
 from usvauv.kernels.types import vec2, vec3, vec4
 
 TURNS = 4  # hypotheses that one begins by turning

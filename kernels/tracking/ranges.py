@@ -22,7 +22,7 @@ import taichi as ti
 from usvauv.kernels.functions import func
 from usvauv.kernels.tracking.hypotheses import KEPT, OF, FilterColumn, WorkColumn, correct, see
 from usvauv.kernels.tracking.range_filter import begin_hypotheses, update_hypotheses
-from usvauv.kernels.trigonometry import circle
+from usvauv.kernels.transcendental import circle
 from usvauv.kernels.types import vec2, vec3, vec4
 
 

@@ -31,7 +31,7 @@ import math
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.trigonometry import wrapped
+from usvauv.kernels.transcendental import wrapped
 from usvauv.kernels.vehicles.gains import Gain
 from usvauv.kernels.vehicles.kinematics import axes, velocity_of_water
 from usvauv.kernels.vehicles.numbers import Constant

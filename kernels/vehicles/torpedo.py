@@ -37,7 +37,7 @@ import numpy as np
 import taichi as ti
 
 from usvauv.kernels.functions import func
-from usvauv.kernels.trigonometry import TWO_PI, decaying
+from usvauv.kernels.transcendental import TWO_PI, decaying
 from usvauv.kernels.vehicles import autopilot, gains
 from usvauv.kernels.vehicles.definition import Vehicle, vehicles
 from usvauv.kernels.vehicles.kinematics import Triple, axes, dot, gradient, gradient_transposed, velocity_of_water

@@ -21,7 +21,7 @@ from usvauv.kernels.functions import func, kernel
 from usvauv.kernels.mission.auvs import motion
 from usvauv.kernels.mission.columns import Action, AuvColumn, BodyColumn, Draw, KeyColumn, Parameter
 from usvauv.kernels.mission.worlds import Numbers
-from usvauv.kernels.trigonometry import TWO_PI
+from usvauv.kernels.transcendental import TWO_PI
 from usvauv.kernels.types import array1, array2, array3, index2, mask1, mat3, vec2, vec3, vec4
 from usvauv.kernels.vehicles.definition import Vehicle
 from usvauv.kernels.vehicles.kinematics import axes

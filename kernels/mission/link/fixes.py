@@ -19,7 +19,7 @@ from usvauv.kernels.mission.draws import normals
 from usvauv.kernels.positioning import acoustic_link, rays, usbl
 from usvauv.kernels.positioning.layered_water import sound_speed
 from usvauv.kernels.positioning.sonar import magnitude
-from usvauv.kernels.trigonometry import circle
+from usvauv.kernels.transcendental import circle
 from usvauv.kernels.types import select, vec2, vec3
 
 

@@ -8,7 +8,7 @@ from usvauv.kernels.mission.columns import Draw
 from usvauv.kernels.mission.draws import uniforms
 from usvauv.kernels.mission.tasks import rewards
 from usvauv.kernels.mission.tasks.task import SHIPPED, Task, tasks
-from usvauv.kernels.trigonometry import TWO_PI
+from usvauv.kernels.transcendental import TWO_PI
 
 
 @func

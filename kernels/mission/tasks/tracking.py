@@ -49,7 +49,7 @@ from usvauv.kernels.tracking.hypotheses import (
     Filter,
     filter_of,
 )
-from usvauv.kernels.trigonometry import TWO_PI, wrapped
+from usvauv.kernels.transcendental import TWO_PI, wrapped
 from usvauv.kernels.types import Level, vec2, vec3
 
 HYSTERESIS = 30.0  # m

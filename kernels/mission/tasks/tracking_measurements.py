@@ -22,7 +22,7 @@ from usvauv.kernels.mission.tasks.tracking_places import believed_place
 from usvauv.kernels.mission.worlds import Worlds
 from usvauv.kernels.positioning.sonar import path_loss, power_of_10
 from usvauv.kernels.tracking import bearings, ranges
-from usvauv.kernels.trigonometry import wrapped
+from usvauv.kernels.transcendental import wrapped
 from usvauv.kernels.types import vec2, vec3
 
 

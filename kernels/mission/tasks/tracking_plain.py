@@ -20,7 +20,7 @@ from usvauv.kernels.mission.tasks.task import tasks
 from usvauv.kernels.mission.tasks.tracking import TRACKING
 from usvauv.kernels.mission.tasks.tracking_columns import PairColumn
 from usvauv.kernels.mission.tasks.tracking_numbers import PLAIN
-from usvauv.kernels.trigonometry import TWO_PI, wrapped
+from usvauv.kernels.transcendental import TWO_PI, wrapped
 from usvauv.kernels.types import vec2
 
 MOST = 2  # rudders to either side

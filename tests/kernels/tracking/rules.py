@@ -15,7 +15,7 @@ import torch
 from usvauv.kernels import runtime
 from usvauv.kernels.flow.airy import lanes
 from usvauv.kernels.functions import LANES, kernel
-from usvauv.kernels.network import rooms
+from usvauv.kernels.guidance.network import rooms
 from usvauv.kernels.tracking import bearings, range_filter, ranges
 from usvauv.kernels.tracking.hypotheses import ROOM, FilterColumn, columns_of, filter_of
 from usvauv.kernels.types import array1, array2, array4, mask1, vec3

@@ -14,14 +14,13 @@ import torch
 
 from usvauv.kernels import runtime
 from usvauv.kernels.functions import LANES, Launch, func, kernel
+from usvauv.kernels.transcendental import hyperbolic_tangent, lanes
 from usvauv.kernels.types import Columns, array1, array2, index2, select, vec4
 
 TILE = 4
 PARTS = 16  # of the rows for each thread
 CLIP = 8.0  # of standardised features
-SHIFT = 12583039.0  # 1.5 · 2²³ + 127: the last bits of a number n plus this one are those of the exponent of 2ⁿ
 
-lanes = ti.types.vector(LANES, ti.f32)
 rooms = ti.types.ndarray(dtype=lanes, ndim=2)
 rows = ti.types.ndarray(dtype=vec4, ndim=1)
 tiles = ti.types.ndarray(dtype=ti.types.vector(TILE * TILE, ti.f32), ndim=1)
@@ -45,25 +44,6 @@ def bounded(x, low, high):
 @func
 def standardised(feature, mean, deviation):
     return bounded((feature - mean) * (1.0 / deviation), -CLIP, CLIP)
-
-
-@func
-def exponential(x):
-    """eˣ of a vector in registers, within 2e-7 of itself; below −87 that of −87. The range as in Cephes' `expf`."""
-    y = select(x < -87.0, lanes(-87.0), x)
-    rounded = 1.44269504 * y + SHIFT
-    n = rounded - SHIFT
-    f = y - 0.693359375 * n + 2.12194440e-4 * n
-    q = 1.6666665e-1 + f * (4.1665796e-2 + f * (8.3334519e-3 + f * (1.3981999e-3 + f * 1.9875691e-4)))
-    bits = [ti.bit_cast(rounded[lane], ti.i32) for lane in ti.static(range(LANES))]
-    power = [ti.bit_cast(bits[lane] << 23, ti.f32) for lane in ti.static(range(LANES))]
-    return (1.0 + f + f * f * (0.5 + f * q)) * ti.Vector(power)
-
-
-@func
-def hyperbolic_tangent(x):
-    """Hyperbolic tangent of a vector in registers, within 2e-7."""
-    return 1.0 - 2.0 / (1.0 + exponential(2.0 * select(x > 20.0, lanes(20.0), x)))
 
 
 @func
