@@ -311,6 +311,7 @@ def move(
     scenario = ti.static(Numbers.of(p, Parameter))
     ti.loop_config(serialize=serial, block_dim=1)
     for g in range(block.shape[0]):
+        # Columns before `north` change in a step, those up to `way_x` are given, and the rest tell of the step.
         first, last = LANES * g, ti.min(LANES * (g + 1), state.shape[0])
         for n in range(first, last):
             w, k = n // auv.shape[1], n % auv.shape[1]
