@@ -129,6 +129,11 @@ def by_world(values: np.ndarray) -> np.ndarray:
     return np.nanmean(np.moveaxis(values, 1, 0).reshape(values.shape[1], -1), axis=1)
 
 
+def mean_errors(trace: Trace) -> np.ndarray:
+    """Mean error of each world of a trace, (W,), m, from when it has settled."""
+    return by_world(track_error(trace)[settled(trace)])
+
+
 def interval(values: np.ndarray, digits: int = 1) -> str:
     """Mean of values (W,) and half of its 95 % interval."""
     return f"{values.mean():.{digits}f} ± {NORMAL * values.std(ddof=1) / np.sqrt(len(values)):.{digits}f}"
@@ -168,10 +173,10 @@ def deeper(worlds: int, seed: int) -> list[dict[str, object]]:
     rows = []
     for name in [*SETTINGS][:3]:
         scenario = setting(name, 3)
-        first = by_world(track_error(trace := run(scenario, "tree:3", worlds, seed))[settled(trace)])
+        first = mean_errors(run(scenario, "tree:3", worlds, seed))
         for rule in DEEPER:
-            more = by_world(track_error(trace := run(scenario, rule, worlds, seed))[settled(trace)])
-            rows.append({"setting": name, "rule": rule, "from tree:3, m": interval(more - first, 2)})
+            gain = mean_errors(run(scenario, rule, worlds, seed)) - first
+            rows.append({"setting": name, "rule": rule, "from tree:3, m": interval(gain, 2)})
     return rows
 
 
@@ -229,7 +234,6 @@ def few(worlds: int, seed: int) -> list[dict[str, object]]:
                 run(setting(name, team, *more, targets=targets), "circle", worlds, seed)
                 for more in (("uncertainty_weight=0",), ())
             )
-            before, after = (by_world(track_error(trace)[settled(trace)]) for trace in (kept, chosen))
             own, other = figures(chosen), figures(kept)
             rows.append(
                 {
@@ -237,7 +241,7 @@ def few(worlds: int, seed: int) -> list[dict[str, object]]:
                     "setting": name,
                     **{f"{figure} kept": other[figure] for figure in ("median, m", "mean, m", "95 %, m")},
                     **own,
-                    "from kept, m": interval(after - before),
+                    "from kept, m": interval(mean_errors(chosen) - mean_errors(kept)),
                 }
             )
     return rows
@@ -249,12 +253,12 @@ def places(worlds: int, seed: int) -> list[dict[str, object]]:
         row: run(Scenario.load("tracking", changes), "circle", worlds, seed, usv)
         for row, (usv, changes) in PLACES.items()
     }
-    first = by_world(track_error(traces["belief"])[settled(traces["belief"])])
+    first = mean_errors(traces["belief"])
     return [
         {"boat": row}
         | figures(trace)
         | {
-            "from belief, m": interval(by_world(track_error(trace)[settled(trace)]) - first),
+            "from belief, m": interval(mean_errors(trace) - first),
             "own error, m rms": root_mean(own_error(trace)),
         }
         for row, trace in traces.items()
