@@ -35,7 +35,7 @@ import taichi as ti
 import torch
 
 from usvauv.kernels.functions import LANES, func, kernel
-from usvauv.kernels.transcendental import TWO_PI, half_cosine, half_sine, narrowed
+from usvauv.kernels.transcendental import TWO_PI, half_cosine, half_sine, lanes, narrowed
 from usvauv.kernels.types import array1, double1, vec4
 
 TURNS_X, TURNS_Y, PHASE, FREQUENCY, HEAVE, TILT, LEVEL = range(7)
@@ -43,7 +43,6 @@ PHASES_LAST = 16.0  # s; in single precision a wave of 1 Hz keeps its phase so l
 STILL = 1e-5  # m/s, which is not felt
 
 vec8 = ti.types.vector(8, ti.f32)
-lanes = ti.types.vector(LANES, ti.f32)
 waves = ti.types.ndarray(dtype=lanes, ndim=3)
 double_lanes = ti.types.ndarray(dtype=ti.types.vector(LANES, ti.f64), ndim=2)
 

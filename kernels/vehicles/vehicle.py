@@ -11,11 +11,12 @@ rest, slowly.
 
 import taichi as ti
 
-from usvauv.kernels.functions import LANES, func
+from usvauv.kernels.functions import LANES as LANES
+from usvauv.kernels.functions import func
+from usvauv.kernels.transcendental import lanes as lanes
 
 TINY = 1e-12
 THIRD = 1 / 3  # a product takes a tenth of a division's time
-lanes = ti.types.vector(LANES, ti.f32)
 blocks = ti.types.ndarray(dtype=lanes, ndim=2)
 
 
