@@ -70,8 +70,8 @@ AT_ONCE = ["auv.speed_lag=0", "auv.speed_noise=0", "auv.depth_noise=0"]
 
 def serving(hover, *changes, scenario="ideal", boat=None):
     """One world whose AUVs, of no class, serve nodes where they are, (100, 100), for a time (s); nothing arrives."""
-    own = ["nodes.arrival_rates=[0]", "auv.start_separation=0", "auv.vehicle=none", *AT_ONCE, *changes]
-    world = World(Scenario.load(scenario, own), 1, 4, boat)
+    own = ["nodes.arrival_rates=[0]", "auv.start_separation=0", "auv.vehicle=none", "auv.battery=1000", *AT_ONCE]
+    world = World(Scenario.load(scenario, [*own, *changes]), 1, 4, boat)
     world.reset()
     for k in range(world.num_auvs):
         world.node[0, k, NodeColumn.span("x", "y")] = 100.0

@@ -151,7 +151,8 @@ def test_a_fading_signal_is_heard_as_often_as_the_sonar_equation_says():
     [
         ("task_parameters.ranges=0", "task_parameters.bearing_noise=0.05"),
         ("task_parameters.ranges=1", "task_parameters.bearing_noise=0.05"),
-        ("task=tracking", "task_parameters.depth_most=80"),
+        # Compiled as in `test_listening_boats.py`.
+        ("task=tracking", "task_parameters.depth_most=80", "boat.count=2", "task_parameters.boat_listens=0"),
     ],
     ids=("bearings", "both", "ranges, depths not known"),
 )

@@ -21,7 +21,7 @@ def extreme():
     return Scenario.load("extreme")
 
 
-AT_ONCE = ["auv.vehicle=none", "auv.speed_lag=0", "auv.speed_noise=0", "auv.depth_noise=0"]
+AT_ONCE = ["auv.vehicle=none", "auv.battery=1000", "auv.speed_lag=0", "auv.speed_noise=0", "auv.depth_noise=0"]
 
 
 class TestMotion:
@@ -264,7 +264,7 @@ class TestReward:
         assert scores["shuttle"] < scores["tour"] - 0.2
 
     def test_termination_and_truncation(self):
-        for name, usv, ends in (("paper-ideal", "centroid", True), ("ideal", None, False)):
+        for name, usv, ends in (("paper-ideal", "hold:100,100", True), ("ideal", None, False)):
             world = World(Scenario.load(name, ["mission.duration=300"]), 16, seed=1, usv=usv)
             observation = world.reset()
             ended = 0
