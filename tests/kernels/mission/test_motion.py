@@ -210,7 +210,8 @@ def test_a_refused_move_is_a_hover(current, moved, thrust):
 
 def test_a_mission_charges_hovering_by_the_current_at_the_auv():
     """In vortices of 1.5 to 3 m/s most AUVs that hover pay more than the least, and none more than top speed."""
-    strong = ["current.count=6", "current.circulation_min=300", "current.circulation_max=500", "auv.vehicle=none"]
+    strong = ["current.count=6", "current.circulation_min=300", "current.circulation_max=500"]
+    strong += ["auv.vehicle=none", "auv.battery=1000"]
     world = World(Scenario.load("ideal", [*strong, "auv.hover_radius=60"]), 64, seed=4)
     policy = policies.load("straight", world)
     observation = world.reset()

@@ -24,7 +24,8 @@ STILL = ["current.count=0", "task_parameters.course_walk=0", "task_parameters.tu
 
 def made(*changes: str, worlds: int = 32) -> World:
     """Worlds of `tracking-plain` at the beginning of an episode."""
-    world = World(Scenario.load("tracking-plain", list(changes)), worlds, seed=3)
+    alike = "usbl.carriers=[18000]"  # with which teams of one are compiled as others
+    world = World(Scenario.load("tracking-plain", [alike, *changes]), worlds, seed=3)
     world.reset()
     return world
 
