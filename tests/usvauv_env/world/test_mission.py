@@ -157,6 +157,7 @@ class TestTask:
             done |= served
         assert done.all()
 
+    @pytest.mark.slow
     def test_rate_at_a_hundred_metres(self):
         """Shannon's rate over 10 kHz at 20 kHz and 100 m, from the sonar equation written out by hand."""
         link = ["nodes.rate_law=shannon", "nodes.frequency=20000", "nodes.bandwidth=10000"]
