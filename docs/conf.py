@@ -23,6 +23,7 @@ extensions = [
     "navigation",
     "pictures",
     "reference_pages",
+    "references",
 ]
 exclude_patterns = ["_build", "gallery/*.py", "gallery/*.ipynb"]
 

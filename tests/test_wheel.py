@@ -18,16 +18,16 @@ import sys
 from importlib.metadata import version
 from pathlib import Path
 
+import torch
+
 import usvauv
 from usvauv import Scenario, World, policies
 
 assert Path(usvauv.__file__).is_relative_to(sys.argv[1])
 world = World(Scenario.load("extreme"), num_worlds=3, seed=0)
 policy = policies.load("sac-extreme", world)
-observation = world.reset()
-for _ in range(3):
-    observation = world.step(policy.act(observation))[0]
-assert observation.isfinite().all()
+action = policy.act(torch.zeros(3, 2, world.observation_size))  # by a kernel, whose source Taichi reads
+assert action.isfinite().all()
 print(policy.name, version("usvauv"))
 """
 
@@ -87,7 +87,7 @@ def test_it_holds_each_file_of_the_packages(wheel):
         assert {name for name in archive.namelist() if ".dist-info/" not in name} == files
 
 
-def test_a_shipped_policy_sails(installed, tmp_path):
+def test_a_shipped_policy_acts(installed, tmp_path):
     version = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
     assert output(tmp_path, installed, "-c", MISSION, installed).splitlines()[-1] == f"sac-extreme {version}"
 

@@ -70,8 +70,8 @@ AT_ONCE = ["auv.speed_lag=0", "auv.speed_noise=0", "auv.depth_noise=0"]
 
 def serving(hover, *changes, scenario="ideal", boat=None):
     """One world whose AUVs, of no class, serve nodes where they are, (100, 100), for a time (s); nothing arrives."""
-    own = ["nodes.arrival_rates=[0]", "auv.start_separation=0", "auv.vehicle=none", *AT_ONCE, *changes]
-    world = World(Scenario.load(scenario, own), 1, 4, boat)
+    own = ["nodes.arrival_rates=[0]", "auv.start_separation=0", "auv.vehicle=none", "auv.battery=1000", *AT_ONCE]
+    world = World(Scenario.load(scenario, [*own, *changes]), 1, 4, boat)
     world.reset()
     for k in range(world.num_auvs):
         world.node[0, k, NodeColumn.span("x", "y")] = 100.0
@@ -210,7 +210,8 @@ def test_a_refused_move_is_a_hover(current, moved, thrust):
 
 def test_a_mission_charges_hovering_by_the_current_at_the_auv():
     """In vortices of 1.5 to 3 m/s most AUVs that hover pay more than the least, and none more than top speed."""
-    strong = ["current.count=6", "current.circulation_min=300", "current.circulation_max=500", "auv.vehicle=none"]
+    strong = ["current.count=6", "current.circulation_min=300", "current.circulation_max=500"]
+    strong += ["auv.vehicle=none", "auv.battery=1000"]
     world = World(Scenario.load("ideal", [*strong, "auv.hover_radius=60"]), 64, seed=4)
     policy = policies.load("straight", world)
     observation = world.reset()

@@ -39,7 +39,7 @@ SLOW = ("nodes.payload=200",)  # services of minutes, in which the buffer overfl
         ("extreme", ("auv.count=5",)),
         ("extreme", (*CROWDED, *TINY)),
         ("ideal", (*CROWDED, *SLOW)),
-        ("paper-extreme", ("boat.strategy=centroid", "auv.count=1", "nodes.count=1", *TINY)),
+        ("paper-extreme", ("boat.strategy=hold:100,100", "auv.count=1", "nodes.count=1", *TINY)),
         ("ideal", ("nodes.buffer=10000000", "nodes.start_backlog=10000000")),
         ("ideal", ("nodes.count=500", "mission.step=5", "nodes.arrival_rates=[16]", "nodes.buffer=300",
                    "nodes.start_backlog=1")),

@@ -17,7 +17,7 @@ from usvauv.kernels.mission.columns import AuvColumn, BeliefColumn, NodeColumn, 
 from usvauv.policies.heuristics.passing import Loiter, loiter_radius
 
 STILL = ["auv.speed_lag=0", "auv.speed_noise=0", "auv.depth_noise=0", "nodes.arrival_rates=[0]", "auv.count=1"]
-STILL += ["auv.vehicle=none"]  # the paper's law of power, 1.2 to 2.2 m/s
+STILL += ["auv.vehicle=none", "auv.battery=1000"]  # the paper's law of power, 1.2 to 2.2 m/s
 SOUND = [
     "nodes.service=passing",
     "nodes.service_range=80",

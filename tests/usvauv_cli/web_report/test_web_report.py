@@ -19,7 +19,7 @@ from tests.usvauv_cli.web_report.pages import (
     check_figures,
     in_browser,
 )
-from tests.usvauv_env.record.made_traces import following, synthetic_trace
+from tests.usvauv_env.record.made_traces import following, keeping_station, synthetic_trace
 from usvauv import play, policies
 from usvauv.cli.evaluation.comparison import COUNTS, Comparison
 from usvauv.cli.evaluation.comparison_tables import column_tables, sentences
@@ -206,15 +206,14 @@ def test_of_targets_that_move_it_shows_estimates_errors_and_where_they_get(tmp_p
     assert max(width, length) < 1000
 
 
-def test_stations_have_no_figures_of_data(run_usvauv, tmp_path):
+def test_stations_have_no_figures_of_data(tmp_path):
     """And one episode has no intervals."""
-    few = ["--policy", "keep", "--policy", "random", "--episodes", 1, "--set", "mission.duration=8"]
-    code, stdout, _ = run_usvauv("eval", "station-keeping", *few, "--report", "deep/er")
-    assert code == 0
-    folder = tmp_path / "deep" / "er"
-    assert f"report: {folder / 'index.html'}\n" in stdout
-    assert sorted(path.name for path in folder.iterdir()) == ["errors.pdf", "index.html", "trajectories.pdf"]
-    text = (folder / "index.html").read_text(encoding="utf-8")
+    trace = keeping_station(synthetic_trace(steps=8))
+    recordings = Recordings(1)
+    recordings.add(trace, 0)
+    page.write(tmp_path, trace.scenario, 0, compared(episode_metrics(trace)), recordings)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["errors.pdf", "index.html", "trajectories.pdf"]
+    text = (tmp_path / "index.html").read_text(encoding="utf-8")
     for words in ("Mbit", "Age of data", "±"):
         assert words not in text.partition("<script>")[0].partition("<h2>How it was made")[0], words
     assert "off station, m" in text
@@ -223,14 +222,16 @@ def test_stations_have_no_figures_of_data(run_usvauv, tmp_path):
 def test_a_figure_that_no_episode_has_is_a_dash(run_usvauv, tmp_path):
     """Two steps are too short for a service, and fixes that never arrive have no error to draw."""
     none = ["--set", "mission.duration=2", "--set", "usbl.packet_loss=0.999999", "--episodes", 2, "--usv", "hold:0,0"]
-    code, said, _ = run_usvauv("eval", "ideal", "--policy", "straight", *none, "--report", "report", "--wide")
+    code, said, _ = run_usvauv("eval", "ideal", "--policy", "straight", *none, "--report", "deep/er", "--wide")
     assert code == 0
+    folder = tmp_path / "deep" / "er"
+    assert f"report: {folder / 'index.html'}\n" in said
     *_, line = (line for line in said.splitlines() if line.startswith("straight"))
     assert re.split("  +", line.rstrip())[-5:] == ["–", "0.00 ± 0.00", "–", "–", "2 ± 0"]
     (row, _) = read_rows(tmp_path / "metrics.csv")
     assert [row[name] for name in ("fix_error_median", "fix_error_rms", "fix_wrapped")] == ["nan"] * 3
-    assert sorted(path.stem for path in tmp_path.glob("report/*.pdf")) == ["ages", "errors", "front", "trajectories"]
-    text = (tmp_path / "report" / "index.html").read_text(encoding="utf-8")
+    assert sorted(path.stem for path in folder.glob("*.pdf")) == ["ages", "errors", "front", "trajectories"]
+    text = (folder / "index.html").read_text(encoding="utf-8")
     _, ages, fixes = Elements(text).tables
     assert ages[1][-1] == "–"
     assert fixes[1][5] == "–"

@@ -15,12 +15,11 @@ from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, EstimateColumn
 from usvauv.kernels.mission.worlds import STATE
 
 PLUGIN = Path(__file__).parents[3] / "examples" / "plugins" / "task.py"
-WITHOUT_CHANNEL = [*EVERY_STEP, "auv.count=4", "usbl.packet_loss=0.2"]
 RACE = ["current.circulation_min=400", "current.circulation_max=800"]
 RACE += ["current.core_radius_min=40", "current.core_radius_max=40"]
 CASES = {
     "extreme": ("extreme", ["nodes.start_backlog=5000"], "fim"),
-    "in a strong current": ("extreme", [*WITHOUT_CHANNEL, *RACE], "hold:0,200"),
+    "in a strong current": ("extreme", ["auv.count=4", *RACE], "fim"),
     "paper-extreme": ("paper-extreme", [], "hold:100,100"),
     "station-keeping": ("station-keeping", [], "fim"),
 }
@@ -109,7 +108,7 @@ def _plugin(own_registries):
 
 
 ALONE = {
-    "losses": ("extreme", ["auv.count=4", "usbl.packet_loss=0.2"], "hold:0,200"),
+    "losses": ("extreme", ["auv.count=4", "usbl.packet_loss=0.2"], "fim"),
     "nonlinear": ("extreme", ["sea.equations=nonlinear", "sea.radiating_edges=['west']"], "fim"),
     "station-keeping": ("station-keeping", ["auv.count=5"], "fim"),
     "plugin": ("extreme", [*EVERY_STEP, "task=survey"], "hold:0,200"),
@@ -153,6 +152,7 @@ def test_alone_as_in_a_batch(case):
 MANY = {
     "extreme": ("extreme", ["auv.count=5", "usbl.packet_loss=0.2"], None),
     "two boats": ("wide", ["boat.count=2", "channel.schedule=turns"], None),
+    "torpedo": ALONE["torpedo"],
     "Otter and torpedoes": ("wide-torpedo", ["boat.model=otter", "boat.vessel=otter", "auv.count=9"], None),
     "paper": ("paper-extreme", [], None),
     "greedy": ("extreme", ["planner.objective=a"], "fim-greedy"),
@@ -161,7 +161,7 @@ MANY = {
 
 
 @pytest.mark.cpu("many worlds side by side")
-@pytest.mark.parametrize("case", slowly(MANY, "greedy", "two boats", "paper"))
+@pytest.mark.parametrize("case", slowly(MANY, "greedy", "two boats", "paper", "Otter and torpedoes"))
 @pytest.mark.usefixtures("own_registries")
 def test_alone_as_among_many(case, monkeypatch):
     """So many worlds that several are side by side in vectors: the first, one between and the last have equal bits."""

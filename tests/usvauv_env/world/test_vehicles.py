@@ -56,7 +56,7 @@ def test_it_moves_as_vehicles_alone_in_the_same_water():
     circulation, core, middle, action = 500.0, 80.0, np.array([300.0, 300.0]), np.array([-0.6, 0.5])
     eddy = [f"current.circulation_{end}={circulation}" for end in ("min", "max")]
     eddy += [f"current.core_radius_{end}={core}" for end in ("min", "max")]
-    eddy += ["current.centres=[[300.0, 300.0]]", "current.alternate=false", "current.count=0", "current.mutual=false"]
+    eddy += ["current.centres=[[300.0, 300.0]]", "current.alternate=false", "current.count=0", "auv.battery=1000"]
     eddy += ["current.period=100000", "current.decay_depth=0", "storm.spectrum=none", "sea.irregular_rms=0"]
     place = ["area.width=600", "area.length=600", "auv.start_margin=200", "auv.depth_noise=0"]
     world = torpedo(3, 5, "auv.vehicle=none", *place, *eddy)

@@ -16,6 +16,7 @@ from usvauv.kernels.positioning import tracker, usbl
 
 TEAMS = ["area.width=400", "area.length=400", "auv.count=4", "boat.count=2"]
 TWO = [*EVERY_STEP, *TEAMS, "task=station-keeping"]
+ONE = [*EVERY_STEP, *TEAMS, "boat.count=1"]
 IN_TURN = [*TEAMS, "channel.schedule=turns", "nodes.target_rule=tour"]
 CHANNEL = [*CODED, *TEAMS, "task=station-keeping"]
 APART = "hold:50,200,350,200"
@@ -163,6 +164,7 @@ class TestChannel:
         )
         assert set(np.diff(by[:, 0][heard[:, 0]])) == {-1.0, 1.0}
 
+    @pytest.mark.slow
     def test_all_at_once_by_each_boat_in_turn(self):
         """Each AUV is heard by the boat that has asked; the exchange lasts until the reply of the farthest."""
         world = world_of([*self.LONG, "channel.schedule=all"], APART)
@@ -209,7 +211,7 @@ class TestPlans:
 
     def test_fim_leaves_a_lower_maximum_within_four_seconds(self):
         """Its goal is above one AUV, while two others are close together and far away."""
-        world = world_of([*TWO, "boat.count=1", "auv.count=3", "auv.depth=30"], "fim")
+        world = world_of([*ONE, "auv.count=3", "auv.depth=30"], "fim")
         auvs = torch.tensor([[40.0, 200.0], [40.0, 200.0], [360.0, 200.0]])
         step(world, auvs)
         goal = world.boat[..., BoatColumn.span("goal_x", "goal_y")]
@@ -223,7 +225,7 @@ class TestPlans:
 
     def test_fim_finds_the_best_place_for_64_auvs(self):
         """It leaves the smaller of two groups; no place of a dense grid, polished, is better by 1e-5 in ln."""
-        world = world_of([*TWO, "boat.count=1", "auv.count=64", "auv.depth=30", "auv.start_separation=10"], "fim")
+        world = world_of([*ONE, "auv.count=64", "auv.depth=30", "auv.start_separation=10"], "fim")
         code = objectives.objective_code(world.scenario.planner.measurement, world.scenario.planner.objective)
         groups = torch.tensor([[60.0, 200.0]] * 24 + [[340.0, 200.0]] * 40)
         auvs = groups + 20 * torch.rand(64, 2, generator=torch.Generator().manual_seed(0))
