@@ -83,6 +83,9 @@ WorkColumn = columns(
 )
 FIRST = LANES  # the columns between `FilterColumn` and this one are the caller's
 ROOM = len(WorkColumn.names) * CAPACITY // LANES  # vectors of a workspace
+# Bits of any place in memory. A sum of a number of so many bits and a small one does not overflow, so that the compiler
+# takes the places of all columns of a group from one address; else it widens each from 32 bits to 64.
+NO_OVERFLOW = (1 << 30) - 1
 # Least and greatest number of each column.
 ANYWHERE, FLAG, STEPS = (-1e12, 1e12), (0.0, 1.0), (0.0, 1e8)
 HEAD_BOUNDS = 7 * (ANYWHERE,) + (FLAG, FLAG, STEPS, (0.0, float(CAPACITY)), ANYWHERE)
@@ -119,7 +122,7 @@ class Cells(NamedTuple):
     def __getitem__(self, place: Any) -> Any:
         """Taichi calls it."""
         column, group = place
-        return self.read(self.first + column * self.groups + group)
+        return self.read((self.first + group & NO_OVERFLOW) + column * self.groups)
 
     @property
     def one(self) -> "One":
@@ -201,18 +204,21 @@ def filter_of(
         return impl.subscript(None, filters, w, k, i, place)
 
     def of_room(row: Any) -> Any:
-        return impl.subscript(None, room, place, row)
+        if impl.current_cfg().check_out_of_bound:
+            return impl.subscript(None, room, row // ROOM, row % ROOM)
+        return impl.subscript(None, room, 0, row)
 
     def of_lane(number: Any) -> Any:
-        return impl.subscript(None, of_room(number >> LANE_BITS), number & (LANES - 1))
+        return impl.subscript(None, impl.subscript(None, room, place, number >> LANE_BITS), number & (LANES - 1))
 
     head = Head((filters, at))
     if not in_lanes:
         kept, work = Cells(of_filter, FIRST, KEPT, 1), Cells(of_lane, 0, CAPACITY, 1)
         return Filter(head, kept, work, depth_unknown, depths)
     size = filters.shape
-    first = impl.expr_init(((w * size[1] + k) * size[2] + i) * (size[3] // LANES) + FIRST // LANES)
-    kept, work = Cells(of_row, first, KEPT // LANES, LANES), Cells(of_room, 0, CAPACITY // LANES, LANES)
+    row = impl.expr_init(((w * size[1] + k) * size[2] + i) * (size[3] // LANES) + FIRST // LANES)
+    kept = Cells(of_row, row, KEPT // LANES, LANES)
+    work = Cells(of_room, impl.expr_init(place * ROOM), CAPACITY // LANES, LANES)
     return Filter(head, kept, work, depth_unknown, depths)
 
 
