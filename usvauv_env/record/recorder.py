@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import defaultdict
 from collections.abc import Callable
 from contextlib import nullcontext
 
@@ -23,9 +22,10 @@ from usvauv.kernels.types import Level
 from usvauv.kernels.vehicles.otter import HullColumn
 
 SURFACE_PIXELS = 128
-COPIES = 2.5  # of a state in memory: as recorded, joined with the others, and derived arrays
+COPIES = 2.5  # of a state in memory: as recorded, once more while room for others is made, and derived arrays
 EACH = 1000.0  # bytes of Python objects per state
-NO_BODY = torch.zeros(0, device="cpu")
+OF_BODY = BodyColumn.span("depth", "propeller")  # what `of_bodies` reads
+MEASURED = "node_range", "boat_range"
 NO_STORM = np.zeros((0, 5))
 
 
@@ -66,48 +66,63 @@ class Recorder:
         self.world = world
         self._start, self._flow = world.site.start, world.site.current
         self._moving = world.scenario.task_definition.targets == "moving"
-        self._measured = {  # of each trace's variable the task's memory that has it, and its column there
-            variable: (memory, columns.names.index("measured"))
-            for variable, memory, columns in (
-                ("node_range", world.task_pair, world.scenario.task_definition.pair_columns),
-                ("boat_range", world.task_boat, world.scenario.task_definition.boat_columns),
-            )
-            if columns and "measured" in columns.names
-        }
-        self._rows: defaultdict[str, list[np.ndarray]] = defaultdict(list)
+        self._read: World | None = None
+        self._parts: dict[str, torch.Tensor] = {}  # of the memory of the world that was read last
+        self.clear()
 
     def __len__(self) -> int:
-        return len(self._rows["auv"])
+        return self._count
 
     def clear(self) -> None:
-        """Remove all states."""
-        self._rows.clear()
+        """Remove all states; earlier traces keep theirs."""
+        self._rows: dict[str, np.ndarray] = {}
+        self._count = 0
 
     def drop_last(self) -> None:
-        """Remove the last state."""
-        for rows in self._rows.values():
-            rows.pop()
+        """Remove the last state; the next one replaces it in earlier traces too."""
+        self._count -= 1
 
     def add(self) -> None:
         """Append the present state of the world."""
-        world, num_vortices = self.world, self.world.scenario.current.vortices
-        for name, tensor in (
-            ("auv", world.auv),
-            ("boat", world.boat),
-            ("hull", world.hull),
-            ("tally", world.tally),
-            ("backlog", world.node[..., NodeColumn.backlog]),
-            ("terms", world.reward_terms),
-            ("estimate", world.estimate),
-            ("own", world.own_position),
-            ("foreseen", world.foreseen_position),
-            ("vortex", world.vortex[:, :num_vortices]),
-            ("body", world.body if world.scenario.auv.dynamic else NO_BODY),
-            ("way", world.node[..., NodeColumn.span("x", "y")] if self._moving else NO_BODY),
-            ("targets", world.task_node if self._moving else NO_BODY),
-            *((name, memory[..., column]) for name, (memory, column) in self._measured.items()),
-        ):
-            self._rows[name].append(tensor.cpu().numpy().copy())
+        if self._read is not self.world:
+            self._read, self._parts = self.world, self._parts_of(self.world)
+        if not self._rows or self._count == len(self._rows["auv"]):
+            self._make_room()
+        for name, part in self._parts.items():
+            self._rows[name][self._count] = part.numpy(force=True)
+        self._count += 1
+
+    def _make_room(self) -> None:
+        """Make memory for the states of an episode, or for twice as many as there are."""
+        for name, part in self._parts.items():
+            rows = np.empty((2 * self._count or self.world.steps, *part.shape), part.numpy(force=True).dtype)
+            if self._count:
+                rows[: self._count] = self._rows[name]
+            self._rows[name] = rows
+
+    def _parts_of(self, world: World) -> dict[str, torch.Tensor]:
+        """What is recorded of a world, as views of its memory."""
+        task, dynamic = world.scenario.task_definition, world.scenario.auv.dynamic
+        ranges = zip(MEASURED, (world.task_pair, world.task_boat), (task.pair_columns, task.boat_columns), strict=True)
+        return {
+            "auv": world.auv,
+            "boat": world.boat,
+            "hull": world.hull,
+            "tally": world.tally,
+            "backlog": world.node[..., NodeColumn.backlog],
+            "terms": world.reward_terms,
+            "estimate": world.estimate,
+            "own": world.own_position,
+            "foreseen": world.foreseen_position,
+            "vortex": world.vortex[:, : world.scenario.current.vortices],
+            **({"body": world.body[..., OF_BODY], "touched": world.body[..., BodyColumn.touched]} if dynamic else {}),
+            **({"way": world.node[..., NodeColumn.span("x", "y")], "targets": world.task_node} if self._moving else {}),
+            **{
+                name: memory[..., columns.names.index("measured")]
+                for name, memory, columns in ranges
+                if columns and "measured" in columns.names
+            },
+        }
 
     def trace(
         self,
@@ -132,9 +147,8 @@ class Recorder:
             ScenarioError: each world has its own seed.
         """
         world = self.world
-        vehicles, boats, hull, tally, backlog, terms, known, own, foreseen, vortex, body, way, targets, *ranges = (
-            np.stack([row[worlds] for row in rows[first:]]) for rows in self._rows.values()
-        )
+        of = {name: rows[first : self._count, worlds] for name, rows in self._rows.items()}
+        vehicles, boats, hull, tally, known = (of[name] for name in ("auv", "boat", "hull", "tally", "estimate"))
         nodes = world.node[worlds].cpu().numpy()
 
         def column(name: str) -> np.ndarray:
@@ -166,35 +180,35 @@ class Recorder:
             served_by=known[..., EstimateColumn.served_by].astype(np.int8),
             estimate=known[..., EstimateColumn.span("x", "y")],
             estimate_covariance=known[..., EstimateColumn.span("covariance_xx", "covariance_yy")],
-            own_position=own,
-            foreseen_position=foreseen,
+            own_position=of["own"],
+            foreseen_position=of["foreseen"],
             target=column("target").astype(np.int16),
             hovering=column("hovering").astype(np.int8),
             power=column("power"),
             service_rate=column("service_rate"),
             delivered=column("delivered"),
             border=column("border").astype(np.int8),
-            reward_terms=terms,
+            reward_terms=of["terms"],
             boat_position=boats[..., BoatColumn.span("x", "y")],
             boat_heading=turn,
             boat_goal=boats[..., BoatColumn.span("goal_x", "goal_y")],
             boat_surface=boats[..., BoatColumn.span("elevation", "slope_y")],
-            backlog=backlog,
+            backlog=of["backlog"],
             overflowing=tally[..., TallyColumn.overflowing].astype(np.int16),
             collisions=tally[..., TallyColumn.collisions].astype(np.int16),
             packets_created=tally[..., TallyColumn.packets_created].astype(np.int32),
             packets_lost=tally[..., TallyColumn.packets_lost].astype(np.int32),
             packets_delivered=column("packets_delivered").astype(np.int32),
-            vortex=vortex,
+            vortex=of["vortex"],
             stream_time=self._flow.times if self._flow else np.zeros(0),
             stream=self._flow.velocity[:, Level.cruise] if self._flow else np.zeros((0, 0, 0, 2), np.float32),
             surface=surface,
             storm=storm,
-            **(of_bodies(body) if world.scenario.auv.dynamic else {}),
+            **({**of_bodies(of["body"]), "auv_touched": of["touched"].astype(np.int8)} if "body" in of else {}),
             **({"auv_charge": column("charge")} if world.scenario.auv.battery else {}),
             **({"boat_power": boat_power(world.scenario, boats)} if world.scenario.boat.metered else {}),
-            **({"node_way": way, **estimates(world.scenario, targets)} if self._moving else {}),
-            **dict(zip(self._measured, ranges, strict=True)),
+            **({"node_way": of["way"], **estimates(world.scenario, of["targets"])} if self._moving else {}),
+            **{name: of[name] for name in MEASURED if name in of},
         )
 
 
@@ -215,7 +229,7 @@ def boat_power(scenario: Scenario, boats: np.ndarray) -> np.ndarray:
 
 
 def of_bodies(body: np.ndarray) -> dict[str, np.ndarray]:
-    """The arrays of a trace for vehicles with dynamics, from their bodies (..., Y)."""
+    """The arrays of a trace for vehicles with dynamics, from columns of their bodies from the first on, `OF_BODY`."""
     q0, q1, q2, q3 = np.moveaxis(body[..., BodyColumn.span("q0", "q3")], -1, 0)
     yaw = np.arctan2(2 * (q1 * q2 + q0 * q3), 1 - 2 * (q2**2 + q3**2))
     pitch = np.arcsin(np.clip(2 * (q0 * q2 - q3 * q1), -1, 1))
@@ -225,7 +239,6 @@ def of_bodies(body: np.ndarray) -> dict[str, np.ndarray]:
         "auv_depth": body[..., BodyColumn.depth],
         "auv_attitude": np.stack([heading, pitch, roll], -1).astype(np.float32),
         "auv_fins": body[..., BodyColumn.span("rudder", "propeller")],
-        "auv_touched": body[..., BodyColumn.touched].astype(np.int8),
     }
 
 

@@ -336,8 +336,9 @@ class World:
     @property
     def own_position(self) -> torch.Tensor:
         """Each AUV's own position estimate, (W, K, 2), m: by dead reckoning, or else the boat's estimate."""
-        reckons = self.scenario.navigation.sensor != "none"
-        return self.own[..., [tracker.X, tracker.Y]] if reckons else self.estimate[..., EstimateColumn.span("x", "y")]
+        if self.scenario.navigation.sensor != "none":
+            return self.own[..., tracker.X : tracker.Y + 1]
+        return self.estimate[..., EstimateColumn.span("x", "y")]
 
     @property
     def foreseen_position(self) -> torch.Tensor:
