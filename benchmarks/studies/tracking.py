@@ -6,7 +6,7 @@
     python -m benchmarks.studies.tracking --part depths
     python -m benchmarks.studies.tracking --part few
     python -m benchmarks.studies.tracking --part rare
-    python -m benchmarks.studies.tracking --runs runs/tracking-plain --out docs/circling.png
+    python -m benchmarks.studies.tracking --runs runs/hard --runs runs/expert --out docs/circling.png
 
 First `tracking-plain`, by team and setting of the published environment: the error of the estimates of the AUV with the
 smallest range, after the first 20 steps, its median and its mean over worlds, targets and steps, the latter with the
@@ -27,8 +27,9 @@ Then `tracking`: the same by the boat's strategy, with a boat that does not list
 exactly; differences from `belief` are paired.
 Then with rare fixes, and with the share of targets within the ellipse of 95 % of their estimate.
 
-With `--runs`, a folder of training runs that differ only in the seed, instead: their curves, and the errors of their
-last policies beside those of `circle` in the same worlds, with the 95 % interval over seeds and worlds together.
+With `--runs`, folders of training runs instead, those of a folder at one setting and with different seeds: their
+curves, and the errors of their last policies at that setting beside those of rules in the same worlds, with the 95 %
+interval over seeds and worlds together.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ from usvauv.env.record.tracking_metrics import nees, settled, track_error
 from usvauv.env.render.figures import write_pair
 from usvauv.env.render.style import Ground
 from usvauv.kernels.mission.tasks.tracking_columns import TargetColumn
-from usvauv.policies.checkpoint import ENDING, LAST, path_of, read_history
+from usvauv.policies.checkpoint import ENDING, LAST, path_of, read_history, read_run
 
 SETTINGS = {  # share of the AUVs' speed, and time between turns, s: 5 to 14 steps, or 2 to 9
     "easy": ((0.0, 0.35), (120.0, 420.0)),
@@ -64,6 +65,7 @@ SETTINGS = {  # share of the AUVs' speed, and time between turns, s: 5 to 14 ste
 TEAMS = (1, 3, 5)
 RULES = ("straight", "circle", "tree:1", "tree:3")
 DEEPER = ("tree:1", "tree:4", "tree:5")
+RIVALS = ("circle", "tree:1", "tree:3")  # of learned policies
 SPEED = 0.986  # m/s, of the AUVs
 PUBLISHED = {
     (1, "easy"): "10.8 (13.4)",
@@ -83,7 +85,6 @@ PLACES = {
     "places known": ("belief", ("task_parameters.places_known=1",)),
 }
 FEW = ((1, 2), (2, 4), (2, 8))  # AUVs and targets
-CELLS = ((1, "hard"), (3, "easy"), (3, "medium"), (3, "hard"), (3, "expert"), (5, "hard"))  # for learned policies
 MEASUREMENTS = {
     "ranges": (),
     "ranges, signals of 60 dB excess at 1 m fade": ("signal_excess=60",),
@@ -289,55 +290,73 @@ def rates(teams: Sequence[int], worlds: int) -> list[dict[str, object]]:
     return rows
 
 
+def setting_of(path: Path) -> str:
+    """The setting at which a policy was trained, by the speed of the fastest targets."""
+    fastest = read_run(path)[0].task_numbers["target_speed_most"]
+    return min(SETTINGS, key=lambda name: abs(SETTINGS[name][0][1] * SPEED - fastest))
+
+
 def learned(runs: Sequence[Path], worlds: int, seed: int) -> list[dict[str, object]]:
-    """Rows of the last policies of training runs beside `circle` and `tree`."""
-    rows = []
-    for team, name in CELLS:
+    """Rows of the last policies of training runs at their setting, beside the rules that follow targets."""
+    rows, name = [], setting_of(runs[0])
+    for team in TEAMS:
         scenario = setting(name, team)
-        rules = ("circle", "tree:3", *(path_of(path, LAST) for path in runs))
-        traces = (run(scenario, str(rule), worlds, seed) for rule in rules)
-        circle, tree, *others = (track_error(trace)[settled(trace)] for trace in traces)
-        gain = np.array([by_world(other) - by_world(circle) for other in others])  # (seeds, W)
-        seeds = gain.mean(axis=1)
-        variance = gain.mean(axis=0).var(ddof=1) / worlds + (seeds.var(ddof=1) / len(seeds) if len(seeds) > 1 else 0.0)
+        by_rule = {
+            rule: track_error(each)[settled(each)] for rule in RIVALS for each in [run(scenario, rule, worlds, seed)]
+        }
+        best = min(by_rule, key=lambda rule: float(by_rule[rule].mean()))
+        traces = [run(scenario, str(path_of(path, LAST)), worlds, seed) for path in runs]
+        own = [track_error(trace)[settled(trace)] for trace in traces]
         rows.append(
             {
                 "team": f"{team} on {team}",
                 "setting": name,
-                "median by circle, m": float(f"{np.median(circle):.1f}"),
-                "median, m": float(f"{np.median(others):.1f}"),
-                "mean by circle, m": interval(by_world(circle)),
-                "mean, m": float(f"{np.mean(others):.1f}"),
-                "from circle, m": f"{gain.mean():.2f} ± {NORMAL * np.sqrt(variance):.2f}",
-                "seeds, m": f"{seeds.min():.2f} to {seeds.max():.2f}",
-                "tree from circle, m": interval(by_world(tree) - by_world(circle), 2),
+                "best rule": best,
+                "its median, m": float(f"{np.median(by_rule[best]):.1f}"),
+                "median, m": float(f"{np.median(own):.1f}"),
+                "its mean, m": interval(by_world(by_rule[best])),
+                "mean, m": float(f"{np.mean(own):.1f}"),
             }
+            | {f"from {rule}, m": difference(own, by_rule[rule]) for rule in RIVALS}
         )
     return rows
 
 
-def curves(runs: Sequence[Path]) -> list[dict[str, float]]:
+def difference(learned: Sequence[np.ndarray], rule: np.ndarray) -> str:
+    """Mean difference of errors, (T, W, M), of policies from those by a rule, with the seeds' extremes."""
+    gain = np.array([by_world(each) - by_world(rule) for each in learned])  # (seeds, W)
+    seeds = gain.mean(axis=1)
+    variance = gain.mean(axis=0).var(ddof=1) / gain.shape[1]
+    if len(seeds) > 1:
+        variance += seeds.var(ddof=1) / len(seeds)
+    return f"{gain.mean():.2f} ± {NORMAL * np.sqrt(variance):.2f} ({seeds.min():.2f} to {seeds.max():.2f})"
+
+
+def curves(runs: Sequence[Path]) -> list[dict[str, object]]:
     """Margins of the team's ARPS over that of `circle` in the evaluations of training runs."""
-    histories = [read_history(path) for path in runs]
+    histories, name = [read_history(path) for path in runs], setting_of(runs[0])
     rows = [(int(each[0]["steps"]), [own["margin"] for own in each]) for each in zip(*histories, strict=True)]
     return [
-        {"steps": steps, "mean": float(np.mean(margins))}
+        {"setting": name, "steps": steps, "mean": float(np.mean(margins))}
         | {path.name: margin for path, margin in zip(runs, margins, strict=True)}
         for steps, margins in rows
     ]
 
 
-def draw(rows: Sequence[dict[str, float]], ground: Ground) -> Figure:
-    """The curves of each run and their mean."""
+def draw(rows: Sequence[dict[str, Any]], ground: Ground) -> Figure:
+    """The curves of each run and their mean, a panel for each setting."""
+    names = list(dict.fromkeys(row["setting"] for row in rows))
     figure = Figure(figsize=(7.2, 3.6), layout="constrained")
-    axes = figure.subplots()
-    steps, mean, *each = np.array([[*row.values()] for row in rows]).T
-    for margins in each:
-        axes.plot(steps / 1000, margins, color=ground.muted, lw=0.8)
-    axes.plot(steps / 1000, mean, "o-", color=ground.colours[0], ms=4, label="mean of the seeds")
-    axes.axhline(0.0, ls="--", lw=1.2, color=ground.text, label="circle")
-    axes.set(xlabel="thousands of world-steps", ylabel="ARPS of the team, over circle's")
-    axes.legend(loc="upper left")
+    panels = figure.subplots(1, len(names), sharey=True, squeeze=False)[0]
+    for axes, name in zip(panels, names, strict=True):
+        steps, mean, *each = np.array([[*row.values()][1:] for row in rows if row["setting"] == name]).T
+        for margins in each:
+            axes.plot(steps / 1000, margins, color=ground.muted, lw=0.8)
+        axes.plot(steps / 1000, mean, "o-", color=ground.colours[0], ms=4, label="mean of the seeds")
+        axes.axhline(0.0, ls="--", lw=1.2, color=ground.text, label="circle")
+        axes.set(title=f"trained at {name}", xlabel="thousands of world-steps")
+    panels[0].set(ylabel="ARPS of the team, over circle's")
+    panels[0].legend(loc="upper left")
     return figure
 
 
@@ -346,16 +365,19 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=200, help="worlds of each row")
     parser.add_argument("--seed", type=int, default=2026)
     parser.add_argument("--part", choices=PARTS, help="one table; default all")
-    parser.add_argument("--runs", type=Path, help="folder of training runs, one for each seed")
+    parser.add_argument(
+        "--runs", type=Path, action="append", help="folder of training runs, one for each seed; repeatable"
+    )
     parser.add_argument("--out", type=Path, help="X.png: figures X-light.png and X-dark.png of their curves to write")
     arguments = parse(parser)
     worlds, seed = arguments.episodes, arguments.seed
     result: dict[str, Any] = {"machine": describe(), "episodes": worlds, "seed": seed}
     if arguments.runs:
-        runs = sorted(path.parent for path in arguments.runs.glob(f"*/{LAST}{ENDING}"))
-        if not runs:
-            parser.error(f"--runs {arguments.runs}: has no training runs")
-        result |= {"curves": curves(runs), "learned": learned(runs, worlds, seed)}
+        teams = [sorted(path.parent for path in folder.glob(f"*/{LAST}{ENDING}")) for folder in arguments.runs]
+        if not all(teams):
+            parser.error(f"--runs {arguments.runs[teams.index([])]}: has no training runs")
+        result["curves"] = [row for runs in teams for row in curves(runs)]
+        result["learned"] = [row for runs in teams for row in learned(runs, worlds, seed)]
         if arguments.out:
             write_pair(arguments.out, partial(draw, result["curves"]))
         show(result, arguments.json)
