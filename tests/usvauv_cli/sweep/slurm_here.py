@@ -29,7 +29,8 @@ def stand_in() -> Iterator[dict[str, str]]:
 
 
 def _sbatch(jobs: Path, script: str) -> None:
-    fields = [line.removeprefix("#SBATCH --").partition("=") for line in Path(script).read_text().splitlines()]
+    text = Path(script).read_text()  # as Slurm keeps a copy: submitit moves the file while the job begins
+    fields = [line.removeprefix("#SBATCH --").partition("=") for line in text.splitlines()]
     about = {name: value for name, _, value in fields}
     if about["partition"] != "batch":
         sys.exit("sbatch: error: invalid partition specified")
@@ -41,7 +42,7 @@ def _sbatch(jobs: Path, script: str) -> None:
         ranks = dict.fromkeys(("SLURM_NODEID", "SLURM_PROCID", "SLURM_LOCALID"), "0")
         one = dict.fromkeys(("SLURM_NTASKS", "SLURM_JOB_NUM_NODES"), "1")
         running = subprocess.Popen(
-            ["sh", "-c", f"sh {script}; rm {jobs / name}"],
+            ["sh", "-c", 'sh -c "$1"; rm "$2"', "sh", text, str(jobs / name)],
             env={**os.environ, "SLURM_JOB_ID": f"{number}", **array, **ranks, **one},
             stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,
         )  # fmt: skip

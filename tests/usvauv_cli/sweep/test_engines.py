@@ -130,7 +130,9 @@ class TestSlurmEngine:
         with signs_in(tmp_path) as signs:
             left.submit([Task("a", partial(work.until_stopped, path), signs, 1, "cpu")])
             assert left.wait(0.1) == []
+            until = time.monotonic() + 60
             while not path.exists():
+                assert time.monotonic() < until
                 time.sleep(0.1)
             with signs_in(tmp_path):
                 assert left.wait(30) == [Ended("a", "stopped")]
