@@ -306,7 +306,8 @@ class Session:
         world = World(changed(self.scenario, changes), 1, self.world.seed, fine_sea=True, arch=self._arch)
         act = loading.acting(self.policy, world)
         world.continue_from(self.world)
-        self.world = self._recorder.world = world
+        self.world = world
+        self._recorder.watch(world)
         self._act, self._observation = act, world.observation
 
     def move_node(self, x: float, y: float, node: int | None = None) -> None:

@@ -24,7 +24,7 @@ from usvauv.kernels.vehicles.otter import HullColumn
 SURFACE_PIXELS = 128
 COPIES = 2.5  # of a state in memory: as recorded, once more while room for others is made, and derived arrays
 EACH = 1000.0  # bytes of Python objects per state
-OF_BODY = BodyColumn.span("depth", "propeller")  # what `of_bodies` reads
+OF_BODY = slice(BodyColumn.propeller + 1)  # what `of_bodies` reads
 MEASURED = "node_range", "boat_range"
 NO_STORM = np.zeros((0, 5))
 
@@ -63,11 +63,9 @@ class Recorder:
     """Copies the states of a world one by one and converts them into a trace."""
 
     def __init__(self, world: World) -> None:
-        self.world = world
         self._start, self._flow = world.site.start, world.site.current
         self._moving = world.scenario.task_definition.targets == "moving"
-        self._read: World | None = None
-        self._parts: dict[str, torch.Tensor] = {}  # of the memory of the world that was read last
+        self.watch(world)
         self.clear()
 
     def __len__(self) -> int:
@@ -84,8 +82,6 @@ class Recorder:
 
     def add(self) -> None:
         """Append the present state of the world."""
-        if self._read is not self.world:
-            self._read, self._parts = self.world, self._parts_of(self.world)
         if not self._rows or self._count == len(self._rows["auv"]):
             self._make_room()
         for name, part in self._parts.items():
@@ -100,11 +96,12 @@ class Recorder:
                 rows[: self._count] = self._rows[name]
             self._rows[name] = rows
 
-    def _parts_of(self, world: World) -> dict[str, torch.Tensor]:
-        """What is recorded of a world, as views of its memory."""
+    def watch(self, world: World) -> None:
+        """Record this world from now on; it continues the mission of the one before."""
+        self.world = world
         task, dynamic = world.scenario.task_definition, world.scenario.auv.dynamic
         ranges = zip(MEASURED, (world.task_pair, world.task_boat), (task.pair_columns, task.boat_columns), strict=True)
-        return {
+        self._parts = {  # views of the world's memory
             "auv": world.auv,
             "boat": world.boat,
             "hull": world.hull,
