@@ -130,9 +130,14 @@ def by_world(values: np.ndarray) -> np.ndarray:
     return np.nanmean(np.moveaxis(values, 1, 0).reshape(values.shape[1], -1), axis=1)
 
 
+def errors(trace: Trace) -> np.ndarray:
+    """Errors of a trace, (T, W, M), m, from when it has settled."""
+    return track_error(trace)[settled(trace)]
+
+
 def mean_errors(trace: Trace) -> np.ndarray:
-    """Mean error of each world of a trace, (W,), m, from when it has settled."""
-    return by_world(track_error(trace)[settled(trace)])
+    """Their means of each world, (W,), m."""
+    return by_world(errors(trace))
 
 
 def interval(values: np.ndarray, digits: int = 1) -> str:
@@ -147,7 +152,7 @@ def root_mean(values: np.ndarray) -> float:
 
 def figures(trace: Trace) -> dict[str, object]:
     """Errors of a trace."""
-    error, squared = track_error(trace)[settled(trace)], nees(trace)[settled(trace)]
+    error, squared = errors(trace), nees(trace)[settled(trace)]
     return {
         "median, m": float(f"{np.median(error):.1f}"),
         "mean, m": interval(by_world(error)),
@@ -301,12 +306,9 @@ def learned(runs: Sequence[Path], worlds: int, seed: int) -> list[dict[str, obje
     rows, name = [], setting_of(runs[0])
     for team in TEAMS:
         scenario = setting(name, team)
-        by_rule = {
-            rule: track_error(each)[settled(each)] for rule in RIVALS for each in [run(scenario, rule, worlds, seed)]
-        }
+        by_rule = {rule: errors(run(scenario, rule, worlds, seed)) for rule in RIVALS}
         best = min(by_rule, key=lambda rule: float(by_rule[rule].mean()))
-        traces = [run(scenario, str(path_of(path, LAST)), worlds, seed) for path in runs]
-        own = [track_error(trace)[settled(trace)] for trace in traces]
+        own = [errors(run(scenario, str(path_of(path, LAST)), worlds, seed)) for path in runs]
         rows.append(
             {
                 "team": f"{team} on {team}",
