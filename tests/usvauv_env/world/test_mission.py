@@ -60,8 +60,8 @@ class TestStorm:
         changes = [*self.quiet, "boat.vessel=none", "boat.dead_band=0"]
         world = World(Scenario.load("extreme", changes), num_worlds=16, seed=3)
         run(world, 7)
-        corner = BoatColumn.span("x", "y")
-        world.boat[..., corner] = 0.0  # more than 4 m from where it goes
+        place = BoatColumn.span("x", "y")
+        world.boat[..., place] = 0.0  # more than 4 m from where it goes
         before = world.boat[:, 0].clone()
         world.step(torch.zeros(16, 2, 2))
         boat = world.boat[:, 0]
@@ -70,7 +70,7 @@ class TestStorm:
         torch.testing.assert_close(boat[:, BoatColumn.span("elevation", "current_y")], seen[:, :5])
         assert seen[:, 0].std() > 0.8
         drift = before[:, BoatColumn.span("current_x", "current_y")]
-        moved = (boat - before)[:, corner]
+        moved = (boat - before)[:, place]
         torch.testing.assert_close((moved - drift).norm(dim=1).cpu(), torch.full((16,), 4.0), atol=1e-4, rtol=0)
 
     def test_it_carries_the_auvs(self):
