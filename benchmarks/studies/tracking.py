@@ -10,21 +10,21 @@
 
 First `tracking-plain`, by team and setting of the published environment: the error of the estimates of the AUV with the
 smallest range, after the first 20 steps, its median and its mean over worlds, targets and steps, the latter with the
-95 % interval over worlds, and NEES/2, which is 1 where filters are consistent. `published` has median and mean of that
-environment's particle filter with its AUVs on a circle of 60 m, measured in it.
+95 % interval over worlds, its root mean square beside the posterior Cramér–Rao bound of that for the same ways
+(`usvauv.env.record.tracking_metrics.least_error`), and NEES/2, which is 1 where filters are consistent. `published` has
+median and mean of that environment's particle filter with its AUVs on a circle of 60 m, measured in it.
 
 Then `tree` with more steps, three on three; differences from `tree:3` are paired.
 
 Then what is measured, three on three at hard: ranges of 10 m, bearings of 3°, both; ranges of signals that fade.
 
-Then depths, known or not, with AUVs that turn freely: targets as at hard, and ones that go straight, with their rms
-error and the posterior Cramér–Rao bound of it for the ways of targets and AUVs.
+Then depths, known or not, with AUVs that turn freely: targets as at hard, and ones that go straight.
 
 Then fewer AUVs than targets: with AUVs that keep to a target, and that go to those of which they know least; the
 difference is paired.
 
-Then `tracking`: the same by the boat's strategy, with a boat that does not listen to targets, and with places known
-exactly; differences from `belief` are paired.
+Then `tracking`: the same by the boat's strategy, with a boat that does not listen to targets, without one, and with
+places known exactly; differences from `belief` are paired.
 Then with rare fixes, and with the share of targets within the ellipse of 95 % of their estimate.
 
 With `--runs`, folders of training runs instead, those of a folder at one setting and with different seeds: their
@@ -46,11 +46,10 @@ from matplotlib.figure import Figure
 from benchmarks.machine import command_line, describe, parse, show
 from usvauv import policies
 from usvauv.env import Scenario, World
-from usvauv.env.accuracy.tracking_bound import range_information, rms, tracking_bound
 from usvauv.env.record.metrics import own_error
 from usvauv.env.record.recorder import record
 from usvauv.env.record.trace import Trace
-from usvauv.env.record.tracking_metrics import nees, settled, track_error
+from usvauv.env.record.tracking_metrics import least_error, nees, settled, track_error
 from usvauv.env.render.figures import write_pair
 from usvauv.env.render.style import Ground
 from usvauv.kernels.mission.tasks.tracking_columns import TargetColumn
@@ -82,6 +81,7 @@ PLACES = {
     "belief, does not listen": ("belief", ("task_parameters.boat_listens=0",)),
     "fim": ("fim", ()),
     "hold": ("hold:1200,1200", ()),  # the middle
+    "none, AUVs only reckon": ("hold:1200,1200", ("task_parameters.boat_listens=0", "channel.interval=3600")),
     "places known": ("belief", ("task_parameters.places_known=1",)),
 }
 FEW = ((1, 2), (2, 4), (2, 8))  # AUVs and targets
@@ -98,7 +98,6 @@ DEPTHS = {
     "5 to 80 m, not known": ("depths_known=0", "depth_most=80"),
 }
 COURSES = {"turn": (), "go straight": ("turn_after_most=0",)}
-APART = 180.0  # m, from AUVs to targets at the start, at most
 PARTS = ("rules", "deeper", "measurements", "depths", "few", "places", "rare", "rates")
 INTERVALS = (0, 60, 180, 600)  # s, from one fix to the next, at least
 NORMAL, ELLIPSE = 1.96, 5.991  # of 95 %: of a normal number; of a χ² with two degrees of freedom
@@ -135,8 +134,13 @@ def errors(trace: Trace) -> np.ndarray:
     return track_error(trace)[settled(trace)]
 
 
+def bounds(trace: Trace, depth: np.ndarray | None = None) -> np.ndarray:
+    """Their bounds, likewise, for targets of depths (W, M), m, else of a middle one."""
+    return least_error(trace, depth)[settled(trace)]
+
+
 def mean_errors(trace: Trace) -> np.ndarray:
-    """Their means of each world, (W,), m."""
+    """Means of its errors in each world, (W,), m."""
     return by_world(errors(trace))
 
 
@@ -150,13 +154,15 @@ def root_mean(values: np.ndarray) -> float:
     return float(f"{np.sqrt(np.square(values).mean()):.1f}")
 
 
-def figures(trace: Trace) -> dict[str, object]:
-    """Errors of a trace."""
+def figures(trace: Trace, depth: np.ndarray | None = None) -> dict[str, object]:
+    """Errors of a trace, and their bound, see `bounds`."""
     error, squared = errors(trace), nees(trace)[settled(trace)]
     return {
         "median, m": float(f"{np.median(error):.1f}"),
         "mean, m": interval(by_world(error)),
         "95 %, m": float(f"{np.quantile(error, 0.95):.1f}"),
+        "rms, m": root_mean(error),
+        "bound, m": root_mean(bounds(trace, depth)),
         "NEES/2": interval(by_world(squared) / 2, 2),
         "in ellipses of 95 %": float(f"{np.mean(squared[np.isfinite(squared)] < ELLIPSE):.2f}"),
     }
@@ -194,27 +200,6 @@ def measurements(worlds: int, seed: int) -> list[dict[str, object]]:
     ]
 
 
-def least_error(trace: Trace, depth: np.ndarray) -> np.ndarray:
-    """Posterior Cramér–Rao bound of the rms error, (T, W, M), m, of targets of depths (W, M) that do not turn.
-
-    Each AUV is taken to receive each range that is not lost. Velocities walk as much as by the targets' courses, but
-    in both axes, as the bound has it.
-    """
-    given, step = trace.scenario.task_numbers, trace.scenario.mission.step
-    height = np.broadcast_to(depth - trace.scenario.auv.depth, trace.node_way.shape[:-1])[..., None]
-    target = np.concatenate([trace.node_way, height], -1)[:, :, None]  # (T, W, 1, M, 3)
-    auv = np.pad(trace.auv_position, ((0, 0),) * 3 + ((0, 1),))[..., None, :]
-    known = 2 if given["depths_known"] else 3
-    J = range_information(auv, target, given["range_noise"])[..., :known, :known]
-    J *= (np.linalg.norm(target - auv, axis=-1) <= given["range_most"])[..., None, None] * (1 - given["range_loss"])
-    slowest, fastest = given["target_speed_least"], given["target_speed_most"]
-    velocity = (slowest**2 + slowest * fastest + fastest**2) / 6
-    prior = [APART**2 / 2, APART**2 / 2, velocity, velocity, (given["depth_most"] - given["depth_least"]) ** 2 / 12]
-    walk = np.sqrt(velocity * step) * given["course_walk"]
-    bound = tracking_bound(np.moveaxis(J.sum(2), 0, -3), np.diag(prior[: known + 2]), step, walk)
-    return np.moveaxis(rms(bound), -1, 0)
-
-
 def depths(worlds: int, seed: int) -> list[dict[str, object]]:
     """Rows of what is known of depths."""
     rows = []
@@ -224,10 +209,7 @@ def depths(worlds: int, seed: int) -> list[dict[str, object]]:
             world = World(scenario, worlds, seed)
             trace = record(world, policies.load("circle", world).act, "circle")
             deep = world.task_node[..., TargetColumn.depth].cpu().numpy()
-            rows.append({"targets": courses, "depths": row} | figures(trace))
-            if straight:
-                error, least = (values[settled(trace)] for values in (track_error(trace), least_error(trace, deep)))
-                rows[-1] |= {"rms, m": root_mean(error), "bound, m": root_mean(least)}
+            rows.append({"targets": courses, "depths": row} | figures(trace, deep))
     return rows
 
 
@@ -245,7 +227,7 @@ def few(worlds: int, seed: int) -> list[dict[str, object]]:
                 {
                     "team": f"{team} on {targets}",
                     "setting": name,
-                    **{f"{figure} kept": other[figure] for figure in ("median, m", "mean, m", "95 %, m")},
+                    **{f"{figure} kept": other[figure] for figure in ("median, m", "mean, m", "rms, m", "bound, m")},
                     **own,
                     "from kept, m": interval(mean_errors(chosen) - mean_errors(kept)),
                 }
@@ -308,7 +290,8 @@ def learned(runs: Sequence[Path], worlds: int, seed: int) -> list[dict[str, obje
         scenario = setting(name, team)
         by_rule = {rule: errors(run(scenario, rule, worlds, seed)) for rule in RIVALS}
         best = min(by_rule, key=lambda rule: float(by_rule[rule].mean()))
-        own = [errors(run(scenario, str(path_of(path, LAST)), worlds, seed)) for path in runs]
+        traces = [run(scenario, str(path_of(path, LAST)), worlds, seed) for path in runs]
+        own = [errors(trace) for trace in traces]
         rows.append(
             {
                 "team": f"{team} on {team}",
@@ -318,8 +301,11 @@ def learned(runs: Sequence[Path], worlds: int, seed: int) -> list[dict[str, obje
                 "median, m": float(f"{np.median(own):.1f}"),
                 "its mean, m": interval(by_world(by_rule[best])),
                 "mean, m": float(f"{np.mean(own):.1f}"),
+                "rms, m": root_mean(np.array(own)),
+                "bound, m": root_mean(np.array([bounds(trace) for trace in traces])),
+                "from the best rule, m": difference(own, by_rule[best]),
+                "from circle, m": difference(own, by_rule["circle"]),
             }
-            | {f"from {rule}, m": difference(own, by_rule[rule]) for rule in RIVALS}
         )
     return rows
 

@@ -19,12 +19,12 @@ def test_untrained_policies_err_as_circle_does(tmp_path, monkeypatch, capsys):
         config = TrainingConfig.of(scenario, num_worlds=2, seed=seed)
         run = TrainingRun(World(scenario, 2, seed), config, tmp_path / f"seed-{seed}", lambda policy: NOTHING)
         Trainer(run, evaluations=1).train(4)
-    monkeypatch.setattr(tracking, "CELLS", ((1, "hard"),))
+    monkeypatch.setattr(tracking, "TEAMS", (1,))
     options = f"--runs {tmp_path} --out {tmp_path}/curve.png --episodes 64 --json"
     monkeypatch.setattr(sys, "argv", ["tracking", *options.split()])
     tracking.main()
     result = json.loads(capsys.readouterr().out)
     assert [row["mean"] for row in result["curves"]] == [0.0, 0.0]
-    difference, half = (float(part) for part in result["learned"][0]["from circle, m"].split(" ± "))
+    difference, half = (float(part) for part in result["learned"][0]["from circle, m"].split(" (")[0].split(" ± "))
     assert abs(difference) < half + 0.5
     assert {path.name for path in tmp_path.glob("*.png")} == {"curve-light.png", "curve-dark.png"}

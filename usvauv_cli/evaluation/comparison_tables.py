@@ -92,6 +92,8 @@ OF_TASK = {
         Column("track_error_mean", "error, m", 1, "error of the AUVs' estimates of targets", "less"),
         Column("track_error_median", "median, m", 1, "its median", "less"),
         Column("track_error_p95", "95 %, m", 1, "its 95th percentile", "less"),
+        Column("track_error_rms", "rms, m", 1, "its root mean square", "less"),
+        Column("track_bound", "bound, m", 1, "the least of an estimator told of places, water and turns", "less"),
         Column("track_close", "in 20 m", 2, "share of targets and steps with an error up to 20 m", "more"),
         Column("track_nees", "NEES/2", 2, "squared error over its covariance, halved: 1 if consistent"),
         Column("covered", "in 150 m", 2, "share of targets and steps with an AUV within 150 m", "more"),

@@ -257,6 +257,8 @@ OF_TARGETS = [
     "track_error_mean",
     "track_error_median",
     "track_error_p95",
+    "track_error_rms",
+    "track_bound",
     "track_close",
     "track_nees",
     "covered",
