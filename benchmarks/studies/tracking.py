@@ -23,8 +23,8 @@ Then depths, known or not, with AUVs that turn freely: targets as at hard, and o
 Then fewer AUVs than targets: with AUVs that keep to a target, and that go to those of which they know least; the
 difference is paired.
 
-Then `tracking`: the same by the boat's strategy, with a boat that does not listen to targets, without one, and with
-places known exactly; differences from `belief` are paired.
+Then `tracking`: the same by the boat's strategy, by a look ahead of the AUVs, with a boat that does not listen to
+targets, without one, and with places known exactly; differences from `belief` are paired.
 Then with rare fixes, and with the share of targets within the ellipse of 95 % of their estimate.
 
 With `--runs`, folders of training runs instead, those of a folder at one setting and with different seeds: their
@@ -76,13 +76,14 @@ PUBLISHED = {
     (3, "hard"): "22.0 (32.0)",
     (3, "expert"): "58.1",
 }
-PLACES = {
-    "belief": ("belief", ()),
-    "belief, does not listen": ("belief", ("task_parameters.boat_listens=0",)),
-    "fim": ("fim", ()),
-    "hold": ("hold:1200,1200", ()),  # the middle
-    "none, AUVs only reckon": ("hold:1200,1200", ("task_parameters.boat_listens=0", "channel.interval=3600")),
-    "places known": ("belief", ("task_parameters.places_known=1",)),
+PLACES = {  # boat, rule of the AUVs, changes
+    "belief": ("belief", "circle", ()),
+    "belief, AUVs by tree:3": ("belief", "tree:3", ()),
+    "belief, does not listen": ("belief", "circle", ("task_parameters.boat_listens=0",)),
+    "fim": ("fim", "circle", ()),
+    "hold": ("hold:1200,1200", "circle", ()),  # the middle
+    "none": ("hold:1200,1200", "circle", ("task_parameters.boat_listens=0", "channel.interval=3600")),
+    "places known": ("belief", "circle", ("task_parameters.places_known=1",)),
 }
 FEW = ((1, 2), (2, 4), (2, 8))  # AUVs and targets
 MEASUREMENTS = {
@@ -238,8 +239,8 @@ def few(worlds: int, seed: int) -> list[dict[str, object]]:
 def places(worlds: int, seed: int) -> list[dict[str, object]]:
     """Rows of what the AUVs know of their places."""
     traces = {
-        row: run(Scenario.load("tracking", changes), "circle", worlds, seed, usv)
-        for row, (usv, changes) in PLACES.items()
+        row: run(Scenario.load("tracking", changes), rule, worlds, seed, usv)
+        for row, (usv, rule, changes) in PLACES.items()
     }
     first = mean_errors(traces["belief"])
     return [

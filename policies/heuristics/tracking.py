@@ -9,7 +9,7 @@ from torch import Tensor
 
 from usvauv.env.scenario import Scenario
 from usvauv.env.world.world import World
-from usvauv.kernels.mission.columns import AuvColumn
+from usvauv.kernels.mission.columns import AuvColumn, BoatColumn
 from usvauv.kernels.mission.tasks.tracking_columns import PairColumn
 from usvauv.kernels.mission.tasks.tracking_plain import HelmColumn
 from usvauv.policies.guidance import command, components, follow_circle, rotate, unit
@@ -96,8 +96,8 @@ class Tree(Circle):
 
     q what the target's velocity may move it besides, u the directions of sight of the ranges, the AUV's own and those
     of the others, p the probability that they are measured. AUVs before it have chosen; those after it are taken to
-    keep their courses. Where AUVs turn by rudders, the first turn is by the last rudder or a neighbour of it, and those
-    after it are taken to keep their rudders.
+    keep their courses, and boats that listen to stay where they are. Where AUVs turn by rudders, the first turn is by
+    the last rudder or a neighbour of it, and those after it are taken to keep their rudders.
 
     What a distance costs later on counts in more intervals than a search has, so each AUV is held to a leash of its own
     target: `PULL` is added for each metre beyond the lead of the fastest targets that it makes good in `LEASH`
@@ -150,6 +150,11 @@ class Tree(Circle):
         places = self.world.auv[..., AuvColumn.span("x", "y")] if known else self.world.own_position
         return places.to(like)
 
+    def boats(self, like: Tensor) -> Tensor:
+        """Where the boats are that listen to targets, (W, B, 2), m; none where they do not."""
+        listen = self.numbers.get("boat_listens", 0.0) > 0.0
+        return self.world.boat[:, :, BoatColumn.span("x", "y")].to(like)[:, : None if listen else 0]
+
     def information(self, places: Tensor, targets: Tensor) -> Tensor:
         """Information xx, xy, yy of ranges from places (..., 2) to targets (..., 2), (3, ...), 1/m²."""
         away = targets - places
@@ -198,11 +203,12 @@ class Tree(Circle):
             bend = TURN / self.interval * last[..., None] * times
         kept = rotate(components(bend.cos(), bend.sin()), course[:, :, None])  # (W, K, N, 2)
         chosen = here[:, :, None] + self.interval * (self.speed * kept + current[:, :, None]).cumsum(2)
+        chosen = torch.cat((chosen, self.boats(observation)[:, :, None].expand(-1, -1, len(times), -1)), 1)
         circling = self.steer(observation)
         off = self.circling * (1.0 - (heading[:, :, :, 0] * circling[0][:, :, None]).sum(-1))  # (W, K, S)
         best = torch.zeros(here.shape[:2], dtype=torch.int64, device=here.device)
         for k in range(here.shape[1]):
-            others = torch.arange(here.shape[1], device=here.device) != k
+            others = torch.arange(chosen.shape[1], device=here.device) != k
             known = self.information(chosen[:, others, :, None], targets[:, None, k]).sum(2)  # (3, W, N, M)
             added = self.information(ways[:, k, :, :, None], targets[:, None, k])  # (3, W, S, N, M)
             variances = self.variances(covariance[:, :, k], known[:, :, None] + added)

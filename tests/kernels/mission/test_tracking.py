@@ -12,7 +12,7 @@ from usvauv.env.record.metrics import task_metrics
 from usvauv.env.record.recorder import record
 from usvauv.env.record.trace import Trace
 from usvauv.env.record.tracking_metrics import number
-from usvauv.kernels.mission.columns import AuvColumn, ExchangeColumn, NodeColumn
+from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, ExchangeColumn, NodeColumn
 from usvauv.kernels.mission.tasks.task import SHIPPED, Outline, tasks
 from usvauv.kernels.mission.tasks.tracking_columns import PairColumn, TargetColumn
 from usvauv.kernels.mission.tasks.tracking_plain import HelmColumn
@@ -351,3 +351,23 @@ def test_a_stored_world_goes_on_with_the_same_filters():
 @pytest.mark.parametrize("task", SHIPPED)
 def test_a_task_is_what_is_known_of_it_without_taichi(task):
     assert {name: getattr(tasks[task], name) for name in Outline._fields} == SHIPPED[task]._asdict()
+
+
+@pytest.mark.parametrize("listens", [1, 0])
+def test_who_looks_ahead_leaves_to_a_listening_boat_what_it_measures(listens):
+    """South-west of its target an AUV goes to the south of it with the boat in the east, not with one in the north."""
+    numbers = ["message_time=1.5", f"boat_listens={listens}", "places_known=1", "target_speed_most=0.3"]
+    world = World(Scenario.load("tracking", [f"task_parameters.{number}" for number in numbers]), 1, 1)
+    observation, pair, rule = world.reset(), world.task_pair, load("tree:3", world)
+    target = torch.tensor([1200.0, 1200.0])
+    world.auv[:, 0, AuvColumn.span("x", "y")] = target - 100.0
+    world.auv[:, 1:, AuvColumn.span("x", "y")] = target - 900.0
+    pair[..., PairColumn.known] = 1.0
+    pair[..., PairColumn.span("x", "y")] = target
+    pair[..., PairColumn.span("xx", "yy")] = torch.tensor([400.0, 0.0, 400.0])
+    eastward = []
+    for boat in ([150.0, 0.0], [0.0, 150.0]):
+        world.boat[:, 0, BoatColumn.span("x", "y")] = target + torch.tensor(boat)
+        x, y, *_ = rule.act(observation)[0, 0].tolist()
+        eastward.append(x - y)
+    assert eastward[0] - eastward[1] > 0.5 if listens else eastward[0] == eastward[1]
