@@ -74,10 +74,11 @@ PAIRS = [*((a, b) for a in range(4) for b in range(a, 4)), *((a, 4) for a in ran
 OF = [[COVARIANCE[PAIRS.index((min(a, b), max(a, b)))] for b in range(5)] for a in range(5)]  # column of each pair
 # Of a hypothesis within a step besides: the sum of squared innovations over their variances, the product of these
 # variances over those of the measurements alone, the probability that it turns, the place of one that does, and what
-# `usvauv.kernels.tracking.mixture` needs: what is left to take in, at which distance it is, and the metric.
+# `usvauv.kernels.tracking.mixture` needs: what is left to take in, at which distance it is, the place among those kept
+# into which it merges, and the metric.
 WorkColumn = columns(
     *HypothesisColumn.names,
-    *("square", "volume", "turn", "turning", "left", "most", "taken"),
+    *("square", "volume", "turn", "turning", "left", "most", "to"),
     *("metric_xx", "metric_xy", "metric_yy", "slope_xu", "slope_xv", "slope_yu", "slope_yv"),
     *("metric_uu", "metric_uv", "metric_vv"),
 )

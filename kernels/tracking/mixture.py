@@ -23,7 +23,6 @@ from usvauv.kernels.tracking.hypotheses import (
     HypothesisColumn,
     WorkColumn,
     most_of,
-    sum_of,
     wide,
 )
 
@@ -35,7 +34,6 @@ AGES = 0.25  # squared distance of two hypotheses whose last turns are a step ap
 WHATEVER = 1e30  # instead of `WIDER`: all that is left is within limits
 LEAST = 1e-9  # m²/s²
 PLACE = (1 << (CAPACITY - 1).bit_length()) - 1  # last bits of a weight that have the hypothesis's place
-POWERS = [2.0**n for n in range(LANES)]
 METRIC = WorkColumn.metric_xx  # first of the columns of a metric
 
 
@@ -78,78 +76,71 @@ def prepare(f: ti.template(), g):
 
 
 @func
-def take_away(f: ti.template(), groups, h, own: ti.template(), wider):
-    """Take hypothesis h, whose columns are `own`, and those near it away, by limits times `wider`.
+def take_away(f: ti.template(), groups, h, to, wider):
+    """Take hypothesis h and those near it away, by limits times `wider`, to be merged into place `to`.
 
     Returns:
-        greatest weight of what is left, and the weight of the others taken.
+        greatest weight of what is left.
     """
     work, width = ti.static(f.work, f.work.width)
+    own = [work.one[HypothesisColumn.age + n, h] for n in ti.static(range(5))]
     m = [work.one[METRIC + n, h] for n in ti.static(range(10))]
-    work.one[WorkColumn.left, h] = 0.0
-    others, most = wide(0.0, width), wide(0.0, width)
+    most = wide(0.0, width)
     for g in range(groups):
-        older, dx, dy, u, v = [
-            work[HypothesisColumn.age + n, g] - own[HypothesisColumn.age + n] for n in ti.static(range(5))
-        ]
+        older, dx, dy, u, v = [work[HypothesisColumn.age + n, g] - own[n] for n in ti.static(range(5))]
         du, dv = u - m[3] * dx - m[5] * dy, v - m[4] * dx - m[6] * dy
         distance = dx * (m[0] * dx + m[1] * dy) + m[2] * dy * dy
         distance = distance + (du * (m[7] * du + m[8] * dv) + m[9] * dv * dv) + AGES * older * older
         left = work[WorkColumn.left, g]
-        rest = ti.select(distance < wider * work[WorkColumn.most, g], 0.0, left)
-        taken = ti.select(rest < left, work[WorkColumn.share, g], 0.0)
+        # Of h itself it is 0, or not a number where the metric is infinite.
+        rest = ti.select(distance >= wider * work[WorkColumn.most, g], left, 0.0)
+        work[WorkColumn.to, g] = ti.select(rest < left, to, work[WorkColumn.to, g])
         work[WorkColumn.left, g] = rest
-        work[WorkColumn.taken, g] = taken
-        others += taken
         most = ti.select(most < rest, rest, most)
-    return most_of(most, width), sum_of(others, width)
+    return most_of(most, width)
 
 
 @func
-def add(f: ti.template(), h, own: ti.template(), sums: ti.template()):
-    """Add the moments of hypothesis h from the mean of one with the columns `own`, times its weight."""
-    one = [f.work.one[c, h] for c in ti.static(range(f.columns))]
-    d = [one[MEAN[a]] - own[MEAN[a]] for a in ti.static(range(f.axes))]
-    sums[0] += one[0]
-    sums[HypothesisColumn.age] += one[0] * (one[HypothesisColumn.age] - own[HypothesisColumn.age])
-    for a in ti.static(range(f.axes)):
-        sums[MEAN[a]] += one[0] * d[a]
-    for n in ti.static(range(f.pairs)):
-        sums[COVARIANCE[n]] += one[0] * (one[COVARIANCE[n]] + d[PAIRS[n][0]] * d[PAIRS[n][1]])
+def merge(f: ti.template(), groups, count):
+    """Write the hypotheses, merged into `count`, by the sums of their moments about the estimate.
 
-
-@func
-def merge(f: ti.template(), groups, own: ti.template(), to):
-    """Write the moments of a hypothesis, whose columns are `own`, and all that are taken to place `to`."""
-    work, width = ti.static(f.work, f.work.width)
-    sums = [own[0]] + [0.0 for _ in ti.static(range(1, f.columns))]
-    for n in ti.static(range(f.pairs)):
-        sums[COVARIANCE[n]] = own[0] * own[COVARIANCE[n]]
+    About it, since in single precision moments about a far point lose the covariance.
+    """
+    work, kept, width = ti.static(f.work, f.kept, f.kept.width)
+    origin = [f.head[n] for n in ti.static(range(4))] + [f.depths[0]]
     for g in range(groups):
-        if ti.static(width == 1):
-            if work[WorkColumn.taken, g] > 0.0:
-                add(f, g, own, sums)
-        else:
-            # Powers of two for those that are taken: the exponent of their sum has the last one.
-            taken = sum_of(ti.select(work[WorkColumn.taken, g] > 0.0, ti.Vector(ti.static(POWERS)), 0.0), width)
-            while taken > 0.0:
-                n = (ti.bit_cast(taken, ti.i32) >> 23) - 127
-                add(f, LANES * g + n, own, sums)
-                taken -= ti.bit_cast((n + 127) << 23, ti.f32)
-    whole = 1.0 / sums[0]
-    age = ti.static(HypothesisColumn.age)
-    mean = [whole * sums[MEAN[a]] for a in ti.static(range(f.axes))]
-    f.kept.one[HypothesisColumn.share, to] = sums[0]
-    f.kept.one[age, to] = own[age] + whole * sums[age]
-    for a in ti.static(range(f.axes)):
-        f.kept.one[MEAN[a], to] = own[MEAN[a]] + mean[a]
-    for n in ti.static(range(f.pairs)):
-        f.kept.one[COVARIANCE[n], to] = whole * sums[COVARIANCE[n]] - mean[PAIRS[n][0]] * mean[PAIRS[n][1]]
+        share, age = work[WorkColumn.share, g], work[WorkColumn.age, g]
+        d = [work[MEAN[a], g] - origin[a] for a in ti.static(range(f.axes))]
+        second = [work[COVARIANCE[n], g] + d[PAIRS[n][0]] * d[PAIRS[n][1]] for n in ti.static(range(f.pairs))]
+        work[WorkColumn.age, g] = share * age
+        for a in ti.static(range(f.axes)):
+            work[MEAN[a], g] = share * d[a]
+        for n in ti.static(range(f.pairs)):
+            work[COVARIANCE[n], g] = share * second[n]
+    kept_groups = (count + width - 1) // width
+    for g in range(kept_groups):
+        for c in ti.static(range(f.columns)):
+            kept[c, g] = wide(0.0, width)
+    for h in range(groups * width):
+        if work.one[WorkColumn.share, h] > 0.0:
+            to = ti.cast(work.one[WorkColumn.to, h], ti.i32)
+            # Read all before the first is written: after each write Taichi reads addresses again.
+            sums = [kept.one[c, to] + work.one[c, h] for c in ti.static(range(f.columns))]
+            for c in ti.static(range(f.columns)):
+                kept.one[c, to] = sums[c]
+    for g in range(kept_groups):
+        whole = 1.0 / ti.max(kept[HypothesisColumn.share, g], 1e-30)
+        mean = [whole * kept[MEAN[a], g] for a in ti.static(range(f.axes))]
+        kept[HypothesisColumn.age, g] = whole * kept[HypothesisColumn.age, g]
+        for a in ti.static(range(f.axes)):
+            kept[MEAN[a], g] = origin[a] + mean[a]
+        for n in ti.static(range(f.pairs)):
+            kept[COVARIANCE[n], g] = whole * kept[COVARIANCE[n], g] - mean[PAIRS[n][0]] * mean[PAIRS[n][1]]
 
 
 @func
 def reduce(f: ti.template(), groups):
-    """Reduce the hypotheses of the workspace to `KEPT`."""
+    """Reduce the hypotheses of the workspace to `KEPT`, after their estimate."""
     width = ti.static(f.work.width)
     most = wide(0.0, width)
     for g in range(groups):
@@ -158,18 +149,10 @@ def reduce(f: ti.template(), groups):
         most = ti.select(most < left, left, most)
     kept, best, wider = 0, most_of(most, width), 1.0
     while kept < KEPT and best > 0.0:
-        h = ti.bit_cast(best, ti.i32) & PLACE
-        own = [f.work.one[c, h] for c in ti.static(range(f.columns))]
         wider = ti.select(kept < NARROW, 1.0, WIDER * wider)
         if kept == KEPT - 1:
             wider = WHATEVER
-        best, others = take_away(f, groups, h, own, wider)
-        if others > 0.0:
-            merge(f, groups, own, kept)
-        else:
-            for c in ti.static(range(f.columns)):
-                f.kept.one[c, kept] = own[c]
+        best = take_away(f, groups, ti.bit_cast(best, ti.i32) & PLACE, ti.cast(kept, ti.f32), wider)
         kept += 1
     f.head[FilterColumn.count] = ti.cast(kept, ti.f32)
-    for h in range(kept, (kept + width - 1) // width * width):
-        f.kept.one[HypothesisColumn.share, h] = 0.0
+    merge(f, groups, kept)

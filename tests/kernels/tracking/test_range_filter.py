@@ -236,15 +236,21 @@ class TestRules:
         assert np.mean(squared > 20) < 0.003
         assert squared.mean() == pytest.approx(1, abs=0.25)
 
-    def test_no_weight_is_lost_where_hypotheses_are_too_many(self, device):
-        """The shares of those kept sum to 1, in each step, also of filters that keep as many as they can."""
+    def test_reduced_hypotheses_keep_the_moments_of_all(self, device):
+        """Shares sum to 1, and mean and covariance are those before, also of filters that keep as many as they can."""
         most = []
 
         class Weighed(Filters):
             def finish(self) -> None:
                 super().finish()
-                one = hypotheses(self)
-                assert np.nansum(one[self.known, :, HypothesisColumn.share], axis=1) == pytest.approx(1, abs=1e-4)
+                one = np.nan_to_num(hypotheses(self)[self.known])
+                share = one[..., HypothesisColumn.share]
+                assert share.sum(axis=1) == pytest.approx(1, abs=1e-4)
+                error = one[..., HypothesisColumn.span("x", "vy")] - self.mean[self.known, None]
+                assert np.einsum("fh,fha->fa", share, error) == pytest.approx(0, abs=0.01)
+                second = full(one[..., COVARIANCE]) + error[..., None] * error[..., None, :]
+                covariance = np.einsum("fh,fhab->fab", share, second)[:, :2, :2]
+                assert covariance == pytest.approx(self.covariance[self.known], rel=1e-3, abs=0.05)
                 most.append(int(self.rows[:, 0, 0, FilterColumn.count].max()))
 
         simulate(lambda count, level: Weighed(count, motion(level), device), LEVELS["expert"], runs=10, pairs=3, seed=3)
