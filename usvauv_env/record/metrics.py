@@ -224,8 +224,8 @@ def age(trace: Trace) -> np.ndarray:
 def peak_age(trace: Trace) -> np.ndarray:
     """Mean age just before a service, (W,), s; NaN without a service."""
     t, w, _, i = served(trace)
-    before = np.concatenate([np.zeros_like(trace.backlog[:1], float), age(trace)[:-1]])
-    peaks = before[t, w, i] + trace.scenario.mission.step
+    before = np.where(t > 0, age(trace)[t - 1, w, i], 0.0)
+    peaks = before + trace.scenario.mission.step
     of_worlds = (peaks[w == world] for world in range(trace.backlog.shape[1]))
     return np.array([own.mean() if len(own) else np.nan for own in of_worlds])
 
