@@ -315,8 +315,7 @@ def _checked(
     """
     scenario, config = _scenario_and_config(content, path)
     with frames.calling(config.frame):
-        frame = frames[config.frame](scenario)
-        sizes = Sizes(1 if config.shared else scenario.auv.count, frame.features, frame.actions)
+        sizes = frames[config.frame](scenario).sizes(config.shared)
     learner = algorithms[config.algorithm]
     try:
         actor = learner.make_actor(sizes, config, _Shapes())

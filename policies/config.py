@@ -15,6 +15,13 @@ from usvauv.policies.frames import PASSING_TERMS, frames
 from usvauv.policies.names import PolicyError
 
 MOST_LAYERS, WIDEST = 16, 8192
+OF_RUDDERS = {  # of the frame `rudder`, where an action lasts for an interval
+    "n_step": 1,
+    "gamma": 0.92,
+    "rollout": 32,
+    "batch": 2048,
+    "updates": 4,
+}
 MOST = 1_000_000_000
 BOUNDS: dict[str, tuple[float, float]] = {  # both included; steps of Adam and rewards beyond leave single precision
     "num_worlds": (1, 1 << 22),
@@ -28,6 +35,7 @@ BOUNDS: dict[str, tuple[float, float]] = {  # both included; steps of Adam and r
     "noise": (0.0, 10.0),
     "reward_scale": (1e-6, 1e3),
     "warmup": (0, MOST),
+    "imitation": (0, 100_000),
 }
 
 
@@ -56,6 +64,7 @@ class TrainingConfig:
         correlation: correlation of the exploration noise from one step to the next, see `CorrelatedNoise`.
         replay: capacity in transitions per AUV, in whole steps of all worlds, rounded down.
         warmup: world-steps of the untrained policy, with its exploration, before the first update.
+        imitation: first rollouts in which an on-policy algorithm learns what the frame's teacher does, if it has one.
         reward_scale: mean magnitude to which rewards are scaled, from those before the first update.
         layer_norm: normalise the critics' hidden layers.
     """
@@ -79,6 +88,7 @@ class TrainingConfig:
     correlation: float = 0.9
     replay: int = 500_000
     warmup: int = 20_000
+    imitation: int = 40
     reward_scale: float = 0.12
     layer_norm: bool = True
 
@@ -115,17 +125,19 @@ class TrainingConfig:
         Where data are collected in passing and all terms that the frame `passing` needs are observed, the default is
         that frame without renewal, since a node's data come in many steps; with fins as actions it is `fins`, where
         targets are tracked `circling`. With each of these the default algorithm is `ppo`, in `docs/policies.md` the one
-        that learns reliably there.
+        that learns reliably there. Where targets are tracked by AUVs with rudders it learns with the frame `rudder`.
         """
         terms = ObservationLayout.of(scenario).terms
         passing = not set(PASSING_TERMS).difference(terms)
         frame = "passing" if passing else "circling" if "track" in terms else None
         frame = "fins" if scenario.auv.action == "fins" else frame
-        own = {"frame": frame, "renewal": False} if frame else {}
+        own: dict[str, Any] = {"frame": frame, "renewal": False} if frame else {}
         algorithm = settings.get("algorithm") or ("ppo" if frame else cls.algorithm)
-        defaults = algorithms[algorithm].defaults if algorithm in algorithms else {}
+        learner = algorithms.get(algorithm)
+        if learner and learner.chooses and "outlook" in terms:
+            own |= {"frame": "rudder", **OF_RUDDERS}
         given = {name: value for name, value in settings.items() if value is not None}
-        return cls(**{**own, **defaults, **given, "algorithm": algorithm})
+        return cls(**{**(learner.defaults if learner else {}), **own, **given, "algorithm": algorithm})
 
     @property
     def on_policy(self) -> bool:

@@ -23,6 +23,8 @@ from usvauv.kernels.guidance import courses
 from usvauv.kernels.guidance.acting import Acting, Conversion, Steering
 from usvauv.kernels.guidance.lanes import FIRST, OFFSET, Start
 from usvauv.kernels.mission.tasks.tracking import SPREAD
+from usvauv.kernels.mission.tasks.tracking_outlook import EACH, MOST, OWN, SIDES, STEPS
+from usvauv.kernels.mission.tasks.tracking_outlook import TURN as RUDDER
 from usvauv.kernels.registry import Registry
 from usvauv.policies.guidance import (
     SpeedToFly,
@@ -36,14 +38,16 @@ from usvauv.policies.guidance import (
     unrotate,
 )
 from usvauv.policies.heuristics.passing import Pass
-from usvauv.policies.heuristics.tracking import Circle
+from usvauv.policies.heuristics.tracking import Circle, leash
 from usvauv.policies.heuristics.travel import Helm
 from usvauv.policies.names import PolicyError
+from usvauv.policies.networks import Sizes
 from usvauv.policies.steering import BORDER_MARGIN, PRICE_GAIN, Rules, reach, steering
 
 PASSING_TERMS = ("current", "service", "next", "attitude", "motion")  # which `PassingFrame` needs
 TURN = OFFSET * math.pi  # rad, largest offset of a heading
 LEAST_SPREAD = 1e-3  # of a target's place, over the radius of `circle`
+FARTHEST = 2.0  # leashes of `tree`, see `RudderFrame`
 PRICE = 80.0  # W, with `PRICE_GAIN` prices from 1.5 W to some kilowatts, for all speeds in any current
 RELATIVE = ("others", "target")  # terms that `TargetFrame` replaces by its own features
 CURRENTS = ("current_speed", "current", "current_profile")
@@ -63,10 +67,18 @@ class Frame:
         any_team: whether the number of features is the same for any number of AUVs.
         features: F, number of features of one AUV.
         actions: number of actions of the network for one AUV.
+        choices, own, each: see `usvauv.policies.networks.Sizes`.
+        standardised: whether the network gets features of zero mean and unit variance.
+        teacher: name of a heuristic, whose actions `choice` can tell; empty without one.
         start: name of the policy equal to the network's action 0, near which learning begins; empty without one.
     """
 
     any_team: ClassVar[bool] = False
+    choices: ClassVar[int] = 0
+    own: ClassVar[int] = 0
+    each: ClassVar[int] = 0
+    standardised: ClassVar[bool] = True
+    teacher: ClassVar[str] = ""
     features: int
     actions: int = 2
     start: str = ""
@@ -75,6 +87,11 @@ class Frame:
         self.scenario = scenario
         self.layout = ObservationLayout.of(scenario)
         self._places = dict(self.layout)
+
+    def sizes(self, shared: bool) -> Sizes:
+        """Shape of networks, one for all AUVs or one for each."""
+        stack = 1 if shared else self.scenario.auv.count
+        return Sizes(stack, self.features, self.actions, self.choices, self.own, self.each)
 
     def term(self, observation: Tensor, name: str) -> Tensor:
         """A term of the observation, (W, K, n), see `usvauv.kernels.mission.observation`.
@@ -96,6 +113,10 @@ class Frame:
     @abstractmethod
     def decode(self, observation: Tensor, action: Tensor) -> Tensor:
         """The world's actions (W, K, A) for a network's actions (W, K, `actions`) in [−1, 1]."""
+        raise NotImplementedError
+
+    def choice(self, observation: Tensor, command: Tensor) -> Tensor:
+        """The network's actions (W, K, `actions`) that come nearest to the world's, of a frame with a teacher."""
         raise NotImplementedError
 
     def acting(
@@ -378,6 +399,57 @@ class CirclingFrame(OffsetFrame):
         return [away / (away + self.radius), velocities.flatten(-2), deviations, track[..., 6:]]
 
 
+class RudderFrame(Frame):
+    """Features of all targets, the observation term `outlook`; an action is the last rudder or a neighbour of it.
+
+    Farther from its target than `FARTHEST` leashes of `tree` an AUV returns as by `circle`: where its targets are lost,
+    rewards teach nothing.
+
+    Raises:
+        PolicyError: AUVs do not turn by rudders.
+    """
+
+    any_team = True
+    choices, own, each = len(SIDES), len(OWN) + len(EACH), len(EACH)
+    standardised = False
+    teacher = "tree"
+    actions = 1
+
+    def __init__(self, scenario: Scenario) -> None:
+        super().__init__(scenario)
+        if "outlook" not in self.layout:
+            raise PolicyError(f"training: frame = 'rudder': scenario {scenario.name!r} does not observe outlook")
+        place = self.layout.slice("outlook")
+        self.features = place.stop - place.start
+        self.seen = Observed(self)
+        self.circle = Circle("circle", self.seen, scenario.reference.circle_radius)
+        self.farthest = FARTHEST * leash(scenario)  # m
+
+    def encode(self, observation: Tensor) -> Tensor:
+        return self.term(observation, "outlook").clone()
+
+    def _headings(self, observation: Tensor) -> Tensor:
+        """Courses by the choices, unit vectors, (W, K, `choices`, 2)."""
+        rudders = torch.arange(-MOST, MOST + 1, device=observation.device)
+        last = (self.term(observation, "outlook")[..., : 2 * MOST + 1] * rudders).sum(-1, keepdim=True)
+        turn = RUDDER * (last + torch.tensor(STEPS, device=observation.device)).clamp(-MOST, MOST)
+        course = unit(self.term(observation, "track")[..., 2:4])
+        return rotate(components(turn.cos(), turn.sin()), course.unsqueeze(-2))
+
+    def decode(self, observation: Tensor, action: Tensor) -> Tensor:
+        index = action.long().unsqueeze(-1).expand(*action.shape, 2)
+        heading = self._headings(observation).gather(-2, index).squeeze(-2)
+        self.seen.observation = observation
+        circling, _ = self.circle.steer(observation)
+        away = self.term(observation, "target").norm(dim=-1, keepdim=True) * self.scenario.area.diagonal
+        heading = torch.where(away > self.farthest, circling, heading)
+        return command(heading, self.scenario.auv.speed_max, self.scenario)
+
+    def choice(self, observation: Tensor, command: Tensor) -> Tensor:
+        ahead = (self._headings(observation) * command.unsqueeze(-2)).sum(-1)
+        return ahead.argmax(-1, keepdim=True).to(command)
+
+
 class FinsFrame(TargetFrame):
     """Features as `TargetFrame`; actions are offsets from the commands of the heuristic `helm` to fins and propeller.
 
@@ -407,5 +479,6 @@ frames.register("target", TargetFrame)
 frames.register("world", WorldFrame)
 frames.register("passing", PassingFrame)
 frames.register("circling", CirclingFrame)
+frames.register("rudder", RudderFrame)
 frames.register("fins", FinsFrame)
 COMPILED = (GuidedFrame, TargetFrame, PassingFrame)  # a frame derived from them may compute something else

@@ -87,7 +87,8 @@ class LearnedPolicy(Policy):
         self.frame_name = frame
         with frames.calling(frame):
             self.frame = frames[frame](scenario)
-        self.standardizer = standardizer
+        own = Standardizer.identity(self.frame.features, standardizer.mean.device)
+        self.standardizer = standardizer if self.frame.standardised else own
         self.actor = actor
         self.shared = shared
         self.about = about

@@ -32,11 +32,17 @@ class Sizes:
         stack: S independent learners (1 if the AUVs share one).
         observation: features F of one AUV.
         action: components A of one action.
+        choices: number of those of which an action is one, by its number; 0: actions are numbers in [−1, 1].
+        own: features of the AUV itself, after which come those of a set of things; 0: there is no set.
+        each: features of each thing of the set.
     """
 
     stack: int
     observation: int
     action: int
+    choices: int = 0
+    own: int = 0
+    each: int = 0
 
 
 class StackedMLP(nn.Module):
@@ -94,6 +100,44 @@ class StackedMLP(nn.Module):
         for w, b in hidden:
             x = torch.baddbmm(b, x, w).relu_()
         return _last(x, *last)
+
+
+class AttentiveMLP(StackedMLP):
+    """S networks that see any number M of things besides: x (S, B, own + M each) → (S, B, outputs).
+
+    Each thing is encoded, e_i ∈ ℝʰ with h the last hidden width, and weighed by how much it answers the own numbers o:
+
+        w = softmax((Q o)·(K e_i)/√h),   outputs = MLP(o, Σ w_i e_i, mean e_i).
+
+    So the order of the things makes no difference. Source: Vaswani et al., "Attention is all you need", 2017,
+    arXiv:1706.03762, Eq. 1; pooling as in Lee et al., "Set transformer", ICML 2019, arXiv:1810.00825.
+
+    Args:
+        outputs: of a network.
+    """
+
+    def __init__(
+        self,
+        sizes: Sizes,
+        hidden: Sequence[int],
+        outputs: int,
+        generator: torch.Generator,
+        output_gain: float = 1.0,
+    ) -> None:
+        width = hidden[-1]
+        super().__init__(sizes.stack, (sizes.own + 2 * width, *hidden, outputs), generator, output_gain=output_gain)
+        self.own, self.each = sizes.own, sizes.each
+        self.encoder = StackedMLP(sizes.stack, (sizes.each, *hidden), generator)
+        self.query = StackedMLP(sizes.stack, (sizes.own, width), generator)
+        self.key = StackedMLP(sizes.stack, (width, width), generator)
+
+    def forward(self, x: Tensor, /, frozen: bool = False) -> Tensor:
+        own, things = x[..., : self.own], x[..., self.own :].unflatten(-1, (-1, self.each))
+        code = self.encoder(things.flatten(1, 2), frozen).relu()
+        key, code = self.key(code, frozen).unflatten(1, things.shape[1:3]), code.unflatten(1, things.shape[1:3])
+        weight = (key * self.query(own, frozen).unsqueeze(2)).sum(-1) / math.sqrt(key.shape[-1])
+        pooled = (weight.softmax(-1).unsqueeze(-1) * code).sum(2)
+        return super().forward(torch.cat((own, pooled, code.mean(2)), -1), frozen)
 
 
 def _fused(x: Tensor, layers: Sequence[tuple[Tensor, Tensor]]) -> Tensor:
@@ -246,6 +290,28 @@ class GaussianActor(StackedActor):
         mean, log_std = self._distribution(observation)
         raw = torch.atanh(action.clamp(-MOST_ACTION, MOST_ACTION))
         return (-0.5 * ((raw - mean) / log_std.exp()).square() - log_std).sum(-1)
+
+
+class ChoiceActor(AttentiveMLP):
+    """One of several choices: features (S, B, F) → its number (S, B, 1); the network gives log-probabilities."""
+
+    @classmethod
+    def undecided(cls, sizes: Sizes, hidden: Sequence[int], generator: torch.Generator) -> Self:
+        """Untrained actors, to whom all choices are nearly alike."""
+        return cls(sizes, hidden, sizes.choices, generator, output_gain=0.01)
+
+    def forward(self, observation: Tensor, /) -> Tensor:
+        """The most probable choice."""
+        return super().forward(observation).argmax(-1, keepdim=True).to(observation)
+
+    def draw(self, observation: Tensor, noise: Tensor) -> Tensor:
+        """A choice by its probability, made of standard normal noise (S, B, 1)."""
+        reached = super().forward(observation).softmax(-1).cumsum(-1)[..., :-1]
+        return (reached < torch.special.ndtr(noise)).sum(-1, keepdim=True).to(noise)
+
+    def log_density(self, observation: Tensor, action: Tensor) -> Tensor:
+        """Logarithm of the probability (S, B) of choices (S, B, 1)."""
+        return super().forward(observation).log_softmax(-1).gather(-1, action.long()).squeeze(-1)
 
 
 class Critic(nn.Module):

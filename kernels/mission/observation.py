@@ -37,6 +37,7 @@ class ObservationTerm:
         low, high: bounds in the spaces, in that unit; ±inf stands for ± the largest current of the scenario.
         condition: when the term is present, in words.
         present: whether it is present; None: if `observation.extra` or the task names it.
+        of_each_node: meanings of numbers that follow for each node, station or target.
     """
 
     write: Annotated[Callable[..., Any], "worlds, w, k, first"]
@@ -46,12 +47,13 @@ class ObservationTerm:
     high: float
     condition: str = "named in `observation.extra` or by the task"
     present: Annotated[Callable[[Any], bool], "scenario"] | None = None
+    of_each_node: Sequence[str] = ()
 
 
 observation_terms: Registry[ObservationTerm] = Registry("observation term", form=ObservationTerm)
 
 
-def quantities(name: str, num_auvs: int) -> list[str]:
+def quantities(name: str, num_auvs: int, num_nodes: int) -> list[str]:
     """Meanings of an observation term's numbers, in order; empty if it has no numbers for this many AUVs.
 
     Raises:
@@ -62,7 +64,10 @@ def quantities(name: str, num_auvs: int) -> list[str]:
         texts = list(found)
     if isinstance(found, str) or not all(isinstance(text, str) for text in texts):
         raise observation_terms.refuse(name, found, "a list of texts, what each number is")
-    return texts
+    of_each = observation_terms[name].of_each_node
+    return texts + [
+        f"number {number}: {text}" for number in range(1, num_nodes + 1 if of_each else 1) for text in of_each
+    ]
 
 
 @func

@@ -53,10 +53,12 @@ class Rollout(Batch):
     Attributes:
         follows: (T,) 1 where the next decision begins at `next_observation`, 0 at the end of an episode or the rollout.
         parts: number of minibatches of an epoch.
+        taught: whether the actions are a teacher's, which the actor is to take itself.
     """
 
     follows: Tensor
     parts: int
+    taught: bool = False
 
 
 class Adam:
@@ -140,6 +142,7 @@ class Learner(nn.Module, Generic[Actor]):
     Attributes:
         updates: number of calls of `update`, which counts them.
         period: number of updates after which the operations of an update are the same again.
+        chooses: can learn actions that are choices, see `Sizes`.
         on_policy: learns once from each `Rollout`, which its present actor made, instead of from samples of the replay.
         defaults: of the fields of `TrainingConfig`, where they differ from those of that class.
         max_gradient_norm: norm to which a network's gradient is clipped, by names of optimisers.
@@ -148,6 +151,7 @@ class Learner(nn.Module, Generic[Actor]):
     actor: Actor
     averaged: Actor
     period: ClassVar[int] = 1
+    chooses: ClassVar[bool] = False
     on_policy: ClassVar[bool] = False
     defaults: ClassVar[Mapping[str, Any]] = MappingProxyType({})
     max_gradient_norm: ClassVar[Mapping[str, float]] = MappingProxyType({})

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from usvauv.policies.algorithms.learner import Batch, Learner, Rollout, Settings
-from usvauv.policies.networks import GaussianActor, Sizes, StackedMLP
+from usvauv.policies.networks import AttentiveMLP, ChoiceActor, GaussianActor, Sizes, StackedMLP
 
 CLIP = 0.2  # largest change of a probability's ratio that is learned from
 TRACE = 0.9  # λ
@@ -23,7 +23,7 @@ MAX_GRADIENT_NORM = 1.0  # of an actor; larger gradients, after its deviation ha
 MAX_LOG_RATIO = 20.0  # ln r, beyond which r would soon be infinite
 
 
-class PPO(Learner[GaussianActor]):
+class PPO(Learner[GaussianActor | ChoiceActor]):
     """A value V of states and a Gaussian actor π, which learn in some epochs of minibatches of each rollout.
 
     With R the reward while an action is held and Γ the discount of the value after it (`Batch`), π_0 the actor and V_0
@@ -32,9 +32,10 @@ class PPO(Learner[GaussianActor]):
         advantage    A_t = δ_t + Γ_t λ A_{t+1}, but A_t = δ_t where no further action of the episode follows
         value        minimises mean (V(s) − y)², y = A + V_0(s)
         actor        maximises mean min(r Â, clip(r, 1 ± `CLIP`) Â), r = π(a|s)/π_0(a|s), Â being A scaled to mean 0 and
-                     deviation 1 in the rollout
+                     deviation 1 in the rollout; in a rollout of a teacher's actions mean ln π(a|s) instead
     """
 
+    chooses = True
     on_policy = True
     max_gradient_norm = MappingProxyType({"actor": MAX_GRADIENT_NORM})
     defaults = MappingProxyType(
@@ -52,11 +53,16 @@ class PPO(Learner[GaussianActor]):
     def __init__(self, sizes: Sizes, config: Settings, generator: torch.Generator) -> None:
         super().__init__(sizes, config, generator)
         self.set_actor(self.make_actor(sizes, config, generator))
-        self.value = StackedMLP(sizes.stack, (sizes.observation, *config.hidden, 1), generator, config.layer_norm)
+        if sizes.each:
+            self.value: StackedMLP = AttentiveMLP(sizes, config.hidden, 1, generator)
+        else:
+            self.value = StackedMLP(sizes.stack, (sizes.observation, *config.hidden, 1), generator, config.layer_norm)
         self.add_optimiser("value", self.value.parameters())
 
     @staticmethod
-    def make_actor(sizes: Sizes, config: Settings, generator: torch.Generator) -> GaussianActor:
+    def make_actor(sizes: Sizes, config: Settings, generator: torch.Generator) -> GaussianActor | ChoiceActor:
+        if sizes.choices:
+            return ChoiceActor.undecided(sizes, config.hidden, generator)
         actor = GaussianActor.near_zero(sizes, config.hidden, generator)
         actor.set_deviation(DEVIATION)
         return actor
@@ -85,17 +91,23 @@ class PPO(Learner[GaussianActor]):
         for _ in range(self.config.updates):
             for index in (first + self.permutation(count)).tensor_split(batch.parts, -1):
                 own = index.flatten()  # `index_select` takes a third of the time of an index
-                figures.append(self._step(*(each.index_select(0, own).unflatten(0, index.shape) for each in rows)))
+                part = (each.index_select(0, own).unflatten(0, index.shape) for each in rows)
+                figures.append(self._step(*part, taught=batch.taught))
         self.updates += 1
         return dict(zip(("value_loss", "value", "divergence"), torch.stack(figures).mean(0), strict=True))
 
-    def _step(self, observation: Tensor, action: Tensor, target: Tensor, advantage: Tensor, before: Tensor) -> Tensor:
+    def _step(
+        self, observation: Tensor, action: Tensor, target: Tensor, advantage: Tensor, before: Tensor, taught: bool
+    ) -> Tensor:
         """Learn from a minibatch; the figures of `update`."""
         value = self.value(observation).squeeze(-1)
         value_loss = (value - target).square().mean(-1)
-        log_ratio = (self.actor.log_density(observation, action) - before).clamp(max=MAX_LOG_RATIO)
+        log_density = self.actor.log_density(observation, action)
+        log_ratio = (log_density - before).clamp(max=MAX_LOG_RATIO)
         ratio = log_ratio.exp()
         gain = torch.minimum(ratio * advantage, ratio.clamp(1.0 - CLIP, 1.0 + CLIP) * advantage)
+        if taught:
+            gain = log_density
         self.gradient_step(("value", "actor"), value_loss.sum() - gain.mean(-1).sum())
         self.average()
         return torch.stack((value_loss.mean(), value.mean(), (ratio - 1.0 - log_ratio).mean())).detach()

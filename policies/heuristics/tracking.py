@@ -27,6 +27,12 @@ PULL = 10.0  # m² for each metre beyond it
 FAST = 0.8  # share of the AUVs' speed above which a detour loses targets
 
 
+def leash(scenario: Scenario) -> float:
+    """What an AUV makes good on the fastest targets in `LEASH` intervals, m."""
+    numbers, speed = scenario.task_numbers, scenario.reference.crab_speed
+    return LEASH * numbers["interval"] * max(speed - numbers["target_speed_most"], 0.0)
+
+
 class Circle(Clear):
     """Circles about its target at a radius, with the target's velocity by the AUV's filter, clear of other AUVs.
 
@@ -122,7 +128,7 @@ class Tree(Circle):
         self.turns, self.first = TURN * ways, ways[:, 0]  # (S, N), rad, and (S,)
         self.times = self.interval * torch.arange(1.0, steps + 1.0, device="cpu")
         fastest = self.numbers["target_speed_most"]
-        self.leash = LEASH * self.interval * max(self.speed - fastest, 0.0)  # m
+        self.leash = leash(self.scenario)
         self.circling = float(self.scenario.auv.count == 1 or fastest > FAST * self.speed)
         self.height = 0.5 * (self.numbers["depth_least"] + self.numbers["depth_most"]) - self.scenario.auv.depth
 

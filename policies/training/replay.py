@@ -152,13 +152,14 @@ class Replay:
         """The observation of the last row."""
         return self.observation[self.head - 1]
 
-    def take(self, after: Tensor, n: int, gamma: float, gain: Tensor, batch: int) -> Rollout:
+    def take(self, after: Tensor, n: int, gamma: float, gain: Tensor, batch: int, taught: bool = False) -> Rollout:
         """Take out all that is stored, whose first row begins a decision, as decisions held for n steps.
 
         Args:
             after: the observation (W, K, F) that followed.
             gain: as in `sample`; (N,) of N seeds.
             batch: decisions of each learner in a minibatch, at most.
+            taught: see `Rollout`.
         """
         self.finish(after)
         starts, follows, held = [], [], 0
@@ -175,7 +176,7 @@ class Replay:
         tensors = {name: value.unflatten(1, (len(starts), -1)) for name, value in vars(flat).items()}
         parts = math.ceil(flat.reward.shape[1] / batch)
         later = torch.tensor([*follows[1:], 0.0], dtype=torch.float32, device=self.device)
-        return Rollout(**tensors, follows=later, parts=parts)
+        return Rollout(**tensors, follows=later, parts=parts, taught=taught)
 
     def _stack(self, value: Tensor) -> Tensor:
         """Values (S, B, ...) of the learners, from those (B, K, ...) of AUVs."""

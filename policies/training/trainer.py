@@ -95,11 +95,14 @@ class SeedStack:
         if learning:
             learner.set_learning_rate(1.0 - (1.0 - config.final_rate) * done / total)
         if learning and config.on_policy:
-            self._update(replay.take(features, config.n_step, config.gamma, self._gains(), config.batch))
+            rollout = replay.take(features, config.n_step, config.gamma, self._gains(), config.batch, self.taught)
+            self._update(rollout)
 
         # Act with exploration, and step the worlds.
         noise = torch.cat([run.noise.step() if deciding else run.noise.value for run in runs])
         chosen = self._choose(self.observation, features, noise, *shared)
+        if self.taught:
+            self._teach(chosen)
         stepping = pool.submit(self._step_worlds, chosen["command"])
         if replay.device.type == "cuda":  # which updates after the step, and must not see both at a recording
             wait((stepping,))
@@ -131,6 +134,11 @@ class SeedStack:
             replay.finish(self._features(self.observation)["features"])
             self.observation = pool.submit(self._reset_worlds).result()
 
+    @property
+    def taught(self) -> bool:
+        """Whether the actors still learn what their teachers do."""
+        return self.runs[0].teacher is not None and self.learner.updates < self.config.imitation
+
     def _features(self, observation: Tensor) -> dict[str, Tensor]:
         """The standardised features (N W, K, F) of observations (N W, K, O), and what `Frame.shared` returns."""
         with frames.calling(self.config.frame):
@@ -160,6 +168,17 @@ class SeedStack:
             else:
                 command = self.frame.decode(by_component(observation), action, *more)
         return {"action": action, "command": command}
+
+    def _teach(self, chosen: dict[str, Tensor]) -> None:
+        """Put the teachers' actions in the place of those to learn from; worlds follow them and the networks in turns.
+
+        So an actor sees both where its teacher comes and where it comes itself, as by Ross, Gordon and Bagnell, "A
+        reduction of imitation learning and structured prediction to no-regret online learning", AISTATS 2011.
+        """
+        seen = self.observation.chunk(self.count)
+        taught = torch.cat([run.teacher.act(own) for run, own in zip(self.runs, seen, strict=True) if run.teacher])
+        chosen["action"] = self.frame.choice(self.observation, taught)
+        chosen["command"][::2] = taught[::2]
 
     def _step_worlds(self, command: Tensor) -> list[Step]:
         """Step the worlds of each run."""
@@ -197,7 +216,8 @@ class SeedStack:
             run.scale = self.config.reward_scale / max(float(rewards.abs().mean()), TINY)
             rewards.mul_(run.scale)
             stored = run.replay.observation[: self.replay.size]
-            run.standardizer.copy_(Standardizer.of(stored))  # in place: earlier policies share the updated statistics
+            if self.frame.standardised:
+                run.standardizer.copy_(Standardizer.of(stored))  # in place: earlier policies share the statistics
             stored.copy_(run.standardizer(stored))
             parts.append(run.standardizer(own))
         if self.count > 1:

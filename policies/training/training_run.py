@@ -6,16 +6,18 @@ import math
 from collections.abc import Callable, Mapping
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import torch
 
 from usvauv.env.storage.memory import require
+from usvauv.env.world.world import World
 from usvauv.kernels.errors import DivergenceError
 from usvauv.policies.algorithms import Sizes, algorithms
 from usvauv.policies.config import TrainingConfig
 from usvauv.policies.frames import frames
 from usvauv.policies.learned import LearnedPolicy, Standardizer
+from usvauv.policies.loading import load
 from usvauv.policies.names import PolicyError
 from usvauv.policies.training.exploration import CorrelatedNoise, TrainingWorld
 from usvauv.policies.training.meter import Meter
@@ -48,6 +50,7 @@ class TrainingRun:
         provenance: recorded in every checkpoint with the figures, such as command and commit.
 
     Attributes:
+        teacher: the policy of `Frame.teacher` in these worlds; None: there is none.
         history: every evaluation of the run so far: its figures, with steps and updates; saved with the run.
         steps: world-steps done.
 
@@ -76,16 +79,23 @@ class TrainingRun:
         with frames.calling(config.frame):
             self.frame = frames[config.frame](world.scenario)
         self.generator = torch.Generator(device).manual_seed(config.seed)
-        sizes = Sizes(1 if config.shared else world.num_auvs, self.frame.features, self.frame.actions)
+        frame = self.frame
+        self.teacher = load(frame.teacher, cast(World, world)) if frame.teacher else None
+        if frame.choices and not algorithms[config.algorithm].chooses:
+            raise PolicyError(
+                f"training: algorithm = {config.algorithm!r}: cannot learn choices, which are the actions of frame"
+                f" {config.frame!r}: must be ppo"
+            )
+        sizes = frame.sizes(config.shared)
         require(learning_bytes(config, sizes), "training: hidden, batch or n_step", device)
         with algorithms.calling(config.algorithm):
             self.learner = algorithms[config.algorithm](sizes, config, self.generator)
             self.learner.averaged  # noqa: B018 - a plugin's may have forgotten `set_actor`
-        shape = (world.num_worlds, world.num_auvs, self.frame.features, self.frame.actions)
+        shape = (world.num_worlds, world.num_auvs, frame.features, frame.actions)
         rows = config.rollout + config.n_step + 1 if config.on_policy else config.replay // config.num_worlds
         self.replay = Replay(rows, shape, device, config.shared)
-        self.standardizer = Standardizer.identity(self.frame.features, device)
-        self.noise = CorrelatedNoise((*shape[:2], self.frame.actions), config.correlation, self.generator)
+        self.standardizer = Standardizer.identity(frame.features, device)
+        self.noise = CorrelatedNoise((*shape[:2], frame.actions), config.correlation, self.generator)
         self.gain = torch.zeros((), dtype=torch.float64, device=device)  # ρ, the average reward of a step
         self.scale = 1.0  # of the rewards that are learned from
         self.observation = torch.empty(0, device="cpu")

@@ -16,7 +16,7 @@ from usvauv.env.site.site import Site
 from usvauv.env.world.agents import observed
 from usvauv.policies import LearnedPolicy, PolicyError, TrainingConfig
 from usvauv.policies import export as exporting
-from usvauv.policies.algorithms import Sizes, algorithms
+from usvauv.policies.algorithms import algorithms
 from usvauv.policies.export import export
 from usvauv.policies.frames import frames
 from usvauv.policies.learned import Standardizer
@@ -39,7 +39,7 @@ def untrained(scenario: Scenario, **settings) -> LearnedPolicy:
     """A policy with random weights, large enough for its actions to differ from one observation to the next."""
     config = TrainingConfig(**settings)
     frame = frames[config.frame](scenario)
-    sizes = Sizes(1 if config.shared else scenario.auv.count, frame.features, frame.actions)
+    sizes = frame.sizes(config.shared)
     actor = algorithms[config.algorithm].make_actor(sizes, config, torch.Generator().manual_seed(1))
     actor.requires_grad_(False).weights[-1].mul_(300.0)
     standardizer = Standardizer.of(frame.encode(observations(scenario, 20)))

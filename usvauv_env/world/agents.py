@@ -36,7 +36,7 @@ def observed(site: Site) -> list[Quantity]:
         term = observation_terms[name]
         unit = f"area's diagonal, {scenario.area.diagonal:.6g} m" if term.unit == "D" else term.unit
         low, high = (math.copysign(largest, x) if math.isinf(x) else x for x in (term.low, term.high))
-        for text in quantities(name, layout.num_auvs):
+        for text in quantities(name, layout.num_auvs, layout.num_nodes):
             rows.append(Quantity(len(rows), text, unit, low, high))
     return rows
 

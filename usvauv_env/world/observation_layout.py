@@ -35,10 +35,12 @@ class ObservationLayout:
 
     Attributes:
         num_auvs: number K of AUVs.
+        num_nodes: number M of nodes, stations or targets.
         terms: names of the terms, in order.
     """
 
     num_auvs: int
+    num_nodes: int
     terms: tuple[str, ...]
 
     @classmethod
@@ -57,7 +59,7 @@ class ObservationLayout:
             with observation_terms.calling(name):
                 if term.present(scenario) if term.present else name in extra:
                     present.append(name)
-        return cls(scenario.auv.count, tuple(present))
+        return cls(scenario.auv.count, scenario.targets, tuple(present))
 
     def __contains__(self, name: str) -> bool:
         return name in self.terms
@@ -66,7 +68,7 @@ class ObservationLayout:
         """Names and indices of the terms."""
         last = 0
         for name in self.terms:
-            first, last = last, last + len(quantities(name, self.num_auvs))
+            first, last = last, last + len(quantities(name, self.num_auvs, self.num_nodes))
             yield name, slice(first, last)
 
     @property

@@ -55,6 +55,7 @@ from usvauv.kernels.types import Level, vec2, vec3
 HYSTERESIS = 30.0  # m
 COVERED = 150.0  # m, from an AUV to a target that is covered
 PRECISE, USELESS = 10.0, 50.0  # m, errors between which the reward falls from 1 to 0
+LOST = 3.0  # deviations over `USELESS`, above which a target is lost
 NEVER = 1e8  # s
 PLACINGS = 64  # attempts to place a target apart from the others
 SPREAD = 100.0  # m, unit of an estimate's deviation in an observation
@@ -364,7 +365,17 @@ def collision(worlds: ti.template(), w, k, weight):
     return weight * ti.min(worlds.tally.collisions[w], 1.0)
 
 
-TERMS = (tracked, covered, collision)
+@func
+def deviation(worlds: ti.template(), w, k, weight):
+    """Mean over targets of the deviation √(P_xx + P_yy) of the team's estimate over `USELESS`, at most `LOST`."""
+    total, count = 0.0, worlds.node.shape[1]
+    for i in range(count):
+        variance = worlds.task_node.covariance_xx[w, i] + worlds.task_node.covariance_yy[w, i]
+        total += ti.min(ti.sqrt(ti.max(variance, 0.0)) / USELESS, LOST)
+    return weight * total / count
+
+
+TERMS = (tracked, covered, collision, deviation)
 REWARD_TERMS = (
     *(RewardTerm(term.__name__, term, WEIGHTS[term.__name__]) for term in TERMS),
     RewardTerm("border", rewards.border, None),

@@ -38,4 +38,4 @@ PARAMETERS = (
 PLAIN = tuple(  # of `tracking-plain`, where depths are known and boats play no part
     each for each in PARAMETERS if each[0] not in ("depths_known", "boat_listens")
 )
-WEIGHTS = {"tracked": 1.0, "covered": 1.0, "collision": -1.0}  # of terms of the reward
+WEIGHTS = {"tracked": 1.0, "covered": 1.0, "collision": -1.0, "deviation": 0.0}  # of terms of the reward

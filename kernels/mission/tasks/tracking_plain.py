@@ -20,11 +20,11 @@ from usvauv.kernels.mission.tasks.task import tasks
 from usvauv.kernels.mission.tasks.tracking import TRACKING
 from usvauv.kernels.mission.tasks.tracking_columns import PairColumn
 from usvauv.kernels.mission.tasks.tracking_numbers import PLAIN
+from usvauv.kernels.mission.tasks.tracking_outlook import MOST, TURN
 from usvauv.kernels.transcendental import TWO_PI, wrapped
 from usvauv.kernels.types import vec2
 
-MOST = 2  # rudders to either side
-TURN, OFFSET, ERROR = -6.052 * 0.12, -0.0005, 0.02  # rad in a step: by a rudder, by none, standard deviation
+OFFSET, ERROR = -0.0005, 0.02  # rad in a step without a rudder: mean turn, standard deviation
 
 
 class HelmColumn(StateColumns):
@@ -76,5 +76,6 @@ TRACKING_PLAIN = replace(
     pair_columns=PairColumn,
     boat_columns=None,
     parameters=PLAIN,
+    observation=("track", "outlook"),
 )
 tasks.register("tracking-plain", TRACKING_PLAIN)

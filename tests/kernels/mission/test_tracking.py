@@ -12,9 +12,11 @@ from usvauv.env.record.metrics import task_metrics
 from usvauv.env.record.recorder import record
 from usvauv.env.record.trace import Trace
 from usvauv.env.record.tracking_metrics import number
+from usvauv.env.world.observation_layout import ObservationLayout
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, ExchangeColumn, NodeColumn
 from usvauv.kernels.mission.tasks.task import SHIPPED, Outline, tasks
 from usvauv.kernels.mission.tasks.tracking_columns import PairColumn, TargetColumn
+from usvauv.kernels.mission.tasks.tracking_outlook import EACH, OWN
 from usvauv.kernels.mission.tasks.tracking_plain import HelmColumn
 from usvauv.policies.loading import load
 
@@ -227,7 +229,7 @@ def test_an_auv_by_the_published_rules_turns_by_neighbouring_rudders_and_goes_st
 
 
 def test_the_reward_counts_errors_as_published():
-    world = made("auv.start_separation=30")
+    world = made("auv.start_separation=30", "task_parameters.deviation=-2")
     stepped(world, 30)
     error, distance = (world.task_node[..., column].double() for column in (TargetColumn.error, TargetColumn.distance))
     t = ((error - 10) / 40).clamp(0, 1 - 1e-9)
@@ -236,6 +238,9 @@ def test_the_reward_counts_errors_as_published():
     np.testing.assert_allclose(terms["tracked"], expected[:, None].expand(-1, 3), atol=1e-5)
     np.testing.assert_allclose(terms["covered"], (distance <= 150).double().mean(-1)[:, None].expand(-1, 3), atol=1e-6)
     assert 0 < expected.mean() < 1
+    variance = world.task_node[..., TargetColumn.covariance_xx] + world.task_node[..., TargetColumn.covariance_yy]
+    deviation = (variance.double().sqrt() / 50).clamp(max=3).mean(-1)
+    np.testing.assert_allclose(terms["deviation"], -2 * deviation[:, None].expand(-1, 3), atol=1e-4)
 
 
 def test_on_a_circle_an_auv_keeps_its_distance():
@@ -275,6 +280,38 @@ def directions(course: float, turns: list[float]) -> np.ndarray:
     """Unit vectors of a course after each of these turns by 0.726 rad, one after another, (N, 2)."""
     angles = course + 0.726 * np.cumsum(turns)
     return np.stack([np.cos(angles), np.sin(angles)], -1)
+
+
+def test_the_outlook_is_what_rudders_leave_of_each_target():
+    """Deviations with the last rudder less those with its neighbours, by a Kalman filter's covariances, m."""
+    world = made(worlds=8)
+    policy, place = load("tree", world), ObservationLayout.of(world.scenario).slice("outlook")
+    for _ in range(12):
+        world.step(policy.act(world.observation))
+    pairs, auv, helm = (each[:, 0].double().numpy() for each in (world.task_pair, world.auv, world.task_auv))
+    auvs, helms = world.auv.double().numpy(), world.task_auv.double().numpy()
+    numbers = world.observation[:, 0, place].double().numpy()[:, len(OWN) + len(EACH) :].reshape(8, 3, len(EACH))
+    for w in range(8):
+        others = [
+            auvs[w, k, :2] + 30 * 0.986 * directions(helms[w, k, HelmColumn.course], 3 * [-rudder]).cumsum(0)
+            for k, rudder in enumerate(helms[w, :, HelmColumn.rudder])
+        ][1:]
+        for i in range(3):
+            deviations = []
+            for side in (0, -1, 1):
+                rudder = np.clip(helm[w, HelmColumn.rudder] + side, -2, 2)
+                own = auv[w, :2] + 30 * 0.986 * directions(helm[w, HelmColumn.course], 3 * [-rudder]).cumsum(0)
+                P = pairs[w, i, [PairColumn.xx, PairColumn.xy, PairColumn.xy, PairColumn.yy]].reshape(2, 2)
+                deviations.append([])
+                for n in range(3):
+                    target = pairs[w, i, PairColumn.span("x", "y")].copy()
+                    target += 30 * (n + 1) * pairs[w, i, PairColumn.span("vx", "vy")]
+                    J = sum(information(way[n], target) for way in (own, *others))
+                    P = np.linalg.inv(np.linalg.inv(P + (0.3 * 0.69 * 30) ** 2 * np.eye(2)) + J)
+                    deviations[-1].append(math.sqrt(np.trace(P)))
+            last, *sides = np.array(deviations)
+            expected = [*((last - each)[0] for each in sides), *((last - each).mean() for each in sides)]
+            np.testing.assert_allclose(numbers[w, i, -4:], np.clip(expected, -5, 5), atol=2e-3)
 
 
 @pytest.mark.parametrize("team", [1, 2])

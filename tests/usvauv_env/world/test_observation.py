@@ -19,8 +19,8 @@ from usvauv.kernels.mission.tasks.task import tasks
 @pytest.mark.parametrize("num_auvs", [1, 2, 5])
 def test_the_table_of_the_docs_holds_for_any_number_of_auvs(num_auvs):
     """Its expressions in K, at that K, are first and last index of each term where all terms are present."""
-    assert tasks["tracking"].observation == ("track",)  # which so is registered
-    layout = ObservationLayout(num_auvs, tuple(observation_terms))
+    assert tasks["tracking-plain"].observation == ("track", "outlook")  # which so are registered
+    layout = ObservationLayout(num_auvs, 0, tuple(observation_terms))
     page = (Path(__file__).parents[3] / "docs" / "interfaces.md").read_text(encoding="utf-8")
     table = page.partition("\n| index | term | ")[2].partition("\n\n")[0]
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in table.splitlines()[2:]]
@@ -50,7 +50,7 @@ def test_bounds_are_those_of_the_units():
     largest = current_bound(site)
     expected = {"others": 2.0, "target": 2.0, "position": 2.0, "current": largest, "current_profile": largest}
     for name, place in layout:
-        for row, text in zip(rows[place], quantities(name, 3), strict=True):
+        for row, text in zip(rows[place], quantities(name, 3, layout.num_nodes), strict=True):
             assert row.quantity == text
             assert row.high == pytest.approx({**expected, "current_speed": largest}.get(name, 1.0))
             assert row.low == pytest.approx(-expected[name] if name in expected else 0.0)
