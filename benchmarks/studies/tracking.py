@@ -6,7 +6,7 @@
     python -m benchmarks.studies.tracking --part depths
     python -m benchmarks.studies.tracking --part few
     python -m benchmarks.studies.tracking --part rare
-    python -m benchmarks.studies.tracking --runs runs/hard --runs runs/expert --out docs/circling.png
+    python -m benchmarks.studies.tracking --runs runs/hard --runs runs/expert --out docs/learned-tracking.png
 
 First `tracking-plain`, by team and setting of the published environment: the error of the estimates of the AUV with the
 smallest range, after the first 20 steps, its median and its mean over worlds, targets and steps, the latter with the
@@ -333,19 +333,23 @@ def curves(runs: Sequence[Path]) -> list[dict[str, object]]:
 
 
 def draw(rows: Sequence[dict[str, Any]], ground: Ground) -> Figure:
-    """The curves of each run and their mean, a panel for each setting."""
+    """The curves of each run and their mean, a panel for each setting, two in a row."""
     names = list(dict.fromkeys(row["setting"] for row in rows))
-    figure = Figure(figsize=(7.2, 3.6), layout="constrained")
-    panels = figure.subplots(1, len(names), sharey=True, squeeze=False)[0]
-    for axes, name in zip(panels, names, strict=True):
+    lines = (len(names) + 1) // 2
+    figure = Figure(figsize=(7.2, 3.0 * lines), layout="constrained")
+    panels = [*figure.subplots(lines, 2, squeeze=False).flat]
+    for unused in panels[len(names) :]:
+        unused.remove()
+    for axes, name in zip(panels, names, strict=False):
         steps, mean, *each = np.array([[*row.values()][1:] for row in rows if row["setting"] == name]).T
         for margins in each:
             axes.plot(steps / 1000, margins, color=ground.muted, lw=0.8)
         axes.plot(steps / 1000, mean, "o-", color=ground.colours[0], ms=4, label="mean of the seeds")
         axes.axhline(0.0, ls="--", lw=1.2, color=ground.text, label="circle")
         axes.set(title=f"trained at {name}", xlabel="thousands of world-steps")
-    panels[0].set(ylabel="ARPS of the team, over circle's")
-    panels[0].legend(loc="upper left")
+        axes.set_ylim(bottom=-0.25 * mean.max())  # which networks that begin untrained are far below
+    panels[0].legend(loc="center right")
+    figure.supylabel("ARPS of the team, over circle's")
     return figure
 
 
