@@ -13,9 +13,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from usvauv.env.accuracy.tracking_bound import bearing_information, range_information, rms, tracking_bound
 from usvauv.env.record.metrics import Metric, task_metrics
 from usvauv.env.record.trace import Trace
+from usvauv.env.record.tracking_bound import bearing_information, range_information, rms, tracking_bound
 from usvauv.env.scenario import Scenario
 from usvauv.kernels.mission.tasks.tracking import COVERED
 

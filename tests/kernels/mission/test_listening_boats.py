@@ -8,9 +8,9 @@ import torch
 
 from tests.kernels.tracking.rules import Filters
 from usvauv.env import Scenario, World
-from usvauv.env.accuracy.tracking_bound import range_information, rms, tracking_bound
 from usvauv.env.exchange.trace_tables import tables
 from usvauv.env.record.recorder import record
+from usvauv.env.record.tracking_bound import range_information, rms, tracking_bound
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn, NodeColumn
 from usvauv.kernels.mission.tasks.tracking_columns import BoatHearingColumn, PairColumn, TargetColumn
 from usvauv.policies.loading import load

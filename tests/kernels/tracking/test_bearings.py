@@ -7,7 +7,7 @@ import pytest
 
 from tests.kernels.tracking.rules import REACH, STEP, Filters, along, observe_bearings_all
 from tests.kernels.tracking.test_range_filter import nees, set_one, straight
-from usvauv.env.accuracy.tracking_bound import bearing_information, rms, tracking_bound
+from usvauv.env.record.tracking_bound import bearing_information, rms, tracking_bound
 from usvauv.kernels.tracking.bearings import SPAN
 
 DEVIATION = 0.03  # rad

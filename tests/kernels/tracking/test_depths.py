@@ -5,7 +5,7 @@ import pytest
 
 from tests.kernels.tracking.rules import NOISE, STEP, Filters, along
 from tests.kernels.tracking.test_range_filter import hypotheses, nees, straight
-from usvauv.env.accuracy.tracking_bound import range_information, rms, tracking_bound
+from usvauv.env.record.tracking_bound import range_information, rms, tracking_bound
 from usvauv.kernels.tracking.hypotheses import HypothesisColumn
 
 LIMITS = 5.0, 80.0  # m

@@ -9,8 +9,8 @@ from abc import ABC, abstractmethod
 
 import numpy as np
 
-from usvauv.env.accuracy.tracking_bound import bearing_information, range_information
 from usvauv.env.record.trace import Trace
+from usvauv.env.record.tracking_bound import bearing_information, range_information
 from usvauv.env.record.tracking_metrics import letter, number, settled
 from usvauv.env.render import shapes, style
 from usvauv.env.render.layout import SMALLEST_LETTERS, Layout, Rectangle, fitting, nice, within_margins, write_heading

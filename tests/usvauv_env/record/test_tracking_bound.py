@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
-from usvauv.env.accuracy.tracking_bound import bearing_information, range_information, rms, tracking_bound
+from usvauv.env.record.tracking_bound import bearing_information, range_information, rms, tracking_bound
 
 SIGMA = 7.0  # m
 FREE = 1e6 * np.eye(4)
