@@ -204,12 +204,14 @@ def observe(worlds: ti.template(), w, k, first):
     for axis in ti.static(range(2)):
         write(worlds, w, k, first + 2 * MOST + 1 + axis, nearest[axis])
     start, size = first + ti.static(len(OWN)), ti.static(len(EACH))
-    describe(worlds, w, k, target_of(worlds, w, k), start)
     worth = ti.Vector([0.0, 0.0, 0.0, 0.0])
     for i in range(worlds.node.shape[1]):
         worth += describe(worlds, w, k, i, start + size * (1 + i))
     for n in ti.static(range(4)):
         write(worlds, w, k, start - 4 + n, worth[n])
+    for n in range(size):
+        own = worlds.observation[w, k, start + size * (1 + target_of(worlds, w, k)) + n]
+        worlds.observation[w, k, start + n] = own
 
 
 observation_terms.register(
