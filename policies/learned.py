@@ -87,8 +87,9 @@ class LearnedPolicy(Policy):
         self.frame_name = frame
         with frames.calling(frame):
             self.frame = frames[frame](scenario)
-        own = Standardizer.identity(self.frame.features, standardizer.mean.device)
-        self.standardizer = standardizer if self.frame.standardised else own
+        if not self.frame.standardised:  # whose features are as many as there are targets
+            standardizer = Standardizer.identity(self.frame.features, standardizer.mean.device)
+        self.standardizer = standardizer
         self.actor = actor
         self.shared = shared
         self.about = about
