@@ -11,7 +11,8 @@ from usvauv.env.scenario import Scenario
 from usvauv.env.world.observation_layout import ObservationLayout
 from usvauv.kernels.errors import choices
 from usvauv.policies.algorithms import algorithms
-from usvauv.policies.frames import PASSING_TERMS, frames
+from usvauv.policies.frames import frames
+from usvauv.policies.frames.offsets import PASSING_TERMS
 from usvauv.policies.names import PolicyError
 
 MOST_LAYERS, WIDEST = 16, 8192

@@ -12,16 +12,9 @@ from tests.policies.toy import ToyWorld, observe, scenario
 from usvauv import policies
 from usvauv.env import Scenario, World
 from usvauv.policies import PolicyError
-from usvauv.policies.frames import (
-    BORDER_MARGIN,
-    PRICE,
-    TURN,
-    CirclingFrame,
-    GuidedFrame,
-    PassingFrame,
-    TargetFrame,
-    frames,
-)
+from usvauv.policies.frames import CirclingFrame, GuidedFrame, PassingFrame, TargetFrame, frames
+from usvauv.policies.frames.offsets import TURN
+from usvauv.policies.frames.target import PRICE
 from usvauv.policies.guidance import (
     SpeedToFly,
     clear_of_others,
@@ -36,6 +29,7 @@ from usvauv.policies.guidance import (
 )
 from usvauv.policies.learned import LearnedPolicy, Standardizer
 from usvauv.policies.networks import DeterministicActor
+from usvauv.policies.steering import BORDER_MARGIN
 
 KNOT = 1852 / 3600  # m/s
 
