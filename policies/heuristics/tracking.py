@@ -24,6 +24,7 @@ TURN, MOST = 0.726, 2  # rad in an interval, and turns to either side among whic
 LEASH = 13.0  # intervals in which an AUV comes up with its target if that flees
 PULL = 10.0  # m² for each metre beyond it
 FAST = 0.8  # share of the AUVs' speed above which a detour loses targets
+AWAY, DISTANCE = 30.0, 120.0  # m: deviation that a course away from that of `circle` costs, and from where on all of it
 
 
 def leash(scenario: Scenario) -> float:
@@ -106,9 +107,12 @@ class Tree(Circle):
 
     What a distance costs later on counts in more intervals than a search has, so each AUV is held to a leash of its own
     target: `PULL` is added for each metre beyond the lead of the fastest targets that it makes good in `LEASH`
-    intervals. An AUV alone, for which no other measures meanwhile, and AUVs that follow targets which may be `FAST`,
-    which a detour loses, choose by the logarithm of the sum plus 1 − cos ε, ε the angle between their first course and
-    that of `circle`.
+    intervals.
+
+    An AUV alone, for which no other measures meanwhile, and AUVs that follow targets which may be `FAST`, which a
+    detour loses, keep near the course of `circle`. Of the rudders, kept for all intervals, they take the one with the
+    least mean of Σ √(tr P) over intervals plus c (1 − cos ε), c = `AWAY` · min(d/`DISTANCE`, 1), d the distance to an
+    AUV's target and ε the angle between the first course and that of `circle`.
 
     Source of the order of choices: Krause, Singh and Guestrin (2008), JMLR 9, 235.
     """
@@ -122,13 +126,13 @@ class Tree(Circle):
         self.numbers, steps = self.scenario.task_numbers, int(argument)
         self.interval = self.numbers["interval"]
         turns = torch.arange(-MOST, MOST + 1, device="cpu")
+        fastest = self.numbers["target_speed_most"]
+        self.circling = self.scenario.auv.count == 1 or fastest > FAST * self.speed
         ways = torch.cartesian_prod(*[turns] * steps).view(-1, steps)
-        ways = ways[(ways.diff(dim=1).abs() <= 1).all(1)]
+        ways = ways[(ways.diff(dim=1).abs() <= (0 if self.circling else 1)).all(1)]
         self.turns, self.first = TURN * ways, ways[:, 0]  # (S, N), rad, and (S,)
         self.times = self.interval * torch.arange(1.0, steps + 1.0, device="cpu")
-        fastest = self.numbers["target_speed_most"]
         self.leash = leash(self.scenario)
-        self.circling = float(self.scenario.auv.count == 1 or fastest > FAST * self.speed)
         self.height = 0.5 * (self.numbers["depth_least"] + self.numbers["depth_most"]) - self.scenario.auv.depth
 
     @classmethod
@@ -171,22 +175,22 @@ class Tree(Circle):
         return share * torch.stack((x * x, x * y, y * y))
 
     def variances(self, covariance: Tensor, information: Tensor) -> Tensor:
-        """Σ tr P over intervals and targets, (W, S), m².
+        """tr P of the targets after each interval, (N, W, S, M), m².
 
         Args:
             covariance: xx, xy, yy at the start, (3, W, 1, M), m². information: of each interval, (3, W, S, N, M).
         """
         moved = (UNFORESEEN * self.numbers["target_speed_most"] * self.interval) ** 2
         xx, xy, yy = covariance
-        total = torch.zeros((), device=covariance.device)
+        found = []
         for n in range(information.shape[3]):
             xx, yy = xx + moved, yy + moved
             whole = (xx * yy - xy * xy).clamp_min(1e-6)
             a, b, c = torch.stack((yy, -xy, xx)) / whole + information[:, :, :, n]
             whole = (a * c - b * b).clamp_min(1e-12)
             xx, xy, yy = c / whole, -b / whole, a / whole
-            total = total + (xx + yy).sum(-1)
-        return total
+            found.append(xx + yy)
+        return torch.stack(found)
 
     def act(self, observation: Tensor) -> Tensor:
         pairs, times = self.world.task_pair.to(observation), self.times.to(observation)
@@ -199,9 +203,15 @@ class Tree(Circle):
         targets = place[:, :, None] + times[:, None, None] * velocity[:, :, None]  # (W, K, N, M, 2)
         covariance = pairs[..., PairColumn.span("xx", "yy")].movedim(-1, 0)[:, :, :, None]  # (3, W, K, 1, M)
         mine = self.own(pairs)
-        aim = mine[..., None, PairColumn.span("x", "y")] + times[:, None] * mine[..., None, PairColumn.span("vx", "vy")]
-        apart = (ways - aim[:, :, None]).norm(dim=-1)  # (W, K, S, N)
-        loss = PULL * (apart - self.leash).clamp_min(0.0).sum(-1)
+        circling = self.steer(observation)
+        if self.circling:
+            apart = self.target(observation).norm(dim=-1) * self.scenario.area.diagonal
+            off = 1.0 - (heading[:, :, :, 0] * circling[0][:, :, None]).sum(-1)  # (W, K, S)
+            loss = AWAY * (apart / DISTANCE).clamp(max=1.0)[..., None] * off
+        else:
+            aim, drift = (mine[..., None, PairColumn.span(*names)] for names in (("x", "y"), ("vx", "vy")))
+            apart = (ways - (aim + times[:, None] * drift)[:, :, None]).norm(dim=-1)  # (W, K, S, N)
+            loss = PULL * (apart - self.leash).clamp_min(0.0).sum(-1)
         rows, bend = torch.arange(len(here), device=here.device), torch.zeros_like(times)
         if (last := self.rudders(observation)) is not None:
             loss = loss.masked_fill((self.first.to(loss) - last[..., None]).abs() > 1.0, math.inf)
@@ -209,15 +219,14 @@ class Tree(Circle):
         kept = rotate(components(bend.cos(), bend.sin()), course[:, :, None])  # (W, K, N, 2)
         chosen = here[:, :, None] + self.interval * (self.speed * kept + current[:, :, None]).cumsum(2)
         chosen = torch.cat((chosen, self.boats(observation)[:, :, None].expand(-1, -1, len(times), -1)), 1)
-        circling = self.steer(observation)
-        off = self.circling * (1.0 - (heading[:, :, :, 0] * circling[0][:, :, None]).sum(-1))  # (W, K, S)
         best = torch.zeros(here.shape[:2], dtype=torch.int64, device=here.device)
         for k in range(here.shape[1]):
             others = torch.arange(chosen.shape[1], device=here.device) != k
             known = self.information(chosen[:, others, :, None], targets[:, None, k]).sum(2)  # (3, W, N, M)
             added = self.information(ways[:, k, :, :, None], targets[:, None, k])  # (3, W, S, N, M)
             variances = self.variances(covariance[:, :, k], known[:, :, None] + added)
-            best[:, k] = ((variances + loss[:, k]).log() + off[:, k]).argmin(1)
+            left = variances.sqrt().sum(-1).mean(0) if self.circling else variances.sum((0, -1))  # (W, S)
+            best[:, k] = (left + loss[:, k]).argmin(1)
             chosen = chosen.clone()
             chosen[:, k] = ways[rows, k, best[:, k]]
         first = heading.gather(2, best[..., None, None, None].expand(*best.shape, 1, *heading.shape[3:]))[:, :, 0, 0]
