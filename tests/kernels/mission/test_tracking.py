@@ -316,7 +316,10 @@ def test_the_outlook_is_what_rudders_leave_of_each_target():
 
 @pytest.mark.parametrize("team", [1, 2])
 def test_tree_chooses_the_way_that_leaves_least_variance(team):
-    """The first AUV, against all ways that its rudder allows, each with a Kalman filter's covariance of each target."""
+    """The first AUV, against all ways that its rudder allows, each with a Kalman filter's covariance of each target.
+
+    An AUV alone keeps its rudder, and near the course of `circle`.
+    """
     world = made(f"auv.count={team}", f"nodes.count={team}", worlds=16)
     policy, circle = load("tree:2", world), load("circle", world)
     for _ in range(12):
@@ -328,11 +331,12 @@ def test_tree_chooses_the_way_that_leaves_least_variance(team):
             continue
         course, rudder = helm[w, :, HelmColumn.course], helm[w, :, HelmColumn.rudder]
         place, own = auv[w, :, AuvColumn.span("x", "y")], int(auv[w, 0, AuvColumn.target])
+        far = math.hypot(*(pairs[w, own, PairColumn.span("x", "y")] - place[0]))
         losses = []
         for way in [(a, b) for a in range(-2, 3) for b in range(-2, 3) if abs(a + rudder[0]) <= 1 and abs(a - b) <= 1]:
             headings = [directions(course[0], way), *(directions(course[k], 2 * [-rudder[k]]) for k in range(1, team))]
             ways = [place[k] + 30 * 0.986 * headings[k].cumsum(0) for k in range(team)]
-            loss = 0.0
+            variances, off = np.zeros((team, 2)), 0.0
             for i in range(team):
                 P = pairs[w, i, [PairColumn.xx, PairColumn.xy, PairColumn.xy, PairColumn.yy]].reshape(2, 2)
                 for n in range(2):
@@ -340,13 +344,15 @@ def test_tree_chooses_the_way_that_leaves_least_variance(team):
                     target += 30 * (n + 1) * pairs[w, i, PairColumn.span("vx", "vy")]
                     J = sum(information(each[n], target) for each in ways)
                     P = np.linalg.inv(np.linalg.inv(P + (0.3 * 0.69 * 30) ** 2 * np.eye(2)) + J)
-                    loss += np.trace(P)
+                    variances[i, n] = np.trace(P)
                     if i == own:
                         leash = 13 * 30 * (0.986 - 0.69)
-                        loss += 10 * max(math.hypot(*(target - ways[0][n])) - leash, 0)
+                        off += 10 * max(math.hypot(*(target - ways[0][n])) - leash, 0)
+            loss = variances.sum() + off
             if team == 1:
-                loss = math.log(loss) + 1 - headings[0][0] @ circling[w]
-            losses.append((loss, headings[0][0]))
+                loss = np.sqrt(variances).mean() + 30 * min(far / 120, 1) * (1 - headings[0][0] @ circling[w])
+            if team > 1 or way[0] == way[1]:
+                losses.append((loss, headings[0][0]))
         best = min(losses, key=lambda each: each[0])[1]
         assert action[w] @ best == pytest.approx(np.linalg.norm(action[w]), rel=1e-4)
 
