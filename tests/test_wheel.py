@@ -48,7 +48,7 @@ def wheel(tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def installed(wheel, tmp_path_factory) -> Path:
     target = tmp_path_factory.mktemp("installed")
-    pip("install", wheel, "--target", target)
+    pip("install", "--no-compile", wheel, "--target", target)
     return target
 
 

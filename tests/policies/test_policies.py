@@ -46,7 +46,8 @@ ACTING = [
     ("wide", "crab", ()),
 ]
 LONG = ("paper-ideal", ""), ("paper-extreme", ""), ("extreme-torpedo", ""), ("ideal", ""), ("bore", "")
-LONG += ("coast", ""), ("wide-torpedo", "loiter"), ("wide", "crab"), ("survey", "")
+LONG += ("coast", ""), ("wide-torpedo", ""), ("wide-torpedo", "loiter"), ("wide", "crab"), ("survey", "")
+LONG += (("tracking-plain", ""),)
 
 
 @pytest.mark.parametrize(

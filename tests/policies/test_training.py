@@ -25,7 +25,7 @@ class TestTraining:
         ("algorithm", "changes"),
         [
             ("sac", {}),
-            ("td3", {}),
+            pytest.param("td3", {}, marks=pytest.mark.slow),
             pytest.param("ddpg", {}, marks=pytest.mark.slow),
             ("ppo", {"n_step": 2, "rollout": 10, "updates": 5, "learning_rate": 3e-3, "shared": True, "seed": 2}),
             pytest.param("ddpg", {"shared": True}, marks=pytest.mark.slow),

@@ -98,7 +98,7 @@ class TestPlan:
         best = search.plan_batch(table(device, 1).repeat(2, 1), points, code=CODES[name], start=start)[0]
         assert best[:2].tolist() == pytest.approx([100, 100], abs=2e-3)
 
-    @pytest.mark.parametrize("name", NAMES)
+    @pytest.mark.parametrize("name", slowly(CODES, *(name for name in CODES if name not in ("d fix", "paper phase"))))
     def test_an_oblong_area_and_its_mirror(self, device, name):
         """Width and length exchanged with x and y; what lies outside one side only is clipped there."""
         code = CODES[name]

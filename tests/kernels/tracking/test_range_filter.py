@@ -283,13 +283,13 @@ class TestRobustness:
             yield n, filters, target
 
     def test_covariances_stay_positive_definite(self, device):
-        """In 5,000 steps, each hypothesis, scaled to correlations."""
+        """In 2,000 steps, each hypothesis, scaled to correlations."""
 
         def velocity(n, random, runs):
             return 0.5 * along(random.normal(0, 0.02, runs) + (n // 10) * 1.2)
 
         level = LEVELS["hard"]
-        for last in self.run(device, motion(level), velocity, steps=5000, lost=0.3, runs=16):
+        for last in self.run(device, motion(level), velocity, steps=2000, lost=0.3, runs=16):
             n, filters, _ = last
             if n % 50 == 0 and n > 0:
                 one = hypotheses(filters)

@@ -87,6 +87,7 @@ def child(tmp_path, program):
     return [line for line in done.stdout.splitlines() if not line.startswith("[Taichi]")]
 
 
+@pytest.mark.slow
 @pytest.mark.cpu("worlds and another program on one device")
 def test_worlds_and_other_code_of_taichi_leave_each_other_alone(tmp_path):
     """`ti.init` before and after, whatever it sets, and `ti.reset`; a plugin is refused when its field is gone."""

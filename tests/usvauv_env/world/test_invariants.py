@@ -118,7 +118,7 @@ SEEDS = (4, (1 << 64) - 1, 4 + (1 << 32), 4)
 
 
 @pytest.mark.usefixtures("_plugin")
-@pytest.mark.parametrize("case", slowly(ALONE, "plugin"))
+@pytest.mark.parametrize("case", slowly(ALONE, "plugin", "torpedo"))
 def test_alone_as_in_a_batch(case):
     """World 9 has the same bits in another batch, where others are reset in between, and alone and brought back.
 
@@ -161,7 +161,7 @@ MANY = {
 
 
 @pytest.mark.cpu("many worlds side by side")
-@pytest.mark.parametrize("case", slowly(MANY, "greedy", "two boats", "paper", "Otter and torpedoes"))
+@pytest.mark.parametrize("case", slowly(MANY, "extreme", "greedy", "two boats", "paper", "Otter and torpedoes"))
 @pytest.mark.usefixtures("own_registries")
 def test_alone_as_among_many(case, monkeypatch):
     """So many worlds that several are side by side in vectors: the first, one between and the last have equal bits."""
@@ -186,7 +186,7 @@ def test_alone_as_among_many(case, monkeypatch):
                 assert len(among) == 1 or torch.equal(among[own], by_itself[0]), each  # 1 where it is not used
 
 
-@pytest.mark.parametrize("case", ["losses", "torpedo"])
+@pytest.mark.parametrize("case", slowly(["losses", "torpedo"], "torpedo"))
 def test_each_with_a_seed_of_its_own_as_alone(case):
     """Two episodes of worlds of different seeds, two of them of the same one: the bits of each seed's world 0."""
     name, changes, usv = ALONE[case]

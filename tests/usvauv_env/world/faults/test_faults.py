@@ -183,7 +183,7 @@ def test_a_target_that_is_no_node_is_refused(world, value):
         world.load_state(state)
 
 
-@pytest.mark.parametrize(("name", "count"), [("extreme", WORLDS), ("wide", 64)])
+@pytest.mark.parametrize(("name", "count"), [("extreme", WORLDS), pytest.param("wide", 64, marks=pytest.mark.slow)])
 def test_every_run_stays_within_the_ranges_of_its_state(name, count):
     """The ranges are no narrower than what happens."""
     world = World(Scenario.load(name), count, 0)
