@@ -27,9 +27,9 @@ Then `tracking`: the same by the boat's strategy, by a look ahead of the AUVs, w
 targets, without one, and with places known exactly; differences from `belief` are paired.
 Then with rare fixes, and with the share of targets within the ellipse of 95 % of their estimate.
 
-With `--runs`, folders of training runs instead, those of a folder at one setting and with different seeds: their
-curves, and the errors of their last policies at that setting beside those of rules in the same worlds, with the 95 %
-interval over seeds and worlds together.
+With `--runs`, folders of training runs instead, those of a folder with one team at one setting and with different
+seeds: their curves, and the errors of their last policies at that setting, an AUV's alone or teams', beside those of
+rules in the same worlds, with the 95 % interval over seeds and worlds together.
 """
 
 from __future__ import annotations
@@ -278,16 +278,17 @@ def rates(teams: Sequence[int], worlds: int) -> list[dict[str, object]]:
     return rows
 
 
-def setting_of(path: Path) -> str:
-    """The setting at which a policy was trained, by the speed of the fastest targets."""
-    fastest = read_run(path)[0].task_numbers["target_speed_most"]
-    return min(SETTINGS, key=lambda name: abs(SETTINGS[name][0][1] * SPEED - fastest))
+def trained_at(path: Path) -> tuple[str, int]:
+    """The setting at which a policy was trained, by the speed of the fastest targets, and the number of AUVs."""
+    scenario, *_ = read_run(path)
+    fastest = scenario.task_numbers["target_speed_most"]
+    return min(SETTINGS, key=lambda name: abs(SETTINGS[name][0][1] * SPEED - fastest)), scenario.auv.count
 
 
 def learned(runs: Sequence[Path], worlds: int, seed: int) -> list[dict[str, object]]:
     """Rows of the last policies of training runs at their setting, beside the rules that follow targets."""
-    rows, name = [], setting_of(runs[0])
-    for team in TEAMS:
+    rows, (name, count) = [], trained_at(runs[0])
+    for team in [team for team in TEAMS if (team == 1) == (count == 1)]:
         scenario = setting(name, team)
         by_rule = {rule: errors(run(scenario, rule, worlds, seed)) for rule in RIVALS}
         best = min(by_rule, key=lambda rule: float(by_rule[rule].mean()))
@@ -323,32 +324,33 @@ def difference(learned: Sequence[np.ndarray], rule: np.ndarray) -> str:
 
 def curves(runs: Sequence[Path]) -> list[dict[str, object]]:
     """Margins of the team's ARPS over that of `circle` in the evaluations of training runs."""
-    histories, name = [read_history(path) for path in runs], setting_of(runs[0])
+    histories, (name, count) = [read_history(path) for path in runs], trained_at(runs[0])
     rows = [(int(each[0]["steps"]), [own["margin"] for own in each]) for each in zip(*histories, strict=True)]
     return [
-        {"setting": name, "steps": steps, "mean": float(np.mean(margins))}
+        {"trained": f"{count} on {count}, {name}", "steps": steps, "mean": float(np.mean(margins))}
         | {path.name: margin for path, margin in zip(runs, margins, strict=True)}
         for steps, margins in rows
     ]
 
 
 def draw(rows: Sequence[dict[str, Any]], ground: Ground) -> Figure:
-    """The curves of each run and their mean, a panel for each setting, two in a row."""
-    names = list(dict.fromkeys(row["setting"] for row in rows))
+    """The curves of each run and their mean, a panel for each team and setting, two in a row."""
+    names = list(dict.fromkeys(row["trained"] for row in rows))
     lines = (len(names) + 1) // 2
-    figure = Figure(figsize=(7.2, 3.0 * lines), layout="constrained")
+    figure = Figure(figsize=(7.2, 2.2 * lines), layout="constrained")
     panels = [*figure.subplots(lines, 2, squeeze=False).flat]
     for unused in panels[len(names) :]:
         unused.remove()
     for axes, name in zip(panels, names, strict=False):
-        steps, mean, *each = np.array([[*row.values()][1:] for row in rows if row["setting"] == name]).T
+        steps, mean, *each = np.array([[*row.values()][1:] for row in rows if row["trained"] == name]).T
         for margins in each:
             axes.plot(steps / 1000, margins, color=ground.muted, lw=0.8)
         axes.plot(steps / 1000, mean, "o-", color=ground.colours[0], ms=4, label="mean of the seeds")
         axes.axhline(0.0, ls="--", lw=1.2, color=ground.text, label="circle")
-        axes.set(title=f"trained at {name}", xlabel="thousands of world-steps")
+        axes.set_title(name)
         axes.set_ylim(bottom=-0.25 * mean.max())  # which networks that begin untrained are far below
     panels[0].legend(loc="center right")
+    figure.supxlabel("thousands of world-steps")
     figure.supylabel("ARPS of the team, over circle's")
     return figure
 
