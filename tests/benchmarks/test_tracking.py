@@ -16,7 +16,7 @@ NOTHING = {"arps": 1.0, "margin": 0.0}
 def test_untrained_policies_err_as_circle_does(tmp_path, monkeypatch, capsys):
     scenario = tracking.setting("hard", 1)
     for seed in (1, 2):
-        config = TrainingConfig.of(scenario, num_worlds=2, seed=seed)
+        config = TrainingConfig.of(scenario, frame="circling", num_worlds=2, seed=seed)
         run = TrainingRun(World(scenario, 2, seed), config, tmp_path / f"seed-{seed}", lambda policy: NOTHING)
         Trainer(run, evaluations=1).train(4)
     monkeypatch.setattr(tracking, "TEAMS", (1,))
