@@ -16,13 +16,6 @@ from usvauv.policies.frames.offsets import PASSING_TERMS
 from usvauv.policies.names import PolicyError
 
 MOST_LAYERS, WIDEST = 16, 8192
-OF_RUDDERS = {  # of the frame `rudder`, where an action lasts for an interval
-    "n_step": 1,
-    "gamma": 0.92,
-    "rollout": 32,
-    "batch": 2048,
-    "updates": 4,
-}
 MOST = 1_000_000_000
 BOUNDS: dict[str, tuple[float, float]] = {  # both included; steps of Adam and rewards beyond leave single precision
     "num_worlds": (1, 1 << 22),
@@ -132,11 +125,11 @@ class TrainingConfig:
         passing = not set(PASSING_TERMS).difference(terms)
         frame = "passing" if passing else "circling" if "track" in terms else None
         frame = "fins" if scenario.auv.action == "fins" else frame
-        own: dict[str, Any] = {"frame": frame, "renewal": False} if frame else {}
         algorithm = settings.get("algorithm") or ("ppo" if frame else cls.algorithm)
         learner = algorithms.get(algorithm)
         if learner and learner.chooses and "outlook" in terms:
-            own |= {"frame": "rudder", **OF_RUDDERS}
+            frame = "rudder"
+        own = {"frame": frame, **frames[frame].defaults} if frame else {}
         given = {name: value for name, value in settings.items() if value is not None}
         return cls(**{**(learner.defaults if learner else {}), **own, **given, "algorithm": algorithm})
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Sequence
-from typing import ClassVar
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, ClassVar
 
 from torch import Tensor
 
@@ -24,6 +25,7 @@ class Frame:
         choices, own, each: see `usvauv.policies.networks.Sizes`.
         standardised: whether the network gets features of zero mean and unit variance.
         teacher: name of a heuristic, whose actions `choice` can tell; empty without one.
+        defaults: settings of a training in which the frame is the scenario's default, by name.
         start: name of the policy equal to the network's action 0, near which learning begins; empty without one.
     """
 
@@ -33,6 +35,7 @@ class Frame:
     each: ClassVar[int] = 0
     standardised: ClassVar[bool] = True
     teacher: ClassVar[str] = ""
+    defaults: ClassVar[Mapping[str, Any]] = MappingProxyType({})
     features: int
     actions: int = 2
     start: str = ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+from types import MappingProxyType
 
 import torch
 from torch import Tensor
@@ -59,6 +60,7 @@ class OffsetFrame(TargetFrame):
         heuristic: has `steer`, which gives heading and speed.
     """
 
+    defaults = MappingProxyType({"renewal": False})
     heuristic: Pass | Circle
 
     def __init__(self, scenario: Scenario) -> None:
@@ -149,6 +151,7 @@ class FinsFrame(TargetFrame):
         PolicyError: actions are not those of fins.
     """
 
+    defaults = MappingProxyType({"renewal": False})
     actions = 3
 
     def __init__(self, scenario: Scenario) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import MappingProxyType
+
 import torch
 from torch import Tensor
 
@@ -31,6 +33,9 @@ class RudderFrame(Frame):
     choices, own, each = len(SIDES), len(OWN) + len(EACH), len(EACH)
     standardised = False
     teacher = "tree"
+    defaults = MappingProxyType(  # an action lasts for an interval
+        {"renewal": False, "n_step": 1, "gamma": 0.92, "rollout": 32, "batch": 2048, "updates": 4}
+    )
     actions = 1
 
     def __init__(self, scenario: Scenario) -> None:
