@@ -11,7 +11,7 @@ from usvauv.env.scenario import Scenario
 from usvauv.env.world.world import World
 from usvauv.kernels.mission.columns import AuvColumn, BoatColumn
 from usvauv.kernels.mission.tasks.tracking_columns import PairColumn
-from usvauv.kernels.mission.tasks.tracking_outlook import EDGE, UNFORESEEN
+from usvauv.kernels.mission.tasks.tracking_outlook import EDGE, MOST, UNFORESEEN
 from usvauv.kernels.mission.tasks.tracking_plain import HelmColumn
 from usvauv.policies.guidance import command, components, follow_circle, rotate, unit
 from usvauv.policies.heuristics import heuristics
@@ -20,7 +20,7 @@ from usvauv.policies.policy import HeuristicWorld, number
 
 LOOKAHEAD = 1.5  # of a circle, over its radius
 STEPS = 3  # that `Tree` looks ahead without an argument
-TURN, MOST = 0.726, 2  # rad in an interval, and turns to either side among which it chooses
+TURN = 0.726  # rad in an interval, times the numbers from −`MOST` to `MOST` among which it chooses
 LEASH = 13.0  # intervals in which an AUV comes up with its target if that flees
 PULL = 10.0  # m² for each metre beyond it
 FAST = 0.8  # share of the AUVs' speed above which a detour loses targets
